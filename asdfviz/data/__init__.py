@@ -1,0 +1,1 @@
+"""What comes from disk: assemblies, RGB-D sequences, saved runs."""

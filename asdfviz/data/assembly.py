@@ -1,0 +1,166 @@
+"""Reads and writes assembly.yaml: parts, meshes, symmetries, states, errors, transitions.
+
+The layout is described in docs of `load_assembly`; whatever is wrong is one clear AssemblyError.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import yaml
+
+from asdfviz.data.meshes import METRES_PER_UNIT, read_mesh
+from asdfviz.data.resources import bundled_assemblies
+from asdfviz.data.states_section import parse_states
+from asdfviz.data.yaml_fields import Fields
+from asdfviz.datatypes import KEYPOINTS, Assembly, Mesh, Part
+from asdfviz.errors import AssemblyError
+from asdfviz.geometry.sampling import diameter, farthest_points
+from asdfviz.geometry.shapes import Points
+from asdfviz.geometry.symmetry import Axis, Symmetries
+
+# Okabe and Ito's colours, for parts whose real colour nobody gave.
+FALLBACK_COLORS = (
+    (0, 114, 178),
+    (230, 159, 0),
+    (0, 158, 115),
+    (204, 121, 167),
+    (213, 94, 0),
+    (86, 180, 233),
+    (240, 228, 66),
+)
+
+
+def find_assembly(name_or_path: str | Path) -> Path:
+    """Return the assembly.yaml that a name, a folder or a file stands for.
+
+    Raises:
+        AssemblyError: nothing of that name is bundled and no such path exists.
+    """
+    bundled = bundled_assemblies()
+    if str(name_or_path) in bundled:
+        return bundled[str(name_or_path)]
+    path = Path(name_or_path).expanduser()
+    file = path / "assembly.yaml" if path.is_dir() else path
+    if not file.is_file():
+        raise AssemblyError(
+            f"no assembly at '{name_or_path}': give a folder with an assembly.yaml or one of the "
+            f"bundled ones: {', '.join(bundled) or 'none'}"
+        )
+    return file.resolve()
+
+
+def load_assembly(name_or_path: str | Path) -> Assembly:
+    """Read an assembly and check all of it.
+
+    The file holds `name`, `title`, `unit` (mm, cm or m: of the meshes and of every length in the
+    file), `base`, `parts`, `states` (in order), `errors` and `transitions`. A part has `mesh` and,
+    if wanted, `unit` (of its mesh), `color` (0 to 255), `keypoints` (text file, 17 rows x y z in
+    metres; otherwise farthest points of the mesh), `detector_class`, `obj_id` and `symmetries`
+    (`discrete`: rows of 16 numbers, `continuous`: `axis`, `offset`). A state has `name`, `poses`
+    (part: `R` 9 numbers row by row, `t` 3 numbers, part to base frame) for the joined parts, and
+    `joints` (part: `kind`, `axis`, `origin`, `slide`, `turn` in degrees, in the base frame); a
+    state repeats nothing: what an earlier state joined stays joined. An error has `after` too, and
+    `remove`, the parts of that state that are missing in it.
+
+    Raises:
+        AssemblyError: with the file, the part or state, and what would be right.
+    """
+    file = find_assembly(name_or_path)
+    fields = Fields(_read_yaml(file), where=str(file))
+    unit = fields.choice("unit", tuple(METRES_PER_UNIT))
+    raw_parts = fields.mapping("parts")
+    if not raw_parts:
+        raise AssemblyError(f"{file}: 'parts' is empty")
+    parts = {
+        name: _parse_part(str(name), Fields(raw, where=f"{file}: part '{name}'"), file, unit, i)
+        for i, (name, raw) in enumerate(raw_parts.items())
+    }
+    base = fields.text("base")
+    if base not in parts:
+        raise AssemblyError(f"{file}: base '{base}' is not a part; parts: {', '.join(parts)}")
+    scale = METRES_PER_UNIT[unit]
+    states, transitions = parse_states(fields, base=base, parts=tuple(parts), scale=scale)
+    part_classes = list(dict.fromkeys(p.detector_class for p in parts.values()))
+    classes = [*part_classes, *(s.detector_class for s in states if s.detector_class)]
+    if len(set(classes)) != len(classes):
+        raise AssemblyError(f"{file}: two detector classes have one name: {', '.join(classes)}")
+    name = fields.text("name")
+    return Assembly(
+        name=name,
+        title=fields.text("title", default=name),
+        base=base,
+        parts=parts,
+        states=states,
+        transitions=transitions,
+        detector_classes=tuple(classes),
+        path=str(file),
+    )
+
+
+def _read_yaml(file: Path) -> Mapping[str, Any]:
+    try:
+        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
+        raise AssemblyError(f"{file} cannot be read: {error}") from error
+    if not isinstance(content, dict):
+        raise AssemblyError(f"{file} is not a YAML mapping")
+    return cast(Mapping[str, Any], content)
+
+
+def _parse_part(name: str, fields: Fields, file: Path, unit: str, place: int) -> Part:
+    unit = fields.choice("unit", tuple(METRES_PER_UNIT), default=unit)
+    mesh = read_mesh(file.parent / fields.text("mesh"), unit=unit, part=name)
+    size = diameter(mesh.vertices)
+    if not 1e-3 < size < 3.0:
+        raise AssemblyError(
+            f"{fields.where}: the mesh is {size:.4g} m across, which no part of an assembly is; "
+            f"'unit' says {unit}: should it be {'m' if size <= 1e-3 else 'mm'}?"
+        )
+    color = fields.numbers("color", 3, default=FALLBACK_COLORS[place % len(FALLBACK_COLORS)])
+    return Part(
+        name=name,
+        mesh=mesh,
+        keypoints=_keypoints(fields, file, mesh),
+        symmetries=_symmetries(fields, METRES_PER_UNIT[unit]),
+        diameter=size,
+        color=np.clip(color, 0, 255).astype(np.uint8),
+        detector_class=fields.text("detector_class", default=name),
+        obj_id=fields.integer("obj_id", default=place + 1),
+    )
+
+
+def _keypoints(fields: Fields, file: Path, mesh: Mesh) -> Points:
+    given = fields.text("keypoints", default="")
+    if not given:
+        return farthest_points(mesh.vertices, KEYPOINTS)
+    path = file.parent / given
+    try:
+        points = np.loadtxt(path, dtype=np.float64, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise AssemblyError(f"{fields.where}: keypoints {path} cannot be read: {error}") from error
+    if points.shape != (KEYPOINTS, 3) or not np.isfinite(points).all():
+        raise AssemblyError(
+            f"{fields.where}: keypoints {path} has shape {points.shape}, expected "
+            f"({KEYPOINTS}, 3), in metres"
+        )
+    if np.abs(points).max() > 2.0:
+        raise AssemblyError(f"{fields.where}: keypoints {path} must be in metres, not millimetres")
+    return points
+
+
+def _symmetries(fields: Fields, scale: float) -> Symmetries:
+    raw = Fields(fields.mapping("symmetries"), where=f"{fields.where}: symmetries")
+    discrete = [raw.transform_row(row, scale) for row in raw.sequence("discrete")]
+    axes: list[Axis] = []
+    for entry in raw.sequence("continuous"):
+        item = Fields(entry, where=raw.where)
+        direction = item.numbers("axis", 3)
+        length = float(np.linalg.norm(direction))
+        if length < 1e-9:
+            raise AssemblyError(f"{raw.where}: an axis has length 0")
+        axes.append(Axis(direction / length, item.numbers("offset", 3, default=(0, 0, 0)) * scale))
+    return Symmetries(tuple(discrete), tuple(axes))

@@ -1,0 +1,25 @@
+"""Where the models that ship with the program lie: inside the wheel, or at the top of a clone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+SAMPLE_ASSEMBLY = "corner_clamp"
+
+
+def models_folder() -> Path:
+    """The folder that holds <assembly>/assembly.yaml for every bundled assembly."""
+    bundled = _PACKAGE / "_bundled" / "models"
+    return bundled if bundled.is_dir() else _PACKAGE.parent / "models"
+
+
+def sample_folder() -> Path:
+    """The bundled sample sequence."""
+    return models_folder() / SAMPLE_ASSEMBLY / "sample"
+
+
+def bundled_assemblies() -> dict[str, Path]:
+    """Name and assembly.yaml of every assembly that ships with the program."""
+    found = sorted(models_folder().glob("*/assembly.yaml"))
+    return {path.parent.name: path for path in found}

@@ -1,0 +1,141 @@
+"""The `states`, `errors` and `transitions` of an assembly.yaml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import cast
+
+import numpy as np
+
+from asdfviz.data.yaml_fields import Fields
+from asdfviz.datatypes import Joint, State
+from asdfviz.errors import AssemblyError
+from asdfviz.geometry.shapes import Transform
+
+JOINT_KINDS = ("prismatic", "revolute", "cylindrical", "ball")
+
+
+def parse_states(
+    fields: Fields, *, base: str, parts: tuple[str, ...], scale: float
+) -> tuple[tuple[State, ...], frozenset[tuple[int, int]]]:
+    """Return all states (correct ones first, errors after) and the transitions by index.
+
+    Raises:
+        AssemblyError: an unknown part or state, two states of one name, a gap.
+    """
+    poses: dict[str, Transform] = {base: np.eye(4)}
+    joints: dict[str, Joint] = {}
+    states: list[State] = []
+    for index, raw in enumerate(fields.sequence("states")):
+        item = Fields(raw, where=f"{fields.where}: state {index}")
+        poses = {**poses, **_poses(item, parts, scale)}
+        joints = {**joints, **_joints(item, tuple(poses), scale)}
+        states.append(
+            State(
+                index=index,
+                name=item.text("name"),
+                T_base_part=poses,
+                detector_class=_state_class(item, fields, is_first=index == 0),
+                joints=joints,
+            )
+        )
+    if not states:
+        raise AssemblyError(f"{fields.where}: 'states' is empty; state 0 is the base part alone")
+    states += _parse_errors(fields, states, base=base, parts=parts, scale=scale)
+    names = [s.name for s in states]
+    if len(set(names)) != len(names):
+        raise AssemblyError(f"{fields.where}: two states have one name: {', '.join(names)}")
+    return tuple(states), _transitions(fields, states)
+
+
+def _state_class(item: Fields, fields: Fields, *, is_first: bool) -> str | None:
+    # The authors' files have no class for state 0: it looks like the base part alone.
+    fallback = "" if is_first else f"{fields.text('name')}:{item.text('name')}"
+    return item.text("detector_class", default=fallback) or None
+
+
+def _parse_errors(
+    fields: Fields, steps: list[State], *, base: str, parts: tuple[str, ...], scale: float
+) -> list[State]:
+    by_name = {s.name: s for s in steps}
+    errors: list[State] = []
+    for raw in fields.sequence("errors"):
+        item = Fields(raw, where=f"{fields.where}: error {len(errors)}")
+        after = item.text("after")
+        if after not in by_name:
+            raise AssemblyError(
+                f"{item.where}: 'after' is '{after}', use a state: {', '.join(by_name)}"
+            )
+        before = by_name[after]
+        removed = {str(name) for name in item.sequence("remove")}
+        if base in removed or removed - set(parts):
+            raise AssemblyError(f"{item.where}: cannot remove {', '.join(sorted(removed))}")
+        kept = {name: T for name, T in before.T_base_part.items() if name not in removed}
+        poses = {**kept, **_poses(item, parts, scale)}
+        joints = {name: joint for name, joint in before.joints.items() if name in kept}
+        errors.append(
+            State(
+                index=len(steps) + len(errors),
+                name=item.text("name"),
+                T_base_part=poses,
+                is_error=True,
+                after=before.index,
+                detector_class=_state_class(item, fields, is_first=False),
+                joints={**joints, **_joints(item, tuple(poses), scale)},
+            )
+        )
+    return errors
+
+
+def _poses(item: Fields, parts: tuple[str, ...], scale: float) -> dict[str, Transform]:
+    found: dict[str, Transform] = {}
+    for name, raw in item.mapping("poses").items():
+        _known(name, parts, f"{item.where}: poses")
+        found[name] = Fields(raw, where=f"{item.where}: pose of '{name}'").pose(scale)
+    return found
+
+
+def _joints(item: Fields, attached: tuple[str, ...], scale: float) -> dict[str, Joint]:
+    found: dict[str, Joint] = {}
+    for name, raw in item.mapping("joints").items():
+        _known(name, attached, f"{item.where}: joints")
+        joint = Fields(cast(Mapping[str, object], raw), where=f"{item.where}: joint of '{name}'")
+        axis = joint.numbers("axis", 3, default=(0, 0, 1))
+        if np.linalg.norm(axis) < 1e-9:
+            raise AssemblyError(f"{joint.where}: the axis has length 0")
+        slide = joint.numbers("slide", 2, default=(0, 0)) * scale
+        turn = np.deg2rad(joint.numbers("turn", 2, default=(0, 0)))
+        found[name] = Joint(
+            kind=joint.choice("kind", JOINT_KINDS),  # pyright: ignore[reportArgumentType]
+            axis=axis / np.linalg.norm(axis),
+            origin=joint.numbers("origin", 3, default=(0, 0, 0)) * scale,
+            slide=(float(slide[0]), float(slide[1])),
+            turn=(float(turn[0]), float(turn[1])),
+        )
+    return found
+
+
+def _known(name: str, known: tuple[str, ...], where: str) -> None:
+    if name not in known:
+        raise AssemblyError(f"{where}: '{name}' is not known here; known: {', '.join(known)}")
+
+
+def _transitions(fields: Fields, states: list[State]) -> frozenset[tuple[int, int]]:
+    index = {s.name: s.index for s in states}
+    given = fields.sequence("transitions")
+    pairs: set[tuple[int, int]] = set()
+    for entry in given:
+        if not isinstance(entry, list) or len(cast(list[object], entry)) != 2:
+            raise AssemblyError(f"{fields.where}: a transition is [from, to], got {entry!r}")
+        names = [str(name) for name in cast(list[object], entry)]
+        for name in names:
+            _known(name, tuple(index), f"{fields.where}: transitions")
+        pairs.add((index[names[0]], index[names[1]]))
+    if given:
+        return frozenset(pairs)
+    steps = [s for s in states if not s.is_error]
+    pairs |= {(a.index, b.index) for a, b in zip(steps, steps[1:], strict=False)}
+    for error in states:
+        if error.after is not None:
+            pairs |= {(error.after, error.index), (error.index, error.after)}
+    return frozenset(pairs)

@@ -1,0 +1,103 @@
+"""Typed access to a YAML mapping, with errors that name the place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.errors import AssemblyError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import is_rigid, orthonormalized
+
+
+@dataclass(frozen=True)
+class Fields:
+    """A mapping from a file and where it stands in it."""
+
+    content: Any
+    where: str
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.content, Mapping):
+            raise AssemblyError(f"{self.where}: expected a mapping, got {self.content!r}")
+
+    def _get(self, key: str, default: object) -> object:
+        value = cast(Mapping[str, object], self.content).get(key, default)
+        if value is None:
+            if default is None:
+                raise AssemblyError(f"{self.where}: '{key}' is missing")
+            return default
+        return value
+
+    def text(self, key: str, *, default: str | None = None) -> str:
+        """A string; YAML numbers count as their text."""
+        value = self._get(key, default)
+        if isinstance(value, (Mapping, list, bool)):
+            raise AssemblyError(f"{self.where}: '{key}' must be text, got {value!r}")
+        return str(value)
+
+    def choice(self, key: str, options: tuple[str, ...], *, default: str | None = None) -> str:
+        """One of a few strings."""
+        value = self.text(key, default=default)
+        if value not in options:
+            raise AssemblyError(f"{self.where}: '{key}' is '{value}', use {' or '.join(options)}")
+        return value
+
+    def integer(self, key: str, *, default: int) -> int:
+        """A whole number."""
+        value = self._get(key, default)
+        if not isinstance(value, int) or isinstance(value, bool):
+            raise AssemblyError(f"{self.where}: '{key}' must be a whole number, got {value!r}")
+        return value
+
+    def mapping(self, key: str) -> Mapping[str, Any]:
+        """A mapping, empty when absent."""
+        value = self._get(key, {})
+        if not isinstance(value, Mapping):
+            raise AssemblyError(f"{self.where}: '{key}' must be a mapping, got {value!r}")
+        return {str(k): v for k, v in cast(Mapping[Any, Any], value).items()}
+
+    def sequence(self, key: str) -> Sequence[Any]:
+        """A list, empty when absent."""
+        value = self._get(key, [])
+        if not isinstance(value, list):
+            raise AssemblyError(f"{self.where}: '{key}' must be a list, got {value!r}")
+        return cast(list[Any], value)
+
+    def numbers(
+        self, key: str, count: int, *, default: Sequence[float] | None = None
+    ) -> Float64[np.ndarray, count]:
+        """A list of finite numbers of a given length."""
+        return self._numbers(self._get(key, default), count, f"'{key}'")
+
+    def _numbers(self, value: object, count: int, what: str) -> Float64[np.ndarray, count]:
+        try:
+            array = np.asarray(value, dtype=np.float64).reshape(-1)
+        except (TypeError, ValueError) as error:
+            raise AssemblyError(f"{self.where}: {what} must be {count} numbers") from error
+        if len(array) != count or not np.isfinite(array).all():
+            raise AssemblyError(
+                f"{self.where}: {what} must be {count} finite numbers, got {value!r}"
+            )
+        return array
+
+    def transform_row(self, row: object, scale: float) -> Transform:
+        """16 numbers, row by row, as a rigid transform with its translation scaled to metres."""
+        return self._rigid(self._numbers(row, 16, "a transform").reshape(4, 4).copy(), scale)
+
+    def pose(self, scale: float) -> Transform:
+        """`R` (9 numbers) and `t` (3 numbers) as a rigid transform in metres."""
+        T = np.eye(4)
+        T[:3, :3] = self.numbers("R", 9, default=np.eye(3).reshape(-1).tolist()).reshape(3, 3)
+        T[:3, 3] = self.numbers("t", 3, default=(0, 0, 0))
+        return self._rigid(T, scale)
+
+    def _rigid(self, T: Transform, scale: float) -> Transform:
+        T[:3, 3] *= scale
+        if not is_rigid(T, tolerance=1e-2):
+            raise AssemblyError(f"{self.where}: not a rotation and a translation:\n{T}")
+        return orthonormalized(T)

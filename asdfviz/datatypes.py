@@ -1,0 +1,254 @@
+"""The nouns that every room of the package speaks: cameras, frames, assemblies, predictions, truth.
+
+All are frozen and hold read-only arrays. Metres, radians and seconds; transforms T_a_b map points
+of frame b to frame a; the camera frame has OpenCV's axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal, Protocol, TypeAlias
+
+import numpy as np
+from jaxtyping import Float64, UInt8
+
+from asdfviz.geometry.shapes import (
+    Box,
+    Depth,
+    Faces,
+    Intrinsics,
+    Pixels,
+    Points,
+    Rgb,
+    Scores,
+    Transform,
+    Vector,
+)
+from asdfviz.geometry.symmetry import Symmetries
+
+Stage: TypeAlias = Literal["pnp", "refined", "group", "tracked", "annotated", "truth"]
+"""The last step that touched a pose."""
+
+KEYPOINTS = 17
+"""Keypoints a part, as in the paper."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """A pinhole camera; `distortion` (OpenCV k1 k2 p1 p2 k3) is what a reader still has to undo."""
+
+    K: Intrinsics
+    width: int
+    height: int
+    distortion: Float64[np.ndarray, 5] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One RGB-D picture, undistorted. There is no truth in it."""
+
+    index: int
+    """Number in the file name, not the place in the sequence."""
+    time: float
+    rgb: Rgb
+    depth: Depth | None
+    """Planar depth in metres, 0 = none; None where the sequence has no depth for this frame."""
+    camera: Camera
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mesh:
+    """A triangle mesh in the part's CAD frame, metres."""
+
+    vertices: Points
+    faces: Faces
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """One physical piece. Its frame is the CAD frame, never recentred."""
+
+    name: str
+    mesh: Mesh
+    keypoints: Float64[np.ndarray, "17 3"]
+    symmetries: Symmetries
+    diameter: float
+    color: UInt8[np.ndarray, 3]
+    """Colour of the real piece (sRGB), used to render it and to train."""
+    detector_class: str
+    """Repeated parts (HS_Pin, HS_Pin-Copy) share one."""
+    obj_id: int | None = None
+    """Number in BOP datasets that use integers."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """The freedom that a joined part keeps: T_base_part = motion @ T_base_part of the state."""
+
+    kind: Literal["prismatic", "revolute", "cylindrical", "ball"]
+    axis: Vector
+    """Unit vector in the base frame (any for a ball)."""
+    origin: Vector
+    """A point on the axis, or the ball's centre; base frame, metres."""
+    slide: tuple[float, float] = (0.0, 0.0)
+    """Travel along the axis about the nominal pose, metres."""
+    turn: tuple[float, float] = (0.0, 0.0)
+    """Turn about the axis about the nominal pose, radians."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """A step of the assembly, or an error that can follow one."""
+
+    index: int
+    """Place in Assembly.states."""
+    name: str
+    T_base_part: Mapping[str, Transform]
+    """Nominal pose of every joined part in the base part's frame; the base part is in it, as identity."""
+    is_error: bool = False
+    after: int | None = None
+    """Of an error state: index of the last correctly completed state."""
+    detector_class: str | None = None
+    """None where the state looks like the base part alone (state 0)."""
+    joints: Mapping[str, Joint] = field(default_factory=dict[str, Joint])
+
+    @property
+    def attached(self) -> tuple[str, ...]:
+        """Names of the joined parts, base part first."""
+        return tuple(self.T_base_part)
+
+    @property
+    def completed(self) -> int:
+        """Index of the last correctly completed state, which an error does not change."""
+        return self.index if self.after is None else self.after
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assembly:
+    """Parts, states and what may follow what. Correct states come first, in order, then errors."""
+
+    name: str
+    title: str
+    base: str
+    parts: Mapping[str, Part]
+    states: tuple[State, ...]
+    transitions: frozenset[tuple[int, int]]
+    """Pairs (from, to) of state indices; staying is always allowed."""
+    detector_classes: tuple[str, ...]
+    """Names in the order of the network's outputs: parts, then states."""
+    path: str
+    """The assembly.yaml it came from."""
+
+    @property
+    def steps(self) -> tuple[State, ...]:
+        """The correct states, in order."""
+        return tuple(s for s in self.states if not s.is_error)
+
+    @property
+    def errors(self) -> tuple[State, ...]:
+        """The error states."""
+        return tuple(s for s in self.states if s.is_error)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detection:
+    """One box of the network with its keypoints, in pixels of the frame."""
+
+    label: str
+    """A detector class: of a part or of a state."""
+    box_xyxy: Box
+    keypoints_px: Pixels
+    keypoint_scores: Scores
+    score: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseEstimate:
+    """Where one part is."""
+
+    part: str
+    T_camera_part: Transform
+    score: float
+    """0 to 1."""
+    stage: Stage
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateEstimate:
+    """How probable each state is, and the terms that it was fused from."""
+
+    probabilities: Scores
+    """One a state of the assembly, errors included; sums to 1."""
+    terms: Mapping[str, Scores] = field(default_factory=dict[str, Scores])
+
+    @property
+    def index(self) -> int:
+        """Index of the most probable state (an error state has an index of its own)."""
+        return int(np.argmax(self.probabilities))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePrediction:
+    """What a method says of one frame. A part that was not found is absent."""
+
+    frame_index: int
+    poses: Mapping[str, PoseEstimate]
+    state: StateEstimate | None
+    detections: tuple[Detection, ...] = ()
+    runtime: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Seconds by stage, "total" among them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameTruth:
+    """What is known of one frame. Reaches nobody but the evaluator, the views and run()'s initial pose."""
+
+    frame_index: int
+    T_camera_part: Mapping[str, Transform]
+    state: int | None
+    """Index of the last correctly completed state, also while an error is there."""
+    is_error: bool | None = None
+    attached: tuple[str, ...] | None = None
+    visible: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Visible share of each part's outline, 0 to 1; a part may be missing where it is not known."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """A method's result on a sequence: the artefact that is saved and compared."""
+
+    method: str
+    config: Mapping[str, object]
+    sequence: str
+    """Absolute path of the scene folder."""
+    assembly: str
+    """Absolute path of the assembly.yaml."""
+    version: str
+    predictions: tuple[FramePrediction, ...]
+    hashes: Mapping[str, str] = field(default_factory=dict[str, str])
+    """SHA-256 of what went in: "assembly", "weights", "sequence"."""
+    initial: Literal["none", "first_frame_truth"] = "none"
+
+
+class Sequence(Protocol):
+    """RGB-D frames, read when asked for."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def path(self) -> str: ...
+    @property
+    def assembly(self) -> Assembly | None: ...
+    @property
+    def camera(self) -> Camera: ...
+    @property
+    def frame_indices(self) -> tuple[int, ...]: ...
+    def __len__(self) -> int: ...
+    def __getitem__(self, place: int) -> Frame:
+        """The frame at a place, 0 to len - 1. Raises SequenceError for a bad or missing image."""
+        ...
+
+    def truth(self, place: int) -> FrameTruth | None:
+        """The one door to the truth; None where there is none."""
+        ...

@@ -1,0 +1,1 @@
+"""Rigid transforms, the pinhole camera, point sampling and symmetries. Imports nothing of ours."""

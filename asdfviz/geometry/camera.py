@@ -1,0 +1,37 @@
+"""The pinhole camera in OpenCV's axes: x right, y down, z forward; an integer pixel is a centre."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels, Points
+
+
+def project(points_camera: Points, K: Intrinsics) -> Pixels:
+    """Project points in front of the camera; points at or behind it become NaN."""
+    z = points_camera[:, 2]
+    safe = np.where(z > 1e-9, z, np.nan)
+    u = K[0, 0] * points_camera[:, 0] / safe + K[0, 1] * points_camera[:, 1] / safe + K[0, 2]
+    v = K[1, 1] * points_camera[:, 1] / safe + K[1, 2]
+    return np.stack([u, v], axis=1)
+
+
+def back_project(pixels: Pixels, depths: np.ndarray, K: Intrinsics) -> Points:
+    """Return the points (metres) that lie at planar depth `depths` (n,) behind `pixels`."""
+    y = (pixels[:, 1] - K[1, 2]) / K[1, 1]
+    x = (pixels[:, 0] - K[0, 2] - K[0, 1] * y) / K[0, 0]
+    return np.stack([x, y, np.ones_like(x)], axis=1) * np.asarray(depths, float)[:, None]
+
+
+def points_from_depth(depth: Depth, K: Intrinsics, *, stride: int = 1) -> tuple[Points, Pixels]:
+    """Return the measured points (metres, camera frame) and their pixels; holes are left out."""
+    v, u = np.nonzero(depth[::stride, ::stride] > 0)
+    pixels = np.stack([u, v], axis=1).astype(np.float64) * stride
+    z = depth[v * stride, u * stride].astype(np.float64)
+    return back_project(pixels, z, K), pixels
+
+
+def scaled_intrinsics(K: Intrinsics, scale_x: float, scale_y: float) -> Intrinsics:
+    """Intrinsics of the same view resized by (scale_x, scale_y), pixel centres kept exact."""
+    S = np.array([[scale_x, 0, (scale_x - 1) / 2], [0, scale_y, (scale_y - 1) / 2], [0, 0, 1.0]])
+    return S @ K

@@ -1,0 +1,49 @@
+"""Points spread over a surface: farthest-point keypoints and the diameter."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asdfviz.geometry.shapes import Faces, Points
+
+
+def farthest_points(points: Points, count: int) -> Points:
+    """Pick `count` points, each the farthest from those before it (Gonzalez, 1985).
+
+    Starts at the point farthest from the mean, so that the result depends on the shape alone.
+    """
+    distance = np.linalg.norm(points - points.mean(axis=0), axis=1)
+    chosen = [int(distance.argmax())]
+    nearest = np.linalg.norm(points - points[chosen[0]], axis=1)
+    while len(chosen) < min(count, len(points)):
+        chosen.append(int(nearest.argmax()))
+        nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return points[chosen]
+
+
+def surface_points(vertices: Points, faces: Faces, count: int, seed: int = 0) -> Points:
+    """Sample `count` points evenly by area over the surface; the same seed gives the same points."""
+    rng = np.random.default_rng(seed)
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    picked = rng.choice(len(faces), size=count, p=area / area.sum())
+    s, t = rng.random((2, count, 1))
+    flip = s + t > 1
+    s, t = np.where(flip, 1 - s, s), np.where(flip, 1 - t, t)
+    return a[picked] + s * (b[picked] - a[picked]) + t * (c[picked] - a[picked])
+
+
+def diameter(points: Points) -> float:
+    """Largest distance between two of the points, in their unit.
+
+    The extreme points along 512 even directions hold both ends to within 0.1 %.
+    """
+    index = np.arange(512)
+    polar = np.arccos(1 - 2 * (index + 0.5) / 512)
+    azimuth = np.pi * (1 + 5**0.5) * index
+    directions = np.stack(
+        [np.cos(azimuth) * np.sin(polar), np.sin(azimuth) * np.sin(polar), np.cos(polar)], axis=1
+    )
+    heights = points @ directions.T
+    ends = points[np.unique(np.concatenate([heights.argmax(axis=0), heights.argmin(axis=0)]))]
+    return float(np.linalg.norm(ends[:, None] - ends[None], axis=2).max())

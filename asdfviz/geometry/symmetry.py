@@ -1,0 +1,136 @@
+"""Symmetries of a part: the transforms that leave its shape as it is.
+
+A part's frame moves by a symmetry on the right: T_camera_part @ S looks the same as T_camera_part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.geometry.shapes import Transform, Transforms, Vector
+from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Axis:
+    """An axis that a part may be turned about freely."""
+
+    direction: Vector
+    """Unit vector in the part's frame."""
+    offset: Vector
+    """A point on the axis, metres, in the part's frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Symmetries:
+    """Discrete symmetries (identity left out) and continuous ones, as in BOP's models_info."""
+
+    discrete: tuple[Transform, ...] = ()
+    continuous: tuple[Axis, ...] = ()
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether any pose but the true one looks the same."""
+        return bool(self.discrete or self.continuous)
+
+    def transforms(self, *, step: float = 0.0) -> Transforms:
+        """Every symmetric transform S, identity first, continuous axes cut into steps.
+
+        Args:
+            step: largest turn between neighbours, radians; 0 means BOP's ceil(pi / 0.01) = 315 steps.
+        """
+        count = 315 if step <= 0 else int(np.ceil(2 * np.pi / step))
+        turns = [np.eye(4)]
+        for axis in self.continuous:
+            angles = np.arange(count) * (2 * np.pi / count)
+            turns = [turn @ _turn_about(axis, angle) for turn in turns for angle in angles]
+        return np.stack([turn @ S for S in (np.eye(4), *self.discrete) for turn in turns])
+
+
+def _turn_about(axis: Axis, angle: float) -> Transform:
+    R = rotation_about(axis.direction, angle)
+    return transform_from(R, axis.offset - R @ axis.offset)
+
+
+def nearest_symmetric(
+    T_camera_part: Transform, T_reference: Transform, symmetries: Symmetries
+) -> Transform:
+    """Return the equivalent T_camera_part @ S whose rotation is nearest to the reference's.
+
+    Exact for one continuous axis: its best turn is solved for, not searched.
+    """
+    best, best_angle = T_camera_part, np.inf
+    for S in (np.eye(4), *symmetries.discrete):
+        candidate = T_camera_part @ S
+        for axis in symmetries.continuous:
+            candidate = candidate @ _turn_about(axis, _best_turn(candidate, T_reference, axis))
+        angle = rotation_angle(candidate[:3, :3].T @ T_reference[:3, :3])
+        if angle < best_angle - 1e-12:
+            best, best_angle = candidate, angle
+    return best
+
+
+def _best_turn(T_a: Transform, T_b: Transform, axis: Axis) -> float:
+    """Angle about the axis that brings rotation a nearest to rotation b (maximal trace)."""
+    R = T_a[:3, :3].T @ T_b[:3, :3]
+    d = axis.direction
+    skew = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return float(np.arctan2(d @ skew, np.trace(R) - d @ R @ d))
+
+
+def canonical(T_camera_part: Transform, symmetries: Symmetries) -> Transform:
+    """Return the one representative of all equivalent poses that a network is taught.
+
+    About a continuous axis the part is turned until a fixed direction across the axis points
+    towards the camera; among discrete symmetries the one is taken whose frame looks most towards
+    the camera. Both follow from the view alone, so equal images get equal labels.
+    """
+    best, best_key = T_camera_part, -np.inf
+    for S in (np.eye(4), *symmetries.discrete):
+        candidate = T_camera_part @ S
+        for axis in symmetries.continuous:
+            candidate = candidate @ _turn_about(axis, _turn_to_camera(candidate, axis))
+        key = _facing(candidate)
+        if key > best_key + 1e-9:
+            best, best_key = candidate, key
+    return best
+
+
+def _turn_to_camera(T_camera_part: Transform, axis: Axis) -> float:
+    towards = -T_camera_part[:3, :3].T @ T_camera_part[:3, 3]
+    x = across(axis.direction)
+    y = np.cross(axis.direction, x)
+    return float(np.arctan2(towards @ y, towards @ x))
+
+
+def across(direction: Vector) -> Vector:
+    """A fixed unit vector at right angles to `direction`, continuous almost everywhere."""
+    basis = np.eye(3)[int(np.abs(direction).argmin())]
+    side = basis - direction * (basis @ direction)
+    return side / np.linalg.norm(side)
+
+
+def _facing(T_camera_part: Transform) -> float:
+    """A number that differs between symmetric poses: how far odd axes look at the camera."""
+    towards = -T_camera_part[:3, :3].T @ T_camera_part[:3, 3]
+    towards = towards / (np.linalg.norm(towards) + 1e-12)
+    return float(towards @ np.array([1.0, 0.618, 0.382]))
+
+
+def symmetry_group(generators: Sequence[Transform], *, limit: int = 200) -> tuple[Transform, ...]:
+    """Close a set of generators under composition; the identity is left out of the result."""
+    group = [np.eye(4)]
+    frontier = [np.eye(4)]
+    while frontier and len(group) < limit:
+        fresh: list[Transform] = []
+        for member in frontier:
+            for generator in generators:
+                product = member @ generator
+                if all(np.abs(product - known).max() > 1e-6 for known in group):
+                    group.append(product)
+                    fresh.append(product)
+        frontier = fresh
+    return tuple(group[1:])

@@ -1,0 +1,55 @@
+"""Rigid transforms as 4x4 matrices, named T_a_b: p_a = T_a_b @ p_b."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asdfviz.geometry.shapes import Points, Rotation, Transform, Vector
+
+
+def transform_from(R: Rotation, t: Vector) -> Transform:
+    """Build T_a_b from the rotation R_a_b and the translation t_a_b (metres)."""
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = t
+    return T
+
+
+def inverse(T_a_b: Transform) -> Transform:
+    """Return T_b_a without a general matrix inversion, so that it stays rigid."""
+    R_b_a = T_a_b[:3, :3].T
+    return transform_from(R_b_a, -R_b_a @ T_a_b[:3, 3])
+
+
+def apply(T_a_b: Transform, points_b: Points) -> Points:
+    """Move points from frame b to frame a."""
+    return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+
+
+def is_rigid(T_a_b: Transform, *, tolerance: float = 1e-3) -> bool:
+    """Whether the matrix is finite, right-handed, orthonormal and ends in 0 0 0 1."""
+    if not np.isfinite(T_a_b).all():
+        return False
+    R = T_a_b[:3, :3]
+    orthonormal = np.abs(R @ R.T - np.eye(3)).max() < tolerance and np.linalg.det(R) > 0
+    return bool(orthonormal and np.abs(T_a_b[3] - [0, 0, 0, 1]).max() < tolerance)
+
+
+def orthonormalized(T_a_b: Transform) -> Transform:
+    """Return the nearest rigid transform, to undo the rounding of a text file."""
+    U, _, Vt = np.linalg.svd(T_a_b[:3, :3])
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return transform_from(R, T_a_b[:3, 3].copy())
+
+
+def rotation_angle(R: Rotation) -> float:
+    """Return the angle of a rotation in radians, 0 to pi; exact near both ends."""
+    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return float(np.arctan2(np.linalg.norm(axis), np.trace(R) - 1.0))
+
+
+def rotation_about(axis: Vector, angle: float) -> Rotation:
+    """Rotation by `angle` radians about `axis` (any length but zero), by Rodrigues' formula."""
+    x, y, z = axis / np.linalg.norm(axis)
+    C = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * C + (1.0 - np.cos(angle)) * (C @ C)
