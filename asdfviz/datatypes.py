@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -231,19 +231,35 @@ class Run:
     initial: Literal["none", "first_frame_truth"] = "none"
 
 
+@runtime_checkable
 class Sequence(Protocol):
     """RGB-D frames, read when asked for."""
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Short name for lists and file names."""
+        ...
+
     @property
-    def path(self) -> str: ...
+    def path(self) -> str:
+        """Absolute path of the scene folder."""
+        ...
+
     @property
-    def assembly(self) -> Assembly | None: ...
+    def assembly(self) -> Assembly | None:
+        """What is being put together; None where nobody said."""
+        ...
+
     @property
-    def camera(self) -> Camera: ...
+    def camera(self) -> Camera:
+        """The camera of the first frame, undistorted."""
+        ...
+
     @property
-    def frame_indices(self) -> tuple[int, ...]: ...
+    def frame_indices(self) -> tuple[int, ...]:
+        """Number of each frame, in order of place."""
+        ...
+
     def __len__(self) -> int: ...
     def __getitem__(self, place: int) -> Frame:
         """The frame at a place, 0 to len - 1. Raises SequenceError for a bad or missing image."""

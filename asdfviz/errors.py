@@ -8,6 +8,7 @@
     │   ├── WeightsError      network weights
     │   ├── MethodError       an unknown or broken method, a wrong option
     │   └── AnnotationError   an annotation file or an edit
+    ├── RenderError           OpenGL is missing or cannot be used (exit code 1)
     └── Stopped               the user asked to stop (exit code 130)
 
 Every message says what is wrong, where (file, frame, part) and what would be right.
@@ -46,6 +47,10 @@ class MethodError(InputError):
 
 class AnnotationError(InputError):
     """An annotation file or an edit is wrong."""
+
+
+class RenderError(AsdfvizError):
+    """OpenGL is missing or cannot be used here; the message says what to install."""
 
 
 class Stopped(AsdfvizError):

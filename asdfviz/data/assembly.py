@@ -1,4 +1,4 @@
-"""Reads and writes assembly.yaml: parts, meshes, symmetries, states, errors, transitions.
+"""Reads assembly.yaml: parts, meshes, symmetries, states, errors, transitions.
 
 The layout is described in docs of `load_assembly`; whatever is wrong is one clear AssemblyError.
 """

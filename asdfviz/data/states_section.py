@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
@@ -35,7 +35,7 @@ def parse_states(
                 index=index,
                 name=item.text("name"),
                 T_base_part=poses,
-                detector_class=_state_class(item, fields, is_first=index == 0),
+                detector_class=_state_class(item, fields, index=index),
                 joints=joints,
             )
         )
@@ -48,10 +48,17 @@ def parse_states(
     return tuple(states), _transitions(fields, states)
 
 
-def _state_class(item: Fields, fields: Fields, *, is_first: bool) -> str | None:
-    # The authors' files have no class for state 0: it looks like the base part alone.
-    fallback = "" if is_first else f"{fields.text('name')}:{item.text('name')}"
-    return item.text("detector_class", default=fallback) or None
+def state_class_name(assembly: str, state: str, *, index: int) -> str | None:
+    """The detector class of a state that names none itself; state 0 has none.
+
+    The authors' files have no class for state 0 either: it looks like the base part alone.
+    """
+    return None if index == 0 else f"{assembly}:{state}"
+
+
+def _state_class(item: Fields, fields: Fields, *, index: int) -> str | None:
+    fallback = state_class_name(fields.text("name"), item.text("name"), index=index)
+    return item.text("detector_class", default=fallback or "") or None
 
 
 def _parse_errors(
@@ -80,7 +87,7 @@ def _parse_errors(
                 T_base_part=poses,
                 is_error=True,
                 after=before.index,
-                detector_class=_state_class(item, fields, is_first=False),
+                detector_class=_state_class(item, fields, index=len(steps) + len(errors)),
                 joints={**joints, **_joints(item, tuple(poses), scale)},
             )
         )
@@ -131,10 +138,13 @@ def _transitions(fields: Fields, states: list[State]) -> frozenset[tuple[int, in
         for name in names:
             _known(name, tuple(index), f"{fields.where}: transitions")
         pairs.add((index[names[0]], index[names[1]]))
-    if given:
-        return frozenset(pairs)
+    return frozenset(pairs) if given else default_transitions(states)
+
+
+def default_transitions(states: Sequence[State]) -> frozenset[tuple[int, int]]:
+    """Each step to the next, and each error to and from the step that it follows."""
     steps = [s for s in states if not s.is_error]
-    pairs |= {(a.index, b.index) for a, b in zip(steps, steps[1:], strict=False)}
+    pairs = {(a.index, b.index) for a, b in zip(steps, steps[1:], strict=False)}
     for error in states:
         if error.after is not None:
             pairs |= {(error.after, error.index), (error.index, error.after)}

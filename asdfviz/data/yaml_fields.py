@@ -69,7 +69,7 @@ class Fields:
         return cast(list[Any], value)
 
     def numbers(
-        self, key: str, count: int, *, default: Sequence[float] | None = None
+        self, key: str, count: int, *, default: Sequence[float | int] | None = None
     ) -> Float64[np.ndarray, count]:
         """A list of finite numbers of a given length."""
         return self._numbers(self._get(key, default), count, f"'{key}'")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Faces, Points
 
 
-def farthest_points(points: Points, count: int) -> Points:
+def farthest_points(points: Points, count: int) -> Float64[np.ndarray, "m 3"]:
     """Pick `count` points, each the farthest from those before it (Gonzalez, 1985).
 
     Starts at the point farthest from the mean, so that the result depends on the shape alone.
@@ -21,16 +22,18 @@ def farthest_points(points: Points, count: int) -> Points:
     return points[chosen]
 
 
-def surface_points(vertices: Points, faces: Faces, count: int, seed: int = 0) -> Points:
+def surface_points(
+    vertices: Points, faces: Faces, count: int, seed: int = 0
+) -> Float64[np.ndarray, "m 3"]:
     """Sample `count` points evenly by area over the surface; the same seed gives the same points."""
     rng = np.random.default_rng(seed)
     a, b, c = (vertices[faces[:, i]] for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     picked = rng.choice(len(faces), size=count, p=area / area.sum())
-    s, t = rng.random((2, count, 1))
-    flip = s + t > 1
-    s, t = np.where(flip, 1 - s, s), np.where(flip, 1 - t, t)
-    return a[picked] + s * (b[picked] - a[picked]) + t * (c[picked] - a[picked])
+    st = rng.random((2, count, 1))
+    # The far half of the unit square is folded back into the triangle.
+    st = np.where(st.sum(axis=0) > 1, 1 - st, st)
+    return a[picked] + st[0] * (b - a)[picked] + st[1] * (c - a)[picked]
 
 
 def diameter(points: Points) -> float:

@@ -1,0 +1,43 @@
+# make setup   environment in .venv, with the `asdfviz` command
+# make app     setup, then the app on the bundled sample (ARGS="--port 8123" passes arguments on)
+# make test    setup, then format, lint, types and tests
+PYTHON ?= python3
+BIN := .venv/bin
+ARGS ?=
+
+.PHONY: setup app test format clean
+.DELETE_ON_ERROR:
+
+setup: .venv/app.stamp
+
+.venv/bin/python:
+	@bash .ci/system_packages python3-venv libegl1 libgl1-mesa-dri
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "asdfviz needs Python 3.11 or newer; name one: make PYTHON=python3.12 setup"; exit 1; }
+	$(PYTHON) -m venv .venv
+
+.venv/app.stamp: pyproject.toml constraints.txt | .venv/bin/python
+	@bash .ci/system_packages libegl1 libgl1-mesa-dri
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e .
+	@touch $@
+
+.venv/test.stamp: .venv/app.stamp
+	@bash .ci/system_packages chromium
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[dev]"
+	@touch $@
+
+app: setup
+	@$(BIN)/python app.py $(ARGS)
+
+test: .venv/test.stamp
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright
+	$(BIN)/python -m pytest $(ARGS)
+
+format: .venv/test.stamp
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:
+	rm -rf .venv dist build .pytest_cache .ruff_cache

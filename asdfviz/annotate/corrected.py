@@ -1,0 +1,250 @@
+"""The truth that the corrections make: what they started from, with every edit on top.
+
+Evaluation and export read truth in this form, whether people or a renderer made it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from asdfviz.annotate.paths import annotation_file
+from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, label_of
+from asdfviz.annotate.store import AnnotationStore
+from asdfviz.data.run_files import load_run
+from asdfviz.datatypes import Assembly, FrameTruth, Run, Sequence
+from asdfviz.errors import AnnotationError
+from asdfviz.geometry.shapes import Transform
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a pose of the corrected truth came from."""
+
+    source: str
+    """"truth", "method:asdf", or how it was set: "manual", "gizmo", "keys", "copied" ..."""
+    verified: bool = False
+    author: str | None = None
+    """None where nobody touched it."""
+    time: str | None = None
+    """UTC, ISO 8601."""
+
+
+def corrected_truth(
+    store: AnnotationStore,
+    base: Mapping[int, FrameTruth] | Run | Sequence,
+    *,
+    assembly: Assembly | None = None,
+    frames: Iterable[int] | None = None,
+) -> dict[int, FrameTruth]:
+    """Return poses and states by frame number: the base, where nothing was corrected.
+
+    Only frames that the base or an edit knows are in it. Visible shares are dropped in frames whose
+    poses were changed, since they no longer fit.
+
+    Args:
+        store: the corrections.
+        base: what they are put over: truth, a run, or a sequence with its own truth.
+        assembly: the parts and states that may occur; may be left to a sequence.
+        frames: frame numbers of the sequence; without them and without a sequence as base, every
+            number in a range of states counts as a frame.
+
+    Raises:
+        AnnotationError: an edit names a part or state that the assembly does not have, or the
+            assembly is not known.
+    """
+    truth: Mapping[int, FrameTruth]
+    if isinstance(base, Mapping):
+        truth = base
+    elif isinstance(base, Run):
+        truth = truth_from_run(base, _known(assembly))
+    else:
+        truth = _truth_of(base)
+        assembly = assembly or base.assembly
+        frames = base.frame_indices if frames is None else frames
+    assembly = _known(assembly)
+    known = None if frames is None else frozenset(frames)
+    poses = _poses_by_frame(store, assembly)
+    labels = _labels_by_frame(store.state_ranges(), known, assembly)
+    wanted = {*truth, *poses, *labels}
+    wanted = wanted if known is None else wanted & known
+    return {
+        index: _corrected_frame(
+            truth.get(index, FrameTruth(index, {}, None)),
+            poses.get(index, {}),
+            labels.get(index),
+            assembly,
+        )
+        for index in sorted(wanted)
+    }
+
+
+def pose_provenance(
+    store: AnnotationStore, truth: Mapping[int, FrameTruth]
+) -> dict[int, dict[str, Provenance]]:
+    """Return where each pose of a corrected truth came from, by frame number and part."""
+    untouched = Provenance(store.seed().provenance)
+    edits = store.poses()
+    return {
+        index: {
+            part: _provenance(edits[index, part]) if (index, part) in edits else untouched
+            for part in frame.T_camera_part
+        }
+        for index, frame in truth.items()
+    }
+
+
+def annotation_truth(
+    sequence: Sequence, *, annotations: Path | None = None
+) -> dict[int, FrameTruth]:
+    """Return the corrected truth of a sequence from its file in an annotations folder.
+
+    Args:
+        sequence: what was corrected; its assembly must be known.
+        annotations: the folder; None for the default one.
+
+    Raises:
+        AnnotationError: there is no file, it cannot be used, or the assembly is not known.
+        InputError: what the corrections started from cannot be read.
+    """
+    assembly = _known(sequence.assembly)
+    file = annotation_file(sequence.name, folder=annotations)
+    if not file.is_file():
+        raise AnnotationError(f"nothing is annotated in '{sequence.name}': there is no {file}")
+    with AnnotationStore(file, sequence_name=sequence.name, assembly_name=assembly.name) as store:
+        return corrected_truth(
+            store,
+            seed_truth(store.seed(), sequence, assembly),
+            assembly=assembly,
+            frames=sequence.frame_indices,
+        )
+
+
+def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, FrameTruth]:
+    """Return what the corrections start from, by frame number.
+
+    Raises:
+        RunError: the run that they started from cannot be read.
+        SequenceError: the sequence's truth cannot be read.
+    """
+    if seed.kind == "run":
+        return truth_from_run(load_run(Path(seed.run or "")), assembly)
+    if seed.kind == "none":
+        return {}
+    return _truth_of(sequence)
+
+
+def truth_from_run(run: Run, assembly: Assembly) -> dict[int, FrameTruth]:
+    """Take a run's poses and most probable states as if they were true, to be corrected.
+
+    Raises:
+        AnnotationError: the run has another number of states than the assembly.
+    """
+    found: dict[int, FrameTruth] = {}
+    for prediction in run.predictions:
+        index = prediction.frame_index
+        poses = {name: pose.T_camera_part for name, pose in prediction.poses.items()}
+        label = None
+        if prediction.state is not None:
+            if len(prediction.state.probabilities) != len(assembly.states):
+                raise AnnotationError(
+                    f"run of '{run.method}', frame {index}: it knows "
+                    f"{len(prediction.state.probabilities)} states, {assembly.name} has "
+                    f"{len(assembly.states)}"
+                )
+            label = label_of(assembly.states[prediction.state.index])
+        found[index] = _with_label(FrameTruth(index, poses, None), label, assembly)
+    return found
+
+
+def _corrected_frame(
+    base: FrameTruth,
+    edits: Mapping[str, PoseAnnotation],
+    label: StateLabel | None,
+    assembly: Assembly,
+) -> FrameTruth:
+    poses: dict[str, Transform] = dict(base.T_camera_part)
+    for part, edit in edits.items():
+        poses.pop(part, None)
+        if edit.T_camera_part is not None:
+            poses[part] = edit.T_camera_part
+    in_order = {name: poses[name] for name in (*assembly.parts, *poses) if name in poses}
+    changed = any(not edit.verified for edit in edits.values()) or set(poses) != set(
+        base.T_camera_part
+    )
+    frame = FrameTruth(
+        frame_index=base.frame_index,
+        T_camera_part=in_order,
+        state=base.state,
+        is_error=base.is_error,
+        attached=base.attached,
+        visible={} if changed else base.visible,
+    )
+    return _with_label(frame, label, assembly)
+
+
+def _with_label(frame: FrameTruth, label: StateLabel | None, assembly: Assembly) -> FrameTruth:
+    if label is None:
+        return frame
+    attached = label.attached
+    if attached is None and not label.is_error:
+        attached = assembly.states[label.state].attached
+    return FrameTruth(
+        frame_index=frame.frame_index,
+        T_camera_part=frame.T_camera_part,
+        state=label.state,
+        is_error=label.is_error,
+        attached=attached,
+        visible=frame.visible,
+    )
+
+
+def _poses_by_frame(
+    store: AnnotationStore, assembly: Assembly
+) -> dict[int, dict[str, PoseAnnotation]]:
+    found: dict[int, dict[str, PoseAnnotation]] = {}
+    for (frame, part), annotation in store.poses().items():
+        if part not in assembly.parts:
+            raise AnnotationError(
+                f"annotation {store.path}, frame {frame}: part '{part}' is not in "
+                f"{assembly.name}; parts: {', '.join(assembly.parts)}"
+            )
+        found.setdefault(frame, {})[part] = annotation
+    return found
+
+
+def _labels_by_frame(
+    ranges: Iterable[tuple[int, int, StateLabel | None]],
+    known: frozenset[int] | None,
+    assembly: Assembly,
+) -> dict[int, StateLabel]:
+    labels: dict[int, StateLabel] = {}
+    for first, last, label in ranges:
+        if label is not None and not 0 <= label.state < len(assembly.steps):
+            raise AnnotationError(
+                f"annotation, frames {first} to {last}: state {label.state} is not in "
+                f"{assembly.name}, which has the correct states 0 to {len(assembly.steps) - 1}"
+            )
+        inside = range(first, last + 1)
+        for frame in inside if known is None else (f for f in known if f in inside):
+            if label is None:
+                labels.pop(frame, None)
+            else:
+                labels[frame] = label
+    return labels
+
+
+def _truth_of(sequence: Sequence) -> dict[int, FrameTruth]:
+    found = (sequence.truth(place) for place in range(len(sequence)))
+    return {frame.frame_index: frame for frame in found if frame is not None}
+
+
+def _known(assembly: Assembly | None) -> Assembly:
+    if assembly is None:
+        raise AnnotationError("the assembly of the corrections is not known: name it")
+    return assembly
+
+
+def _provenance(edit: PoseAnnotation) -> Provenance:
+    return Provenance(edit.provenance, edit.verified, edit.author, edit.time)

@@ -1,0 +1,134 @@
+"""The SQLite file behind an annotation: made, recognised and opened here, used by the store.
+
+An existing file is looked over read-only before anything may write to it, so a file that is damaged,
+newer or belongs to something else stays as it is.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+import sqlite3
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from asdfviz.errors import AnnotationError
+
+APPLICATION_ID = 0x41534446
+"""Marks the file as ours in its header: "ASDF"."""
+SCHEMA_VERSION = 1
+BUSY_SECONDS = 10.0
+"""How long a write waits for another process's write."""
+
+_SCHEMA = f"""
+PRAGMA application_id = {APPLICATION_ID};
+PRAGMA user_version = {SCHEMA_VERSION};
+CREATE TABLE about (key TEXT PRIMARY KEY, value TEXT NOT NULL) WITHOUT ROWID;
+CREATE TABLE edits (
+    id INTEGER PRIMARY KEY AUTOINCREMENT,
+    time TEXT NOT NULL,
+    author TEXT NOT NULL,
+    kind TEXT NOT NULL,
+    step INTEGER NOT NULL,
+    frame INTEGER,
+    last_frame INTEGER,
+    part TEXT,
+    payload TEXT NOT NULL,
+    drag TEXT,
+    undone INTEGER NOT NULL DEFAULT 0
+);
+CREATE INDEX edits_by_place ON edits (frame, part);
+CREATE INDEX edits_by_kind ON edits (kind);
+CREATE INDEX edits_by_step ON edits (author, step);
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """What a file is an annotation of."""
+
+    sequence: str
+    assembly: str
+
+
+def open_edit_file(path: Path, about: About) -> sqlite3.Connection:
+    """Open the file, making it if it is not there, ready for use by several threads under a lock.
+
+    Raises:
+        AnnotationError: the file is damaged, no annotation, newer, or of another sequence or
+            assembly; it is left untouched.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists() or path.stat().st_size == 0:
+            _create(path, about)
+        _look_over(path, about)
+        connection = sqlite3.connect(
+            path, timeout=BUSY_SECONDS, isolation_level=None, check_same_thread=False
+        )
+    except (sqlite3.Error, OSError) as error:
+        raise AnnotationError(f"annotation {path} cannot be opened: {error}") from error
+    connection.execute("PRAGMA synchronous = FULL")
+    return connection
+
+
+def _create(path: Path, about: About) -> None:
+    """Make the whole file under another name first: a killed process leaves none or a good one."""
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}")
+    try:
+        with closing(sqlite3.connect(temporary, isolation_level=None)) as connection:
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.executescript(_SCHEMA)
+            rows = [("sequence", about.sequence), ("assembly", about.assembly)]
+            connection.executemany("INSERT INTO about VALUES (?, ?)", rows)
+        if path.exists() and path.stat().st_size == 0:
+            path.unlink()
+        try:
+            # Unlike a rename, a link never replaces what another process made meanwhile.
+            os.link(temporary, path)
+        except FileExistsError:
+            return
+        except OSError:
+            os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _look_over(path: Path, about: About) -> None:
+    with path.open("rb") as file:
+        if file.read(16) != b"SQLite format 3\0":
+            raise AnnotationError(f"{path} is not an annotation file; move it away to begin anew")
+    # The path is escaped: '?' and '#' would end it in a URI.
+    uri = f"{path.resolve().as_uri()}?mode=ro"
+    try:
+        with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_SECONDS)) as connection:
+            _check_identity(connection, path)
+            damage = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if damage != "ok":
+                raise sqlite3.DatabaseError(damage)
+            found = dict(connection.execute("SELECT key, value FROM about"))
+    except sqlite3.OperationalError as error:
+        raise AnnotationError(f"annotation {path} cannot be read: {error}") from error
+    except sqlite3.DatabaseError as error:
+        raise AnnotationError(
+            f"annotation {path} is damaged ({error}) and was left as it is; "
+            "move it away or bring back a copy"
+        ) from error
+    for what, expected in (("sequence", about.sequence), ("assembly", about.assembly)):
+        if found.get(what) != expected:
+            raise AnnotationError(
+                f"annotation {path} is of {what} '{found.get(what)}', not '{expected}'; "
+                "use another annotations folder for this one"
+            )
+
+
+def _check_identity(connection: sqlite3.Connection, path: Path) -> None:
+    if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
+        raise AnnotationError(f"{path} is a database of something else, not an annotation file")
+    version = connection.execute("PRAGMA user_version").fetchone()[0]
+    if version > SCHEMA_VERSION:
+        raise AnnotationError(
+            f"annotation {path} has version {version}, this program reads up to {SCHEMA_VERSION}; "
+            "update asdfviz"
+        )

@@ -1,0 +1,297 @@
+"""The annotation of one sequence: every edit a row, so undo, provenance and a crash are one design.
+
+The app and the exporters read poses and states from here; nothing in here knows a browser. Several
+stores (tabs, people, processes) may be open on one file: each sees the others' edits, and `version`
+tells when there are new ones.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import RLock
+from types import TracebackType
+from typing import Any, TypeAlias
+
+from asdfviz.annotate.edit_file import About, open_edit_file
+from asdfviz.annotate.records import (
+    Edit,
+    EditKind,
+    PoseAnnotation,
+    Seed,
+    StateLabel,
+    annotation_from,
+    edit_from_row,
+    label_from,
+    label_payload,
+    pose_payload,
+)
+from asdfviz.errors import AnnotationError
+from asdfviz.geometry.shapes import Transform
+
+_Row: TypeAlias = tuple[EditKind, int | None, int | None, str | None, Mapping[str, Any]]
+"""Kind, first frame, last frame, part and payload of an edit to come."""
+
+_COLUMNS = "id, time, author, kind, step, frame, last_frame, part, payload, undone"
+_POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify') AND undone = 0"
+_STATE_KIND = "kind = 'state' AND undone = 0"
+
+
+class AnnotationStore:
+    """Poses and states that people set, with their whole history; safe to share between threads."""
+
+    def __init__(
+        self, path: Path, *, sequence_name: str, assembly_name: str, author: str = "anonymous"
+    ) -> None:
+        """Open or make the file.
+
+        Args:
+            path: the SQLite file, see `asdfviz.annotate.paths`.
+            sequence_name: what it annotates; a file of another sequence is refused.
+            assembly_name: likewise.
+            author: who makes the edits of this store, and whose edits its undo takes back.
+
+        Raises:
+            AnnotationError: the file is damaged, newer, or belongs to something else.
+        """
+        self.path = path
+        self.author = author
+        self._lock = RLock()
+        self._connection = open_edit_file(path, About(sequence_name, assembly_name))
+
+    def __enter__(self) -> AnnotationStore:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the file; every edit is in it already."""
+        with self._lock:
+            self._connection.close()
+
+    def set_pose(
+        self,
+        frame: int,
+        part: str,
+        T_camera_part: Transform,
+        *,
+        provenance: str = "manual",
+        group: str | None = None,
+    ) -> int:
+        """Say where a part is in a frame; returns the edit's id.
+
+        Args:
+            frame: frame number.
+            part: its name.
+            T_camera_part: kept to the last bit.
+            provenance: how the pose came about: "gizmo", "keys", "copied", "method:asdf" ...
+            group: the edits of one drag share a name and are undone as one.
+        """
+        return self.set_poses(frame, {part: T_camera_part}, provenance=provenance, group=group)
+
+    def set_poses(
+        self,
+        frame: int,
+        Ts_camera_part: Mapping[str, Transform],
+        *,
+        provenance: str = "manual",
+        group: str | None = None,
+    ) -> int:
+        """Move several parts of a frame as one step; returns the last edit's id."""
+        rows: list[_Row] = [
+            ("pose", frame, frame, part, pose_payload(T_camera_part, provenance))
+            for part, T_camera_part in Ts_camera_part.items()
+        ]
+        return self._add(rows, group)
+
+    def remove_pose(
+        self, frame: int, part: str, *, provenance: str = "manual", group: str | None = None
+    ) -> int:
+        """Say that a part is not in a frame; returns the edit's id."""
+        return self._add([("remove_pose", frame, frame, part, {"provenance": provenance})], group)
+
+    def verify(
+        self,
+        frame: int,
+        part: str,
+        T_camera_part: Transform,
+        *,
+        provenance: str,
+        group: str | None = None,
+    ) -> int:
+        """Say that a pose was looked at and is right; it is kept, whatever it came from."""
+        payload = pose_payload(T_camera_part, provenance)
+        return self._add([("verify", frame, frame, part, payload)], group)
+
+    def set_state(
+        self,
+        frame: int,
+        label: StateLabel | None,
+        *,
+        last_frame: int | None = None,
+        group: str | None = None,
+    ) -> int:
+        """Set the state of a frame, or of all frames up to `last_frame`, as one edit.
+
+        A label of None takes a label away, so that what the corrections started from counts again.
+        """
+        last = frame if last_frame is None else last_frame
+        if last < frame:
+            raise AnnotationError(f"a range of frames ends at {last}, before its start {frame}")
+        return self._add([("state", frame, last, None, label_payload(label))], group)
+
+    def set_seed(self, seed: Seed, *, group: str | None = None) -> int:
+        """Say what the corrections start from; it holds for every frame that nobody corrected."""
+        payload = {"kind": seed.kind, "run": seed.run, "method": seed.method}
+        return self._add([("seed", None, None, None, payload)], group)
+
+    def pose(self, frame: int, part: str) -> PoseAnnotation | None:
+        """What was last said of a part in a frame; None where nobody said anything."""
+        where = f"{_POSE_KINDS} AND frame = ? AND part = ? ORDER BY id DESC LIMIT 1"
+        found = self._edits(where, (frame, part))
+        return annotation_from(found[0]) if found else None
+
+    def poses(self, frame: int | None = None) -> dict[tuple[int, str], PoseAnnotation]:
+        """What was last said of every part, by frame and part; of one frame or of all."""
+        where = _POSE_KINDS if frame is None else f"{_POSE_KINDS} AND frame = ?"
+        latest = f"id IN (SELECT max(id) FROM edits WHERE {where} GROUP BY frame, part) ORDER BY id"
+        return {
+            (edit.frame, edit.part): annotation_from(edit)
+            for edit in self._edits(latest, () if frame is None else (frame,))
+            if edit.frame is not None and edit.part is not None
+        }
+
+    def state(self, frame: int) -> StateLabel | None:
+        """The state that was last set for a frame; None where nobody set one."""
+        where = f"{_STATE_KIND} AND frame <= ? AND last_frame >= ? ORDER BY id DESC LIMIT 1"
+        found = self._edits(where, (frame, frame))
+        return label_from(found[0].payload) if found else None
+
+    def state_ranges(self) -> tuple[tuple[int, int, StateLabel | None], ...]:
+        """Every state edit that counts, oldest first: first frame, last frame, label."""
+        return tuple(
+            (edit.frame, edit.last_frame, label_from(edit.payload))
+            for edit in self._edits(f"{_STATE_KIND} ORDER BY id", ())
+            if edit.frame is not None and edit.last_frame is not None
+        )
+
+    def seed(self) -> Seed:
+        """What the corrections start from."""
+        found = self._edits("kind = 'seed' AND undone = 0 ORDER BY id DESC LIMIT 1", ())
+        return Seed(**found[0].payload) if found else Seed()
+
+    def version(self) -> int:
+        """A number that rises with every change by anybody, undo and redo included."""
+        return self._query("SELECT coalesce(max(id), 0) FROM edits", ())[0][0]
+
+    def history(self, *, after: int = 0) -> tuple[Edit, ...]:
+        """Every row since version `after`, oldest first, what was undone and the undoing included."""
+        return self._edits("id > ? ORDER BY id", (after,))
+
+    def undo(self) -> tuple[Edit, ...]:
+        """Take back this author's last step; returns its edits, none if there is nothing left."""
+        return self._switch(
+            "undo",
+            "SELECT max(step) FROM edits "
+            "WHERE author = ? AND undone = 0 AND kind NOT IN ('undo', 'redo')",
+        )
+
+    def redo(self) -> tuple[Edit, ...]:
+        """Bring back the step that this author undid last, unless they have edited since."""
+        return self._switch(
+            "redo",
+            "SELECT step FROM edits AS u WHERE author = ?1 AND kind = 'undo' "
+            "AND id > (SELECT coalesce(max(id), 0) FROM edits "
+            "WHERE author = ?1 AND kind NOT IN ('undo', 'redo')) "
+            "AND (SELECT undone FROM edits WHERE id = u.step) = 1 ORDER BY id DESC LIMIT 1",
+        )
+
+    def _switch(self, kind: EditKind, query: str) -> tuple[Edit, ...]:
+        with self._transaction() as connection:
+            found = connection.execute(query, (self.author,)).fetchone()
+            step = None if found is None else found[0]
+            if step is None:
+                return ()
+            self._insert(connection, (kind, None, None, None, {}), step, None)
+            connection.execute(
+                "UPDATE edits SET undone = ? WHERE step = ? AND kind NOT IN ('undo', 'redo')",
+                (int(kind == "undo"), step),
+            )
+        return self._edits("step = ? AND kind NOT IN ('undo', 'redo') ORDER BY id", (step,))
+
+    def _add(self, rows: Sequence[_Row], group: str | None) -> int:
+        if not rows:
+            raise AnnotationError("an edit without any part changes nothing")
+        last = 0
+        with self._transaction() as connection:
+            step = self._open_step(connection, group)
+            for row in rows:
+                last = self._insert(connection, row, step, group)
+                step = last if step is None else step
+        return last
+
+    def _open_step(self, connection: sqlite3.Connection, group: str | None) -> int | None:
+        """The step that a drag goes on with: this author's last one, if it is of the same group."""
+        if group is None:
+            return None
+        found = connection.execute(
+            "SELECT kind, drag, step FROM edits WHERE author = ? ORDER BY id DESC LIMIT 1",
+            (self.author,),
+        ).fetchone()
+        if found is None or found[0] in ("undo", "redo") or found[1] != group:
+            return None
+        return int(found[2])
+
+    def _insert(
+        self,
+        connection: sqlite3.Connection,
+        row: _Row,
+        step: int | None,
+        group: str | None,
+    ) -> int:
+        kind, frame, last_frame, part, payload = row
+        now = datetime.now(UTC).isoformat(timespec="microseconds")
+        text = json.dumps(payload, allow_nan=False)
+        cursor = connection.execute(
+            "INSERT INTO edits (time, author, kind, step, frame, last_frame, part, payload, drag) "
+            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+            (now, self.author, kind, step or 0, frame, last_frame, part, text, group),
+        )
+        number = int(cursor.lastrowid or 0)
+        if step is None:
+            connection.execute("UPDATE edits SET step = id WHERE id = ?", (number,))
+        return number
+
+    def _edits(self, where: str, values: tuple[Any, ...]) -> tuple[Edit, ...]:
+        rows = self._query(f"SELECT {_COLUMNS} FROM edits WHERE {where}", values)
+        return tuple(edit_from_row(row) for row in rows)
+
+    def _query(self, query: str, values: tuple[Any, ...]) -> list[tuple[Any, ...]]:
+        with self._lock:
+            try:
+                return self._connection.execute(query, values).fetchall()
+            except sqlite3.Error as error:
+                raise AnnotationError(f"annotation {self.path} cannot be read: {error}") from error
+
+    @contextmanager
+    def _transaction(self) -> Generator[sqlite3.Connection]:
+        """All of it or nothing, on disk when the block ends."""
+        with self._lock:
+            try:
+                self._connection.execute("BEGIN IMMEDIATE")
+                with self._connection:
+                    yield self._connection
+            except sqlite3.Error as error:
+                raise AnnotationError(
+                    f"annotation {self.path} cannot be written: {error}; the edit was not kept"
+                ) from error

@@ -1,0 +1,270 @@
+"""What a person can ask for: one frozen dataclass an action. Callbacks make them, the session eats them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from asdfviz.geometry.shapes import Transform
+
+Tab = Literal["sequence", "methods", "annotate", "results"]
+TABS: tuple[Tab, ...] = ("sequence", "methods", "annotate", "results")
+
+
+@dataclass(frozen=True, slots=True)
+class Seek:
+    """Go to a frame's place."""
+
+    place: int
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Go on by some frames."""
+
+    by: int
+
+
+@dataclass(frozen=True, slots=True)
+class ToBoundary:
+    """Go to the next (1) or previous (-1) state boundary."""
+
+    direction: int
+
+
+@dataclass(frozen=True, slots=True)
+class TogglePlay:
+    """Play or pause."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetSpeed:
+    """Play at a multiple of the sequence's rate."""
+
+    speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class ToggleView:
+    """Change between AR and 3D."""
+
+
+@dataclass(frozen=True, slots=True)
+class Zoom:
+    """Magnify about a place of the window (-1 to 1, right and down)."""
+
+    factor: float
+    x: float = 0.0
+    y: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class FitView:
+    """Show the whole picture again, or the whole scene in 3D."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """The viewer turned by hand; `u`, `v` is the pixel now in the middle."""
+
+    u: float
+    v: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetOpacity:
+    """How solid meshes are, 0 to 1."""
+
+    opacity: float
+
+
+@dataclass(frozen=True, slots=True)
+class Toggle:
+    """Switch a part of the picture on or off."""
+
+    what: Literal["overlay", "xray", "boxes", "keypoints", "gizmo"]
+
+
+@dataclass(frozen=True, slots=True)
+class TogglePart:
+    """Show or hide one part."""
+
+    part: str
+
+
+@dataclass(frozen=True, slots=True)
+class ToggleLayer:
+    """Show or hide the outlines of a run, or of the truth."""
+
+    layer: str
+
+
+@dataclass(frozen=True, slots=True)
+class ToggleLayerAt:
+    """The same, by its number in the list (from 1)."""
+
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class UseRun:
+    """Take this run's poses as those that corrections start from."""
+
+    run: str
+
+
+@dataclass(frozen=True, slots=True)
+class SelectPart:
+    """Select a part, or nothing."""
+
+    part: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class NextPart:
+    """Select the next (1) or previous (-1) part."""
+
+    by: int
+
+
+@dataclass(frozen=True, slots=True)
+class Nudge:
+    """Move the selected part by one step along a camera axis."""
+
+    axis: int
+    sign: int
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """Turn the selected part by one step about a camera axis through its middle."""
+
+    axis: int
+    sign: int
+
+
+@dataclass(frozen=True, slots=True)
+class CycleStep:
+    """Fine, normal, coarse steps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovePart:
+    """A part was dragged to a pose; only the last of a drag is kept as an edit."""
+
+    part: str
+    T_camera_part: Transform
+    done: bool
+
+
+@dataclass(frozen=True, slots=True)
+class CopyPrevious:
+    """Give the selected part its pose in the frame before."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacePart:
+    """Put the selected part into the frame: where a pixel says, or in the middle of the view."""
+
+    u: float = -1.0
+    v: float = -1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RevertPart:
+    """Drop the selected part's correction in this frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetState:
+    """Set the state (an index of the assembly, errors included) of the frame or the marked range."""
+
+    state: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetRange:
+    """Mark frames, first to last."""
+
+    first: int
+    last: int
+
+
+@dataclass(frozen=True, slots=True)
+class MarkRange:
+    """Begin a range at this frame, or end it here."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cancel:
+    """Drop the range, then the selection."""
+
+
+@dataclass(frozen=True, slots=True)
+class Undo:
+    """Take the last edit back."""
+
+
+@dataclass(frozen=True, slots=True)
+class Redo:
+    """Do the edit again."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShowTab:
+    """Show a tab of the panel."""
+
+    tab: Tab
+
+
+@dataclass(frozen=True, slots=True)
+class RunMethod:
+    """Run a method on this sequence in the background."""
+
+    method: str
+
+
+@dataclass(frozen=True, slots=True)
+class StopRun:
+    """Stop the running method; what is done so far is kept."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluate:
+    """Judge every run against the truth, corrected where it was corrected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """Write poses and states as a BOP scene."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToggleKeys:
+    """Show or hide the sheet of keys."""
+
+
+@dataclass(frozen=True, slots=True)
+class DismissWelcome:
+    """Close the first visit's card for good."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resized:
+    """The window has another shape."""
+
+    aspect: float
+
+
+@dataclass(frozen=True, slots=True)
+class Changed:
+    """Runs, corrections or a background job changed, here or in another tab."""
+
+
+Action: TypeAlias = (
+    Seek | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
+    | Toggle | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
+    | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | SetState | SetRange | MarkRange | Cancel
+    | Undo | Redo | ShowTab | RunMethod | StopRun | Evaluate | Export | ToggleKeys | DismissWelcome
+    | Resized | Changed
+)  # fmt: skip

@@ -1,0 +1,104 @@
+"""From the page's script to actions: a hidden text field carries JSON, which is checked here.
+
+viser has no click events for HTML, so the script writes its requests into a field that nobody sees.
+Whatever a page could send (it is a browser: anything) is turned into a known action or dropped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
+
+from asdfviz.app import actions
+
+MAX_LENGTH = 2000
+"""Longer messages are none of ours."""
+
+KINDS: Mapping[str, type] = {
+    kind.__name__: kind
+    for kind in (
+        actions.Seek,
+        actions.Step,
+        actions.ToBoundary,
+        actions.TogglePlay,
+        actions.SetSpeed,
+        actions.ToggleView,
+        actions.Zoom,
+        actions.FitView,
+        actions.SetOpacity,
+        actions.Toggle,
+        actions.TogglePart,
+        actions.ToggleLayer,
+        actions.UseRun,
+        actions.SelectPart,
+        actions.NextPart,
+        actions.Nudge,
+        actions.Turn,
+        actions.CycleStep,
+        actions.CopyPrevious,
+        actions.PlacePart,
+        actions.RevertPart,
+        actions.SetState,
+        actions.SetRange,
+        actions.MarkRange,
+        actions.Cancel,
+        actions.Undo,
+        actions.Redo,
+        actions.ShowTab,
+        actions.RunMethod,
+        actions.StopRun,
+        actions.Evaluate,
+        actions.Export,
+        actions.ToggleKeys,
+        actions.DismissWelcome,
+    )
+}
+
+
+def parse(message: str) -> actions.Action | None:
+    """The action that a message asks for; None for anything that is not exactly one."""
+    if not message or len(message) > MAX_LENGTH:
+        return None
+    try:
+        given = json.loads(message)
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(given, dict):
+        return None
+    fields = cast(dict[str, object], given)
+    kind = KINDS.get(str(fields.get("kind")))
+    if kind is None:
+        return None
+    return _build(kind, fields)
+
+
+def _build(kind: type, fields: Mapping[str, object]) -> actions.Action | None:
+    hints = get_type_hints(kind)
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):
+        if field.name not in fields:
+            if field.default is dataclasses.MISSING:
+                return None
+            continue
+        value = fields[field.name]
+        if not _fits(value, hints[field.name]):
+            return None
+        values[field.name] = float(cast(float, value)) if hints[field.name] is float else value
+    return cast(actions.Action, kind(**values))
+
+
+def _fits(value: object, hint: Any) -> bool:
+    """Whether a JSON value is of the type that a field asks for."""
+    if get_origin(hint) is Literal:
+        return value in get_args(hint)
+    if hint is float:
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        return number and math.isfinite(cast(float, value))
+    if hint is int:
+        return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**9
+    if type(None) in get_args(hint):
+        return value is None or isinstance(value, str)
+    return isinstance(value, str)

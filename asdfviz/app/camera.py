@@ -1,0 +1,57 @@
+"""Places the viewer's camera: pinned over the picture in AR, free in 3D; and reads it back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from asdfviz.app import actions as act
+from asdfviz.app.ar import ORBIT, look_direction, pixel_at
+from asdfviz.app.drawings import T_from_wxyz
+from asdfviz.app.session import Facts, View, centre_of, window_of
+from asdfviz.geometry.shapes import Vector
+
+_FREE_FOV = 0.75
+_FAR = 60.0
+
+
+def place_ar(client: Any, view: View, facts: Facts) -> None:
+    """Pin the centre at the camera's own and turn it to the middle of the view."""
+    camera = client.camera
+    z = look_direction(facts.K, centre_of(view, facts))
+    with client.atomic():
+        # The smaller bound first: viser refuses a minimum above the maximum.
+        camera.min_orbit_distance = ORBIT
+        camera.max_orbit_distance = ORBIT
+        camera.up_direction = (0.0, -1.0, 0.0)
+        camera.position = (0.0, 0.0, 0.0)
+        camera.look_at = tuple(float(c) for c in z * ORBIT)
+        camera.fov = window_of(view, facts).fov(view.zoom)
+        camera.near = 0.01
+        camera.far = _FAR
+
+
+def place_free(client: Any, target: Vector) -> None:
+    """Stand beside the real camera and look at the scene, free to orbit."""
+    camera = client.camera
+    distance = max(float(np.linalg.norm(target)), 0.2)
+    eye = target + distance * np.array([0.62, -0.52, -0.72])
+    with client.atomic():
+        camera.max_orbit_distance = 50.0
+        camera.min_orbit_distance = 0.02
+        camera.up_direction = (0.0, -1.0, 0.0)
+        camera.position = tuple(float(c) for c in eye)
+        camera.look_at = tuple(float(c) for c in target)
+        camera.fov = _FREE_FOV
+        camera.near = 0.01
+        camera.far = _FAR
+
+
+def looked_at(camera: Any, view: View, facts: Facts) -> act.Look | None:
+    """The pixel that the viewer turned to by hand; None while an order of ours is still on its way."""
+    if view.mode != "ar" or abs(camera.fov - window_of(view, facts).fov(view.zoom)) > 1e-4:
+        return None
+    R = T_from_wxyz(camera.wxyz, np.zeros(3))[:3, :3]
+    u, v = pixel_at(facts.K, R, fov=camera.fov, aspect=view.aspect, ndc=(0.0, 0.0))
+    return act.Look(u, v)

@@ -1,0 +1,287 @@
+"""Runs one browser tab: takes actions from a queue, changes the view, the annotation or a job, and shows it.
+
+viser calls back from many threads; callbacks only put actions into the queue. One thread a tab
+empties it, so nothing here needs a lock, and no click is lost while something works.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from asdfviz.app import actions as act
+from asdfviz.app import camera, hotkeys
+from asdfviz.app.bridge import parse
+from asdfviz.app.editing import Burst, Edits, apply_edit
+from asdfviz.app.jobs import Background, truth_of
+from asdfviz.app.page import Page
+from asdfviz.app.playback import SLOTS, Pace, wait_until_shown
+from asdfviz.app.scene import Scene
+from asdfviz.app.session import View, settled, update
+from asdfviz.app.snapshot import Snapshot, take
+from asdfviz.app.workspace import Shown, Workspace
+from asdfviz.app.worst import WorstFrame, worst_frames
+from asdfviz.datatypes import Frame
+from asdfviz.errors import AsdfvizError, InputError
+from asdfviz.methods.spec import BrokenMethod, MethodSpec
+
+_WELCOMED = "asdfviz-welcomed"
+_AHEAD = 12
+"""Frames that are decoded before they are needed."""
+_NOTE_SECONDS = 6.0
+
+
+class Controller:
+    """One browser tab."""
+
+    def __init__(
+        self,
+        client: Any,
+        workspace: Workspace,
+        background: Background,
+        methods: Mapping[str, MethodSpec | BrokenMethod],
+    ) -> None:
+        self._client = client
+        self._workspace = workspace
+        self._background = background
+        self._methods = methods
+        self._queue: queue.SimpleQueue[act.Action | None] = queue.SimpleQueue()
+        self.view = View()
+        self._turns = -1
+        self._burst = Burst()
+        self._pace = Pace()
+        self._status = ""
+        self._drag: act.MovePart | None = None
+        self._heard = len(workspace.messages)
+        self._unreadable: int | None = None
+        self._worst: tuple[WorstFrame, ...] = ()
+        self._judged: object = None
+        self._is_closed = False
+        self._end = workspace.subscribe(lambda: self.emit(act.Changed()))
+        self._thread = threading.Thread(target=self._work, name="tab", daemon=True)
+
+    def start(self) -> None:
+        """Build the tab and serve it."""
+        self._thread.start()
+
+    def emit(self, action: act.Action) -> None:
+        """Ask for something, from any thread."""
+        self._queue.put(action)
+
+    def close(self) -> None:
+        """The browser tab has gone."""
+        self._is_closed = True
+        self._end()
+        self._queue.put(None)
+
+    def wait(self, seconds: float) -> None:
+        """Wait for the thread to end."""
+        self._thread.join(seconds)
+
+    def _work(self) -> None:
+        self._build()
+        self._refresh()
+        while not self._is_closed:
+            before = self.view.place
+            for received in self._next_actions():
+                self._handle(received)
+            if self._is_closed:
+                return
+            if self.view.playing:
+                self._play()
+            self._refresh()
+            moved = self.view.place != before
+            if (moved or self.view.playing) and not wait_until_shown(self._client):
+                return
+
+    def _build(self) -> None:
+        workspace = self._workspace
+        aspect = float(self._client.camera.aspect)
+        base = workspace.base_of_seed()
+        view = View(aspect=aspect, base=base, welcome=self._is_first_visit())
+        self.view = settled(view, workspace.facts())
+        with self._client.atomic():
+            self._page = Page(self._client.gui, self._methods)
+            self._scene = Scene(self._client, workspace, self.emit)
+            hotkeys.register(self._client.gui, workspace.assembly, self.emit)
+        self._listen()
+
+    def _listen(self) -> None:
+        bridge = self._page.bridge
+
+        async def received(_event: object) -> None:
+            action = parse(bridge.value)
+            if action is not None:
+                self.emit(action)
+
+        bridge.on_update(received)
+
+        async def moved(cam: Any) -> None:
+            aspect = float(cam.aspect)
+            if abs(aspect - self.view.aspect) > 1e-6:
+                self.emit(act.Resized(aspect))
+                return
+            look = camera.looked_at(cam, self.view, self._workspace.facts())
+            if look is not None:
+                self.emit(look)
+
+        self._client.camera.on_update(moved)
+
+    def _is_first_visit(self) -> bool:
+        try:
+            return self._client.local_storage.get_item(_WELCOMED, timeout=5.0) is None
+        except (RuntimeError, TimeoutError):
+            return False
+
+    def _next_actions(self) -> list[act.Action]:
+        """Wait for actions, or while playing for the next frame's time; take all that are there."""
+        wait = self._pace.wait_seconds(time.monotonic()) if self.view.playing else None
+        taken: list[act.Action] = []
+        try:
+            first = self._queue.get(timeout=wait) if wait != 0.0 else self._queue.get_nowait()
+            while True:
+                if first is not None:
+                    taken.append(first)
+                first = self._queue.get_nowait()
+        except queue.Empty:
+            return taken
+
+    def _handle(self, action: act.Action) -> None:
+        try:
+            self._act(action)
+        except AsdfvizError as error:
+            self._tell("That did not work", str(error), color="red")
+
+    def _act(self, action: act.Action) -> None:
+        facts = self._workspace.facts()
+        self.view = update(self.view, action, facts)
+        match action:
+            case act.MovePart(done=False):
+                self._drag = action
+            case act.Changed():
+                self._changed()
+            case act.RunMethod(method=name):
+                self._background.run(name)
+                self.view = replace(self.view, tab="methods")
+            case act.StopRun():
+                self._background.stop()
+            case act.Evaluate():
+                self._background.judge()
+                self.view = replace(self.view, tab="results")
+            case act.Export():
+                self._background.export(self.view.base)
+            case act.DismissWelcome():
+                self._client.local_storage.set_item(_WELCOMED, "yes")
+            case act.UseRun():
+                self._use_run()
+            case _:
+                if isinstance(action, Edits):
+                    self._edit(action)
+
+    def _edit(self, action: Edits) -> None:
+        self._drag = None
+        done = apply_edit(
+            action, self.view, self._workspace, burst=self._burst, now=time.monotonic()
+        )
+        self._burst = done.burst
+        self._status = f"{done.message}, saved"
+        self.view = replace(self.view, place=done.place)
+        self._workspace.changed()
+
+    def _use_run(self) -> None:
+        """Corrections that were begun go on from the new base."""
+        if self._workspace.store.seed().kind != "none":
+            self._workspace.store.set_seed(self._workspace.seed_of(self.view.base))
+            self._workspace.changed()
+
+    def _changed(self) -> None:
+        facts = self._workspace.facts()
+        self.view = settled(self.view, facts)
+        messages = self._workspace.messages
+        for message in messages[self._heard :]:
+            self._tell(message.title, message.body, color="red" if message.is_problem else "green")
+        self._heard = len(messages)
+
+    def _play(self) -> None:
+        now = time.monotonic()
+        if self._pace.wait_seconds(now) > 0:
+            return
+        last = len(self._workspace.indices) - 1
+        self.view = replace(self.view, place=min(self.view.place + 1, last))
+        if self.view.place == last:
+            self.view = replace(self.view, playing=False)
+        self._pace.advance(now, 1.0 / (self._workspace.fps * self.view.speed))
+
+    def _refresh(self) -> None:
+        frame = self._frame()
+        snap = take(self._workspace, self.view, frame=frame, status=self._status)
+        if self._drag is not None:
+            held = Shown(self._drag.T_camera_part, "annotation", "annotated")
+            snap.poses[self._drag.part] = held
+        with self._client.atomic():
+            self._scene.apply(snap)
+            self._page.show(snap, self._worst_now())
+        self._place_camera(snap)
+        self._send_ahead()
+
+    def _frame(self) -> Frame | None:
+        place = self.view.place
+        self._workspace.frames.wish(range(place + 1, place + _AHEAD))
+        try:
+            return self._workspace.frames[place]
+        except InputError as error:
+            if self._unreadable != place:
+                self._unreadable = place
+                self._tell(
+                    f"Frame {self._workspace.indices[place]} cannot be read",
+                    str(error),
+                    color="red",
+                )
+            return None
+
+    def _send_ahead(self) -> None:
+        if not self.view.playing:
+            self._pace.reset()
+            return
+        coming = range(
+            self.view.place + 1, min(self.view.place + SLOTS, len(self._workspace.indices))
+        )
+        ready: dict[int, Any] = {}
+        for place in coming:
+            try:
+                frame = self._workspace.frames.peek(place)
+            except InputError:
+                continue
+            if frame is not None:
+                ready[place] = frame.rgb
+        self._scene.ring.send_ahead(ready)
+
+    def _place_camera(self, snap: Snapshot) -> None:
+        if self._turns == self.view.turns:
+            return
+        self._turns = self.view.turns
+        if self.view.mode == "ar":
+            camera.place_ar(self._client, self.view, snap.facts)
+        else:
+            camera.place_free(self._client, self._scene.middle(snap))
+
+    def _worst_now(self) -> tuple[WorstFrame, ...]:
+        reports = self._workspace.reports
+        stamp = (id(reports), self.view.base)
+        if reports is not None and self.view.tab == "results" and self._judged != stamp:
+            self._judged = stamp
+            self._worst = worst_frames(self._workspace, truth_of(self._workspace), self.view.base)
+        return self._worst
+
+    def _tell(self, title: str, body: str, *, color: Any) -> None:
+        self._client.add_notification(
+            title,
+            body,
+            with_close_button=True,
+            auto_close_seconds=None if color == "red" and len(body) > 140 else _NOTE_SECONDS,
+            color=color,
+        )

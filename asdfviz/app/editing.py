@@ -1,0 +1,261 @@
+"""Turns a person's edits into rows of the annotation file. No viser in here.
+
+Each function returns the frame's place that changed and a short sentence for the status line, or
+raises InputError with what to do instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asdfviz.annotate.edits import nudged, part_centre, rotated
+from asdfviz.annotate.records import Edit, label_of
+from asdfviz.app import actions as act
+from asdfviz.app.ar import look_direction
+from asdfviz.app.session import STEPS_MM, View, centre_of
+from asdfviz.app.workspace import Workspace
+from asdfviz.errors import AnnotationError
+from asdfviz.geometry.shapes import Depth, Rotation, Transform, Vector
+from asdfviz.geometry.transforms import transform_from
+
+BURST = 0.8
+"""Seconds: nudges that follow each other faster are undone as one."""
+FALLBACK_DEPTH = 0.5
+"""Metres at which a part is put where nothing was measured."""
+LOOK_BACK = 300
+"""Frames that are searched for a part's last pose."""
+Edits = (
+    act.Nudge
+    | act.Turn
+    | act.MovePart
+    | act.CopyPrevious
+    | act.PlacePart
+    | act.RevertPart
+    | act.SetState
+    | act.Undo
+    | act.Redo
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Burst:
+    """Nudges in a row, which are one step for undo."""
+
+    name: str = ""
+    until: float = 0.0
+    """Time (monotonic) up to which the next nudge still belongs to it."""
+
+    def joined(self, name: str, now: float) -> Burst:
+        """This burst prolonged, or a new one where the last is over or was of something else."""
+        kept = now < self.until and self.name.split("@")[0] == name
+        return Burst(self.name if kept else f"{name}@{now:.6f}", now + BURST)
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What an edit did."""
+
+    message: str
+    place: int
+    burst: Burst = Burst()
+
+
+def apply_edit(
+    action: Edits, view: View, workspace: Workspace, *, burst: Burst, now: float
+) -> Done:
+    """Keep an edit.
+
+    Raises:
+        AnnotationError: it cannot be done here; the message says why and what to do.
+    """
+    if isinstance(action, (act.Undo, act.Redo)):
+        return _switch(action, view, workspace)
+    if isinstance(action, (act.Nudge, act.Turn)):
+        burst = burst.joined(f"keys {view.selected} {view.place}", now)
+        group = burst.name
+    else:
+        burst, group = Burst(), f"edit@{now:.6f}"
+    desk = _Desk(workspace, view, group)
+    done = _dispatch(action, desk)
+    return replace(done, burst=burst)
+
+
+@dataclass(frozen=True, slots=True)
+class _Desk:
+    """Where an edit happens."""
+
+    workspace: Workspace
+    view: View
+    group: str
+    """What belongs to one step of undo."""
+
+    @property
+    def frame(self) -> int:
+        return self.workspace.indices[self.view.place]
+
+    @property
+    def part(self) -> str:
+        if self.view.selected is None:
+            raise AnnotationError("no part is selected: click one in the picture or in the list")
+        return self.view.selected
+
+    def pose(self) -> Transform:
+        found = self.workspace.poses(self.view.place, self.view.base).get(self.part)
+        if found is None:
+            raise AnnotationError(
+                f"{self.part} has no pose in frame {self.frame}: "
+                "place it, or copy it from the frame before"
+            )
+        return found.T_camera_part
+
+    def begin(self) -> None:
+        """Note what the corrections start from, once, as part of the first edit's step."""
+        store = self.workspace.store
+        if store.seed().kind == "none" and self.view.base is not None:
+            store.set_seed(self.workspace.seed_of(self.view.base))
+
+    def keep(self, part: str, T_camera_part: Transform, provenance: str) -> Done:
+        self.begin()
+        self.workspace.store.set_pose(
+            self.frame, part, T_camera_part, provenance=provenance, group=self.group
+        )
+        return Done(f"{part} in frame {self.frame}: {provenance}", self.view.place)
+
+    def centre(self) -> Vector:
+        return part_centre(self.workspace.assembly.parts[self.part])
+
+
+def _dispatch(action: Edits, desk: _Desk) -> Done:
+    match action:
+        case act.Undo() | act.Redo():
+            return _switch(action, desk)
+        case act.SetState():
+            return _set_state(action, desk)
+        case act.MovePart():
+            return desk.keep(action.part, action.T_camera_part, "gizmo")
+        case act.Nudge() | act.Turn():
+            return _move(action, desk)
+        case act.CopyPrevious():
+            return _copy(desk)
+        case act.PlacePart():
+            return _place(action, desk)
+        case act.RevertPart():
+            return _revert(desk)
+
+
+def _move(action: act.Nudge | act.Turn, desk: _Desk) -> Done:
+    T_camera_part = desk.pose()
+    step = STEPS_MM[desk.view.step]
+    axis = action.sign * np.eye(3)[action.axis]
+    if isinstance(action, act.Nudge):
+        T_moved = nudged(T_camera_part, axis * step / 1000)
+    else:
+        angle = float(np.radians(step))
+        T_moved = rotated(T_camera_part, axis, angle, centre_part=desk.centre())
+    return desk.keep(desk.part, T_moved, "keys")
+
+
+def _copy(desk: _Desk) -> Done:
+    before = _earlier(desk, desk.view.place - 1)
+    if before is None:
+        raise AnnotationError(
+            f"{desk.part} has no pose in any of the frames before {desk.frame}: place it"
+        )
+    place, T_camera_part = before
+    done = desk.keep(desk.part, T_camera_part, "copied")
+    return replace(done, message=f"{desk.part} copied from frame {desk.workspace.indices[place]}")
+
+
+def _place(action: act.PlacePart, desk: _Desk) -> Done:
+    """Put the part's middle where a pixel's depth says, turned as it was last."""
+    frame = desk.workspace.frames[desk.view.place]
+    pixel = (action.u, action.v)
+    if min(pixel) < 0:
+        pixel = centre_of(desk.view, desk.workspace.facts())
+    depth = _depth_near(frame.depth, pixel) or FALLBACK_DEPTH
+    ray = look_direction(frame.camera.K, pixel)
+    R = _last_rotation(desk)
+    T_camera_part = transform_from(R, ray / ray[2] * depth - R @ desk.centre())
+    return desk.keep(desk.part, T_camera_part, "placed")
+
+
+def _depth_near(depth: Depth | None, pixel: tuple[float, float]) -> float | None:
+    """Median depth in a small window, metres; None where nothing was measured."""
+    if depth is None:
+        return None
+    u, v = round(pixel[0]), round(pixel[1])
+    near = depth[max(v - 4, 0) : v + 5, max(u - 4, 0) : u + 5]
+    known = near[near > 0]
+    return float(np.median(known)) if known.size else None
+
+
+def _last_rotation(desk: _Desk) -> Rotation:
+    """The rotation of the nearest frame before that has the part; upright CAD axes otherwise."""
+    before = _earlier(desk, desk.view.place)
+    return np.diag([1.0, -1.0, -1.0]) if before is None else before[1][:3, :3]
+
+
+def _earlier(desk: _Desk, place: int) -> tuple[int, Transform] | None:
+    """The nearest place, from `place` backwards, in which the part has a pose, and the pose."""
+    for earlier in range(place, max(place - LOOK_BACK, -1), -1):
+        found = desk.workspace.poses(earlier, desk.view.base).get(desk.part)
+        if found is not None:
+            return earlier, found.T_camera_part
+    return None
+
+
+def _revert(desk: _Desk) -> Done:
+    """Say again what the base says; where the base has no pose, the part is gone from the frame."""
+    part, place = desk.part, desk.view.place
+    store = desk.workspace.store
+    if store.pose(desk.frame, part) is None:
+        raise AnnotationError(f"{part} was not corrected in frame {desk.frame}")
+    found = desk.workspace.base_poses(place, desk.view.base).get(part)
+    if found is None:
+        store.remove_pose(desk.frame, part)
+        return Done(f"took {part} out of frame {desk.frame}", place)
+    return desk.keep(part, found.T_camera_part, "reverted")
+
+
+def _set_state(action: act.SetState, desk: _Desk) -> Done:
+    states = desk.workspace.assembly.states
+    if not 0 <= action.state < len(states):
+        raise AnnotationError(f"there is no state {action.state}; states: 0 to {len(states) - 1}")
+    desk.begin()
+    first, last = (desk.workspace.indices[place] for place in desk.view.frames)
+    label = label_of(states[action.state])
+    desk.workspace.store.set_state(first, label, last_frame=last, group=desk.group)
+    where = f"frame {first}" if first == last else f"frames {first} to {last}"
+    return Done(f"state of {where}: {states[action.state].name}", desk.view.place)
+
+
+def _switch(action: act.Undo | act.Redo, desk: _Desk) -> Done:
+    undo = isinstance(action, act.Undo)
+    store, view = desk.workspace.store, desk.view
+    edits = store.undo() if undo else store.redo()
+    if edits and all(edit.kind == "seed" for edit in edits):
+        # It came with the first edit and goes with it.
+        edits = store.undo() if undo else store.redo()
+    if not edits:
+        raise AnnotationError(f"nothing left to {'undo' if undo else 'redo'}")
+    last = edits[-1]
+    frame = None if last.frame is None else desk.workspace.place_of.get(last.frame)
+    return Done(
+        f"{'undid' if undo else 'redid'}: {in_words(last)}", view.place if frame is None else frame
+    )
+
+
+def in_words(edit: Edit) -> str:
+    """An edit as the history tells it."""
+    where = f"frame {edit.frame}"
+    if edit.last_frame is not None and edit.last_frame != edit.frame:
+        where = f"frames {edit.frame} to {edit.last_frame}"
+    if edit.kind == "state":
+        name = edit.payload.get("name") or edit.payload.get("state")
+        return f"state {name} in {where}"
+    if edit.kind == "seed":
+        return "what corrections start from"
+    verb = {"remove_pose": "removed", "verify": "verified"}.get(edit.kind, "moved")
+    return f"{verb} {edit.part} in {where}"

@@ -1,0 +1,284 @@
+"""Work in the background: a method on this sequence, the check, the evaluation. Nothing here knows viser."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from asdfviz import __version__
+from asdfviz.annotate.corrected import corrected_truth
+from asdfviz.app.session import TRUTH
+from asdfviz.app.workspace import JobStatus, Message, Workspace
+from asdfviz.data.run_files import save_run
+from asdfviz.datatypes import FramePrediction, FrameTruth, Run
+from asdfviz.errors import AnnotationError, AsdfvizError, MethodError
+from asdfviz.evaluate.evaluate import evaluate_run
+from asdfviz.evaluate.health import check_sequence
+from asdfviz.export.bop import export_bop
+from asdfviz.methods.registry import find_method
+from asdfviz.run import run
+
+PUBLISH_EVERY = 0.25
+"""Seconds between two looks at a run that is still being computed."""
+
+
+class MethodJob:
+    """Runs a method on the workspace's sequence; its poses show while it works and are saved at the end."""
+
+    def __init__(self, workspace: Workspace, method: str) -> None:
+        self._workspace = workspace
+        self._spec = find_method(method)
+        self._folder = next_run_folder(workspace.runs_folder, self._spec.name)
+        self._id = str(self._folder)
+        self._stopped = threading.Event()
+        self._predictions: list[FramePrediction] = []
+        self._published = 0.0
+        self._thread = threading.Thread(target=self._work, name=f"run {method}", daemon=True)
+        self._set(JobStatus(self._spec.name, "running", total=len(workspace.frames)))
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask to stop after the frame at hand; what is done by then is kept."""
+        self._stopped.set()
+        status = self._workspace.job
+        if status is not None and status.state == "running":
+            self._set(replace(status, state="stopping"))
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait for the end."""
+        self._thread.join(seconds)
+
+    def _work(self) -> None:
+        try:
+            result = run(
+                self._spec,
+                self._workspace.frames.source,
+                progress=self._progress,
+                stop=self._stopped.is_set,
+            )
+        except (AsdfvizError, OSError) as error:
+            self._fail(str(error))
+        else:
+            self._finish(result)
+
+    def _progress(self, done: int, total: int, prediction: FramePrediction) -> None:
+        self._predictions.append(prediction)
+        now = time.monotonic()
+        if done > 1 and now - self._published < PUBLISH_EVERY:
+            return
+        self._published = now
+        self._workspace.put_run(self._partial(), self._id)
+        times = [p.runtime.get("total", np.nan) for p in self._predictions[-20:]]
+        known = [t for t in times if t == t]
+        state = "stopping" if self._stopped.is_set() else "running"
+        self._set(
+            JobStatus(
+                self._spec.name,
+                state,
+                done=done,
+                total=total,
+                milliseconds=1000 * float(np.median(known)) if known else None,
+            )
+        )
+
+    def _partial(self) -> Run:
+        return Run(
+            method=self._spec.name,
+            config={},
+            sequence=self._workspace.frames.path,
+            assembly=self._workspace.assembly.path,
+            version=__version__,
+            predictions=tuple(self._predictions),
+        )
+
+    def _finish(self, result: Run) -> None:
+        done, total = len(result.predictions), len(self._workspace.frames)
+        if not done:
+            self._workspace.drop_run(self._id)
+            self._set(JobStatus(self._spec.name, "stopped", total=total, message="nothing done"))
+            return
+        try:
+            save_run(result, self._folder)
+        except (AsdfvizError, OSError) as error:
+            self._workspace.put_run(result, self._id)
+            self._set(
+                JobStatus(
+                    self._spec.name,
+                    "failed",
+                    done=done,
+                    total=total,
+                    message=f"the run is shown but could not be saved to {self._folder}: {error}",
+                )
+            )
+            return
+        self._workspace.put_run(result, self._id, folder=self._folder)
+        state = "done" if done == total else "stopped"
+        self._set(JobStatus(self._spec.name, state, done=done, total=total))
+
+    def _fail(self, message: str) -> None:
+        if not self._predictions:
+            self._workspace.drop_run(self._id)
+        total = len(self._workspace.frames)
+        done = len(self._predictions)
+        self._set(JobStatus(self._spec.name, "failed", done=done, total=total, message=message))
+        self._workspace.say(Message(f"{self._spec.name} failed", message, is_problem=True))
+
+    def _set(self, status: JobStatus) -> None:
+        self._workspace.job = status
+        self._workspace.changed()
+
+
+class Background:
+    """Starts and stops the workspace's background work; one method at a time."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self._job: MethodJob | None = None
+        self._lock = threading.Lock()
+
+    def run(self, method: str) -> None:
+        """Begin to run a method.
+
+        Raises:
+            MethodError: one is running already, or there is none of that name.
+        """
+        with self._lock:
+            status = self._workspace.job
+            if status is not None and status.is_active:
+                raise MethodError(f"{status.method} is still running: stop it or wait for its end")
+            self._job = MethodJob(self._workspace, method)
+            self._job.start()
+
+    def stop(self) -> None:
+        """Ask the running method to stop."""
+        with self._lock:
+            if self._job is not None:
+                self._job.stop()
+
+    def judge(self) -> None:
+        """Judge every run."""
+        if not self._workspace.is_judging:
+            start_judging(self._workspace)
+
+    def export(self, base: str | None) -> None:
+        """Export what is drawn."""
+        start_export(self._workspace, base)
+
+    def close(self) -> None:
+        """Stop and wait a moment."""
+        self.stop()
+        with self._lock:
+            job = self._job
+        if job is not None:
+            job.wait(10.0)
+
+
+def next_run_folder(runs: Path, method: str) -> Path:
+    """A folder that is not there yet: asdf, asdf-2, asdf-3 ..."""
+    safe = re.sub(r"[^A-Za-z0-9._-]+", "_", method) or "run"
+    names = (safe if n == 1 else f"{safe}-{n}" for n in range(1, 10_000))
+    free = next((runs / name for name in names if not (runs / name).exists()), None)
+    if free is None:
+        raise MethodError(f"{runs} holds 9999 runs of '{method}': move some of them away")
+    return free
+
+
+def start_check(workspace: Workspace) -> threading.Thread:
+    """Look for wrong units, sizes and shifts in the background; the findings appear when they are there."""
+
+    def work() -> None:
+        workspace.findings = tuple(check_sequence(workspace.frames.source).findings)
+
+    return _start(workspace, work, "check")
+
+
+def start_judging(workspace: Workspace) -> threading.Thread:
+    """Judge every saved run against the truth, corrected where it was corrected."""
+    workspace.is_judging = True
+    workspace.changed()
+
+    def work() -> None:
+        try:
+            truth = truth_of(workspace)
+            workspace.reports = tuple(
+                {
+                    **evaluate_run(
+                        loaded.run,
+                        assembly=workspace.assembly,
+                        truth=truth,
+                        camera=workspace.frames.camera,
+                        sequence_name=workspace.frames.name,
+                    ),
+                    "run": loaded.id,
+                }
+                for loaded in workspace.runs
+            )
+        finally:
+            workspace.is_judging = False
+
+    return _start(workspace, work, "judge")
+
+
+def truth_of(workspace: Workspace) -> dict[int, FrameTruth]:
+    """What runs are judged by: the dataset's own truth with every correction.
+
+    Raises:
+        AnnotationError: there is neither.
+    """
+    truth = corrected_truth(
+        workspace.store,
+        {t.frame_index: t for t in workspace.truths if t is not None},
+        assembly=workspace.assembly,
+        frames=workspace.indices,
+    )
+    if not truth:
+        raise AnnotationError(
+            f"{workspace.frames.name} has no truth to judge by: correct some frames first"
+        )
+    return truth
+
+
+def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
+    """Write what is drawn, corrections included, as a BOP scene."""
+
+    def work() -> None:
+        export_bop(workspace.frames.source, drawn_truth(workspace, base), workspace.export_folder)
+        workspace.say(Message("Exported", str(workspace.export_folder)))
+
+    return _start(workspace, work, "export")
+
+
+def drawn_truth(workspace: Workspace, base: str | None) -> dict[int, FrameTruth]:
+    """Poses and states as they are drawn: what corrections started from, with every correction."""
+    chosen = workspace.base_of_seed() or base
+    run = workspace.run(chosen)
+    start: Mapping[int, FrameTruth] | Run = {}
+    if run is not None:
+        start = run.run
+    elif chosen == TRUTH:
+        start = {t.frame_index: t for t in workspace.truths if t is not None}
+    return corrected_truth(
+        workspace.store, start, assembly=workspace.assembly, frames=workspace.indices
+    )
+
+
+def _start(workspace: Workspace, work: Callable[[], None], name: str) -> threading.Thread:
+    def guarded() -> None:
+        try:
+            work()
+        except (AsdfvizError, OSError) as error:
+            workspace.say(Message(f"Could not {name}", str(error), is_problem=True))
+        workspace.changed()
+
+    thread = threading.Thread(target=guarded, name=name, daemon=True)
+    thread.start()
+    return thread

@@ -1,0 +1,215 @@
+"""Opens the app: sequence, assembly, earlier runs and corrections, server. Library and command line call this."""
+
+from __future__ import annotations
+
+import getpass
+import os
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from asdfviz.annotate.paths import annotation_file, annotations_folder
+from asdfviz.annotate.store import AnnotationStore
+from asdfviz.app.controller import Controller
+from asdfviz.app.jobs import Background, start_check
+from asdfviz.app.server import start_server, stop_server
+from asdfviz.app.workspace import Message, Workspace
+from asdfviz.data.assembly import load_assembly
+from asdfviz.data.resources import bundled_assemblies, models_folder
+from asdfviz.data.run_files import RUN, load_run
+from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import Assembly
+from asdfviz.errors import InputError, SequenceError
+from asdfviz.methods.registry import available_methods
+
+FIRST_METHOD = "asdf"
+"""Run by itself where a sequence has no run yet."""
+WEIGHTS = "weights.safetensors"
+
+
+@dataclass(frozen=True)
+class ViewConfig:
+    """What to open and where to serve it."""
+
+    sequence: str = "sample"
+    """Scene folder, or `sample` for the bundled one."""
+    assembly: str | None = None
+    """assembly.yaml, its folder, or a bundled name; None for what the sequence names."""
+    format: str | None = None
+    """folder, bop or gbot; None recognises it by content."""
+    runs: tuple[Path, ...] = ()
+    """Saved runs to show beside those in the sequence's own runs folder."""
+    annotations: Path | None = None
+    """Where corrections are kept; None for annotations/ of the clone or of the working folder."""
+    author: str | None = None
+    """Who corrects; None for the login name."""
+    host: str = "127.0.0.1"
+    """Address to listen on; anything but this machine needs a token."""
+    port: int = 8080
+    """Port to listen on; 0 takes any free one."""
+    token: str | None = None
+    """Secret that opens the app when it listens beyond this machine; None makes one."""
+
+
+class App:
+    """A running app."""
+
+    def __init__(self, server: Any, url: str, workspace: Workspace) -> None:
+        self.url = url
+        """Address to open, token included."""
+        self.workspace = workspace
+        self.background = Background(workspace)
+        self._server = server
+        self._tabs: dict[int, Controller] = {}
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._methods = available_methods()
+        server.on_client_connect(self._open_tab)
+        server.on_client_disconnect(self._close_tab)
+
+    def wait(self) -> None:
+        """Serve until `close` is called or the process is interrupted."""
+        while not self._closed.wait(1.0):
+            pass
+
+    def close(self) -> None:
+        """Stop serving; every correction is on disk already."""
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        self.background.close()
+        with self._lock:
+            tabs = tuple(self._tabs.values())
+        for tab in tabs:
+            tab.close()
+        for tab in tabs:
+            tab.wait(5.0)
+        stop_server(self._server)
+        self.workspace.close()
+
+    def tabs(self) -> tuple[Controller, ...]:
+        """The browser tabs that are open."""
+        with self._lock:
+            return tuple(self._tabs.values())
+
+    def _open_tab(self, client: Any) -> None:
+        tab = Controller(client, self.workspace, self.background, self._methods)
+        with self._lock:
+            self._tabs[client.client_id] = tab
+        tab.start()
+
+    def _close_tab(self, client: Any) -> None:
+        with self._lock:
+            tab = self._tabs.pop(client.client_id, None)
+        if tab is not None:
+            tab.close()
+
+
+def open_app(config: ViewConfig) -> App:
+    """Open a sequence in the app and serve it.
+
+    Raises:
+        InputError: the sequence, the assembly, a run, the annotation or the port cannot be used.
+    """
+    workspace = open_workspace(config)
+    try:
+        server, url = start_server(config.host, config.port, token=config.token)
+    except InputError:
+        workspace.close()
+        raise
+    _configure(server)
+    app = App(server, url, workspace)
+    start_check(workspace)
+    if not workspace.runs and _has_weights(workspace.assembly):
+        app.background.run(FIRST_METHOD)
+    return app
+
+
+def open_workspace(config: ViewConfig) -> Workspace:
+    """Gather what the app shares between its tabs.
+
+    Raises:
+        InputError: something that was named cannot be used; the message says what would be right.
+    """
+    given = None if config.assembly is None else load_assembly(config.assembly)
+    sequence = open_sequence(config.sequence, assembly=given, format=config.format)
+    assembly = sequence.assembly
+    if assembly is None:
+        known = ", ".join(bundled_assemblies()) or "none"
+        raise SequenceError(
+            f"{sequence.path} does not say what is being assembled: "
+            f"give --assembly PATH or a bundled name ({known})"
+        )
+    folder = annotations_folder() if config.annotations is None else config.annotations
+    store = AnnotationStore(
+        annotation_file(sequence.name, folder=folder),
+        sequence_name=sequence.name,
+        assembly_name=assembly.name,
+        author=config.author or _login_name(),
+    )
+    scene = Path(sequence.path)
+    runs = scene / "runs" if _is_ours_to_write(scene) else folder / "runs" / sequence.name
+    workspace = Workspace(
+        sequence,
+        assembly,
+        store=store,
+        runs_folder=runs,
+        export_folder=folder / "exports" / sequence.name,
+    )
+    try:
+        for run in config.runs:
+            workspace.put_run(load_run(run, assembly=assembly), str(run), folder=run.resolve())
+    except InputError:
+        workspace.close()
+        raise
+    _load_earlier_runs(workspace, (scene / "runs", runs))
+    return workspace
+
+
+def _load_earlier_runs(workspace: Workspace, folders: tuple[Path, ...]) -> None:
+    """Load what was run before; a run that no longer fits is told, not fatal."""
+    files = {file for folder in folders for file in folder.glob(f"*/{RUN}")}
+    for file in sorted(files, key=lambda file: (file.stat().st_mtime, str(file))):
+        folder = file.parent
+        if workspace.run(str(folder)) is not None:
+            continue
+        try:
+            run = load_run(folder, assembly=workspace.assembly)
+        except InputError as error:
+            workspace.say(Message("A run was left out", str(error), is_problem=True))
+            continue
+        workspace.put_run(run, str(folder), folder=folder)
+
+
+def _is_ours_to_write(scene: Path) -> bool:
+    """Runs go beside the images, but not into the bundled models or a folder that is read-only."""
+    return not scene.is_relative_to(models_folder()) and os.access(scene, os.W_OK)
+
+
+def _has_weights(assembly: Assembly) -> bool:
+    return (Path(assembly.path).parent / WEIGHTS).is_file()
+
+
+def _login_name() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return "anonymous"
+
+
+def _configure(server: Any) -> None:
+    server.scene.set_up_direction("-y")
+    server.scene.world_axes.visible = False
+    server.initial_camera.position = (0.0, 0.0, 0.0)
+    server.initial_camera.look_at = (0.0, 0.0, 0.01)
+    server.initial_camera.up = (0.0, -1.0, 0.0)
+    server.gui.configure_theme(
+        dark_mode=True,
+        show_logo=False,
+        show_share_button=False,
+        control_width="large",
+        brand_color=(86, 180, 233),
+    )
+    server.gui.main_panel.dock_right()
+    server.gui.main_panel.set_width(380)

@@ -1,0 +1,82 @@
+"""The HTML of one browser tab: which field holds what, and sending only what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from asdfviz.app import chrome, timeline
+from asdfviz.app.markup import mount
+from asdfviz.app.panels import annotate, methods, results, sequence
+from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.worst import WorstFrame
+from asdfviz.methods.spec import BrokenMethod, MethodSpec
+
+
+class Page:
+    """The fields of one tab. Those of the frame around the picture are templates that the page's
+    script puts into place (static/app.js); the panel's content stands where viser puts it.
+    """
+
+    def __init__(self, gui: Any, available: Mapping[str, MethodSpec | BrokenMethod]) -> None:
+        self._available = available
+        self.bridge = gui.add_text("bridge", "", visible=False)
+        slots = ("bridge", "top", "tabs", "controls", "timeline", "view", "card")
+        self._fields = {slot: gui.add_html("") for slot in slots}
+        self._panel = gui.add_html("")
+        self._sent: dict[str, str] = {}
+        # The script needs the hidden field's id, which viser has no public name for.
+        uuid: str = self.bridge._impl.uuid
+        self._put("bridge", mount("bridge", "", uuid=uuid))
+
+    def show(self, snap: Snapshot, worst: tuple[WorstFrame, ...]) -> None:
+        """Bring every field to a snapshot."""
+        self._put("top", mount("top", chrome.top_bar(snap)))
+        self._put("tabs", mount("tabs", chrome.tabs(snap.view)))
+        self._put("controls", mount("controls", chrome.controls(snap)))
+        self._put("timeline", mount("timeline", chrome.timeline_rows(snap)))
+        self._put("view", self._view(snap))
+        self._put("card", mount("card", self._card(snap)))
+        content = f'<div class="ax-panel" data-tab="{snap.view.tab}">{self._tab(snap, worst)}</div>'
+        if self._sent.get("panel") != content:
+            self._sent["panel"] = content
+            self._panel.content = content
+
+    def _tab(self, snap: Snapshot, worst: tuple[WorstFrame, ...]) -> str:
+        match snap.view.tab:
+            case "sequence":
+                return sequence.content(snap)
+            case "methods":
+                return methods.content(snap, self._available)
+            case "annotate":
+                return annotate.content(snap)
+            case "results":
+                return results.content(snap, worst)
+
+    def _view(self, snap: Snapshot) -> str:
+        """What the script itself has to know: it moves the cursor and guards keys and wheel."""
+        view, count = snap.view, snap.facts.count
+        first, last = view.marked or (-1, -1)
+        return mount(
+            "view",
+            "",
+            mode=view.mode,
+            zoom=f"{view.zoom:.4f}",
+            count=count,
+            place=view.place,
+            cursor=f"{timeline.cursor_share(view.place, count):.6f}",
+            first=first,
+            last=last,
+            opacity=f"{view.opacity:.2f}",
+            title=snap.workspace.frames.name,
+        )
+
+    def _card(self, snap: Snapshot) -> str:
+        if snap.view.keys:
+            return chrome.keys_sheet()
+        return chrome.welcome() if snap.view.welcome else ""
+
+    def _put(self, slot: str, content: str) -> None:
+        if self._sent.get(slot) != content:
+            self._sent[slot] = content
+            self._fields[slot].content = content

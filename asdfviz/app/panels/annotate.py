@@ -1,0 +1,228 @@
+"""Annotate tab: the parts of this frame, the selected part's pose, the state, undo."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asdfviz.app import theme
+from asdfviz.app.markup import act, bar, button, chip, empty, heading, number, table, text
+from asdfviz.app.session import STEP_NAMES, STEPS_MM, View
+from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.workspace import ANNOTATION, Shown
+from asdfviz.datatypes import State
+from asdfviz.geometry.shapes import Rotation
+
+_STAGES = {
+    "pnp": "from keypoints",
+    "refined": "refined by depth",
+    "group": "solved as a group",
+    "tracked": "tracked",
+    "annotated": "corrected",
+    "truth": "truth",
+}
+
+
+def content(snap: Snapshot) -> str:
+    """The tab as HTML."""
+    return _history(snap) + _parts(snap) + _selected(snap) + _state(snap)
+
+
+def euler_deg(R: Rotation) -> tuple[float, float, float]:
+    """Turns about the camera's x, then y, then z axis (fixed axes) that give R, in degrees."""
+    y = float(np.arcsin(np.clip(-R[2, 0], -1.0, 1.0)))
+    if abs(R[2, 0]) > 1 - 1e-9:
+        x, z = float(np.arctan2(-R[0, 1] * np.sign(R[2, 0]), R[1, 1])), 0.0
+    else:
+        x = float(np.arctan2(R[2, 1], R[2, 2]))
+        z = float(np.arctan2(R[1, 0], R[0, 0]))
+    return (float(np.degrees(x)), float(np.degrees(y)), float(np.degrees(z)))
+
+
+def _history(snap: Snapshot) -> str:
+    undo = button(
+        "Undo", act("Undo"), title="Take the last change back", key="Ctrl Z", testid="undo"
+    )
+    redo = button("Redo", act("Redo"), title="Do it again", key="Ctrl Shift Z", testid="redo")
+    said = snap.status or "Every change is saved at once."
+    return (
+        f'<div class="ax-row ax-history">{undo}{redo}'
+        f'<span class="ax-status" data-testid="status">{text(said)}</span></div>'
+    )
+
+
+def _parts(snap: Snapshot) -> str:
+    items = "".join(_part(name, snap) for name in snap.facts.parts)
+    found = f"<small>{len(snap.poses)} of {len(snap.facts.parts)} have a pose</small>"
+    return heading("Parts", found) + f'<ul class="ax-list" data-testid="parts">{items}</ul>'
+
+
+def _part(name: str, snap: Snapshot) -> str:
+    shown = snap.poses.get(name)
+    chosen = " ax-on" if snap.view.selected == name else ""
+    hidden = name in snap.view.hidden
+    eye = button(
+        "hidden" if hidden else "shown",
+        act("TogglePart", part=name),
+        title=f"{'Show' if hidden else 'Hide'} {name}",
+        classes="ax-tiny" + (" ax-dim" if hidden else ""),
+        pressed=not hidden,
+        testid=f"show-{name}",
+    )
+    return (
+        f'<li class="ax-item ax-pick{chosen}" data-testid="part-{text(name)}" '
+        f'aria-selected="{str(bool(chosen)).lower()}" {act("SelectPart", part=name)}>'
+        f'{chip(snap.workspace.colors[name])}<span class="ax-main"><b>{text(name)}</b>'
+        f"<small>{_provenance(shown, snap)}</small></span>"
+        f'<span class="ax-num">{_score(shown)}</span>{eye}</li>'
+    )
+
+
+def _provenance(shown: Shown | None, snap: Snapshot) -> str:
+    if shown is None:
+        return "not found in this frame"
+    dot = chip(snap.source_color(shown.source), shape="dot")
+    if shown.source == ANNOTATION:
+        return f"{dot}corrected"
+    stage = _STAGES[shown.stage]
+    name = snap.source_name(shown.source)
+    return f"{dot}{text(name)}" + (f", {stage}" if stage != name else "")
+
+
+def _score(shown: Shown | None) -> str:
+    if shown is None or shown.score is None:
+        return ""
+    return f'<span title="score">{number(100 * shown.score, decimals=0, unit="%")}</span>'
+
+
+def _selected(snap: Snapshot) -> str:
+    name = snap.view.selected
+    if name is None:
+        return heading("Pose") + empty("Click a part in the picture or in the list, or press N.")
+    shown = snap.poses.get(name)
+    if shown is None:
+        place = button(
+            "Place here",
+            act("PlacePart"),
+            title="Put it into the middle of the view",
+            key="Shift Enter",
+            classes="ax-primary",
+            testid="place",
+        )
+        copy = _copy_button()
+        return (
+            heading(f"Pose of {name}")
+            + f'<p class="ax-empty">{text(name)} was not found in this frame.</p>'
+            + f'<div class="ax-row">{place}{copy}</div>'
+        )
+    return heading(f"Pose of {name}", _steps(snap.view)) + _pose_table(shown) + _tools(snap, name)
+
+
+def _pose_table(shown: Shown) -> str:
+    T = shown.T_camera_part
+    t = [number(1000 * float(v), decimals=1, unit="mm") for v in T[:3, 3]]
+    r = [number(v, decimals=1, unit="°") for v in euler_deg(T[:3, :3])]
+    rows = [["position", *t], ["rotation", *r]]
+    return f'<div data-testid="pose">{table(["", "x right", "y down", "z away"], rows)}</div>'
+
+
+def _steps(view: View) -> str:
+    name, size = STEP_NAMES[view.step], STEPS_MM[view.step]
+    return button(
+        f"{name}: {size:g} mm, {size:g}°",
+        act("CycleStep"),
+        title="Step size of nudges and turns",
+        key="0",
+        classes="ax-tiny",
+        testid="step",
+    )
+
+
+def _tools(snap: Snapshot, name: str) -> str:
+    gizmo = button(
+        "Gizmo",
+        act("Toggle", what="gizmo"),
+        title="Arrows and arcs to drag",
+        key="G",
+        classes="ax-switch",
+        pressed=snap.view.gizmo,
+        testid="gizmo",
+    )
+    corrected = snap.workspace.store.pose(snap.index, name) is not None
+    revert = (
+        button(
+            "Drop correction",
+            act("RevertPart"),
+            title="Back to what the base says",
+            key="Shift ⌫",
+            testid="revert",
+        )
+        if corrected
+        else ""
+    )
+    hint = (
+        '<p class="ax-note"><kbd>I</kbd><kbd>K</kbd><kbd>J</kbd><kbd>L</kbd> up, down, left, right; '
+        "<kbd>U</kbd><kbd>O</kbd> nearer, farther; with <kbd>Shift</kbd> they turn.</p>"
+    )
+    return f'<div class="ax-row">{gizmo}{_copy_button()}{revert}</div>{hint}'
+
+
+def _copy_button() -> str:
+    return button(
+        "Copy previous",
+        act("CopyPrevious"),
+        title="Take the pose of the frame before",
+        key="C",
+        testid="copy",
+    )
+
+
+def _state(snap: Snapshot) -> str:
+    view = snap.view
+    first, last = (snap.workspace.indices[place] for place in view.frames)
+    where = f"frame {first}" if first == last else f"frames {first} to {last}"
+    if view.marking is not None:
+        where += ", M ends the range"
+    clear = (
+        button(
+            "Only this frame", act("Cancel"), title="Drop the range", key="Esc", classes="ax-tiny"
+        )
+        if view.marked
+        else button(
+            "Begin a range",
+            act("MarkRange"),
+            title="Begin here, step on, end it with M; or drag on the timeline with Shift",
+            key="M",
+            classes="ax-tiny",
+            testid="mark",
+        )
+    )
+    mark, _ = snap.mark
+    now = None if mark is None else (mark.state, mark.is_error, mark.name)
+    items = "".join(_state_row(state, snap, now) for state in snap.workspace.assembly.states)
+    return (
+        heading("State", clear)
+        + f'<p class="ax-note" data-testid="range">Press a state to set it for <em>{text(where)}</em>.</p>'
+        + f'<ul class="ax-list" data-testid="states">{items}</ul>'
+    )
+
+
+def _state_row(state: State, snap: Snapshot, now: tuple[int, bool, str] | None) -> str:
+    steps = len(snap.workspace.assembly.steps)
+    color = theme.ERROR if state.is_error else theme.state_color(state.index, steps)
+    estimate = snap.prediction.state if snap.prediction else None
+    share = None if estimate is None else float(estimate.probabilities[state.index])
+    is_now = now is not None and (
+        now[2] == state.name
+        or (now[:2] == (state.completed, state.is_error) and not state.is_error)
+    )
+    after = snap.workspace.assembly.states[state.completed].name
+    note = f"error after {text(after)}" if state.is_error else f"{len(state.attached)} joined"
+    gauge = "" if share is None else bar(share, color)
+    percent = "" if share is None else number(100 * share, decimals=0, unit="%")
+    return (
+        f'<li class="ax-item ax-pick ax-staterow{" ax-on" if is_now else ""}" '
+        f'data-testid="state-{state.index}" aria-selected="{str(is_now).lower()}" '
+        f"{act('SetState', state=state.index)}>{chip(color)}"
+        f'<span class="ax-main"><b>{text(state.name)}</b><small>{note}</small></span>'
+        f'{gauge}<span class="ax-num">{percent}</span></li>'
+    )

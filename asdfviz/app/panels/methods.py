@@ -1,0 +1,132 @@
+"""Methods tab: the runs on this sequence, and running a method here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from asdfviz.app import theme
+from asdfviz.app.markup import act, button, chip, empty, heading, number, text
+from asdfviz.app.session import TRUTH, View
+from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.workspace import JobStatus, LoadedRun
+from asdfviz.methods.spec import BrokenMethod, MethodSpec
+
+_EYE = (
+    '<svg viewBox="0 0 16 16"><path d="M8 3.5C4.5 3.5 2 8 2 8s2.5 4.5 6 4.5S14 8 14 8s-2.5-4.5'
+    '-6-4.5zm0 7.5a3 3 0 110-6 3 3 0 010 6zm0-1.5a1.5 1.5 0 100-3 1.5 1.5 0 000 3z"/></svg>'
+)
+
+
+def content(snap: Snapshot, methods: Mapping[str, MethodSpec | BrokenMethod]) -> str:
+    """The tab as HTML; `methods` is everything that could be run."""
+    return (
+        heading("Runs on this sequence")
+        + _runs(snap)
+        + heading("Run a method")
+        + _job(snap.workspace.job)
+        + "".join(_method(name, spec, snap) for name, spec in methods.items())
+    )
+
+
+def _runs(snap: Snapshot) -> str:
+    runs, view = snap.workspace.runs, snap.view
+    items = [_run(number_, run, view, snap) for number_, run in enumerate(runs, 1)]
+    if snap.facts.has_truth:
+        items.append(_truth(len(runs) + 1, view))
+    if not items:
+        return empty("No run yet. Run a method below: its poses appear while it works.")
+    legend = (
+        '<p class="ax-note">The <em>base</em> is drawn and is what corrections start from; the eye '
+        "adds another run's outlines.</p>"
+    )
+    return f'<ul class="ax-list" data-testid="runs">{"".join(items)}</ul>{legend}'
+
+
+def _run(place: int, run: LoadedRun, view: View, snap: Snapshot) -> str:
+    said = sum(p is not None for p in run.by_place)
+    whole = said == snap.facts.count
+    frames = "all frames" if whole else f"{said} of {snap.facts.count} frames"
+    where = str(run.folder) if run.folder else "not saved yet"
+    return (
+        f'<li class="ax-item" title="{text(where)}">{chip(run.color)}'
+        f'<span class="ax-main"><b>{text(run.label)}</b><small>{frames}</small></span>'
+        f'<span class="ax-num">{number(run.milliseconds, decimals=0, unit="ms")}</span>'
+        f"{_base(run.id, run.label, view)}{_eye(run.id, run.label, place, view)}</li>"
+    )
+
+
+def _truth(place: int, view: View) -> str:
+    return (
+        f'<li class="ax-item">{chip(theme.TRUTH)}<span class="ax-main"><b>truth</b>'
+        f"<small>of the dataset</small></span><span class='ax-num'></span>"
+        f"{_base(TRUTH, 'the truth', view)}{_eye(TRUTH, 'the truth', place, view)}</li>"
+    )
+
+
+def _base(layer: str, label: str, view: View) -> str:
+    return button(
+        "base",
+        act("UseRun", run=layer),
+        title=f"Draw {label} and correct from it",
+        classes="ax-tiny",
+        pressed=view.base == layer,
+        testid=f"base-{label}",
+    )
+
+
+def _eye(layer: str, label: str, place: int, view: View) -> str:
+    key = str(place) if place <= 9 else ""
+    return button(
+        f"{_EYE}<small>{key}</small>",
+        act("ToggleLayer", layer=layer),
+        title=f"Outlines of {label}",
+        key=key,
+        classes="ax-eye",
+        pressed=layer in view.layers,
+        testid=f"eye-{label}",
+    )
+
+
+def _job(job: JobStatus | None) -> str:
+    if job is None:
+        return ""
+    if job.is_active:
+        share = 100 * job.done / job.total if job.total else 0.0
+        pace = f", {job.milliseconds:.0f} ms a frame" if job.milliseconds else ""
+        word = "Stopping" if job.state == "stopping" else "Running"
+        stop = button("Stop", act("StopRun"), title="Stop; what is done is kept", testid="stop")
+        return (
+            f'<div class="ax-jobbox" data-testid="job-panel"><div class="ax-row"><span>{word} '
+            f"{text(job.method)}: {job.done}/{job.total}{pace}</span>{stop}</div>"
+            f'<span class="ax-meter"><i style="width:{share:.1f}%"></i></span></div>'
+        )
+    words = {
+        "done": f"✓ {job.method} is done: {job.done} frames.",
+        "stopped": f"{job.method} was stopped after {job.done} of {job.total} frames, which are kept.",
+        "failed": f"✕ {job.method} failed: {job.message}",
+    }
+    kind = {"done": "ax-good", "failed": "ax-bad"}.get(job.state, "ax-note")
+    return f'<p class="{kind}" data-testid="job-end">{text(words[job.state])}</p>'
+
+
+def _method(name: str, spec: MethodSpec | BrokenMethod, snap: Snapshot) -> str:
+    if isinstance(spec, BrokenMethod):
+        return (
+            f'<div class="ax-item ax-off"><span class="ax-main"><b>{text(name)}</b>'
+            f"<small>cannot be loaded: {text(spec.reason)}</small></span></div>"
+        )
+    job = snap.workspace.job
+    busy = job is not None and job.is_active
+    needs = spec.initial == "first_frame_truth"
+    summary = spec.summary + (" Starts from the truth of the first frame." if needs else "")
+    go = button(
+        "Run",
+        act("RunMethod", method=name),
+        title=f"Run {name} on this sequence",
+        classes="ax-primary" + (" ax-disabled" if busy else ""),
+        testid=f"run-{name}",
+    )
+    return (
+        f'<div class="ax-item"><span class="ax-main"><b>{text(name)}</b>'
+        f"<small>{text(summary)}</small></span>{go}</div>"
+    )

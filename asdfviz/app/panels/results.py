@@ -1,0 +1,119 @@
+"""Results tab: how good each run is, where it is worst, and the export."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from asdfviz.app.markup import act, button, chip, empty, heading, number, table, text
+from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.worst import WorstFrame
+
+_POSE = (
+    ("ADD(S) < 10 cm", "add_s_10cm", "%"),
+    ("ADD(S) < 0.1 d", "add_s_01d", "%"),
+    ("parts found", "detection_recall", "%"),
+    ("translation, mean", "e_t_mm", "mm"),
+    ("translation, median", "e_t_mm_median", "mm"),
+    ("rotation up to symmetry", "e_r_sym_deg", "°"),
+)
+_STATE = (
+    ("state right", "accuracy", "%"),
+    ("state right, ± 2 frames", "accuracy_tol2", "%"),
+    ("errors noticed", "error_recall", "%"),
+)
+
+
+def content(snap: Snapshot, worst: tuple[WorstFrame, ...]) -> str:
+    """The tab as HTML."""
+    return (
+        heading("How good the runs are", _judge(snap))
+        + _tables(snap)
+        + _worst(worst)
+        + _export(snap)
+    )
+
+
+def _judge(snap: Snapshot) -> str:
+    if snap.workspace.is_judging or not snap.workspace.runs:
+        return ""
+    again = "Judge again" if snap.workspace.reports is not None else "Judge"
+    return button(
+        again,
+        act("Evaluate"),
+        title="Against the truth, corrected where it was corrected",
+        classes="ax-tiny ax-primary",
+        testid="judge",
+    )
+
+
+def _tables(snap: Snapshot) -> str:
+    work = snap.workspace
+    if work.is_judging:
+        return '<p class="ax-busy" data-testid="judging">Judging every run …</p>'
+    if not work.runs:
+        return empty("There is no run yet: run a method in the Methods tab.")
+    if work.reports is None:
+        return empty("Press Judge: each run is compared with the truth, corrections included.")
+    labels = {run.id: run for run in work.runs}
+    known = [report for report in work.reports if report["run"] in labels]
+    heads = ["", *(labels[report["run"]].label for report in known)]
+    chips = [chip(labels[report["run"]].color) for report in known]
+    rows = [[f"<small>strict, {known[0]['n_frames']} frames</small>", *chips]] if known else []
+    rows += [_figures(label, "mean", key, unit, known) for label, key, unit in _POSE]
+    rows += [_figures(label, "state", key, unit, known) for label, key, unit in _STATE]
+    rows.append(_figures("time of a frame", "runtime_ms", "total_median", "ms", known))
+    return f'<div data-testid="report">{table(heads, rows)}</div>' + "".join(
+        _by_part(labels[report["run"]].label, report) for report in known
+    )
+
+
+def _figures(
+    label: str, section: str, key: str, unit: str, reports: list[Mapping[str, Any]]
+) -> list[str]:
+    cells = [number(report[section].get(key), decimals=1, unit=unit) for report in reports]
+    return [text(label), *cells]
+
+
+def _by_part(label: str, report: Mapping[str, Any]) -> str:
+    rows = [
+        [
+            text(name),
+            number(figures["detection_recall"], decimals=0, unit="%"),
+            number(figures["e_t_mm"], decimals=1, unit="mm"),
+            number(figures["e_r_sym_deg"], decimals=1, unit="°"),
+        ]
+        for name, figures in report["parts"].items()
+    ]
+    heads = [f"{label}, by part", "found", "shift", "turn"]
+    return table(heads, rows)
+
+
+def _worst(worst: tuple[WorstFrame, ...]) -> str:
+    if not worst:
+        return ""
+    items = "".join(
+        f'<li class="ax-item ax-pick" {act("Seek", place=frame.place)}><span class="ax-main">'
+        f"<b>frame {frame.index}</b><small>{text(frame.part)}</small></span>"
+        f'<span class="ax-num">{number(frame.error_mm, decimals=1, unit="mm")}</span></li>'
+        for frame in worst
+    )
+    return (
+        heading("Worst frames of the base")
+        + f'<ul class="ax-list" data-testid="worst">{items}</ul>'
+    )
+
+
+def _export(snap: Snapshot) -> str:
+    go = button(
+        "Export as BOP",
+        act("Export"),
+        title="scene_gt.json, scene_camera.json and states.json",
+        classes="ax-primary",
+        testid="export",
+    )
+    return (
+        heading("Export")
+        + '<p class="ax-note">The truth with every correction, as a BOP scene with states.json, into '
+        f"<code>{text(snap.workspace.export_folder)}</code></p>" + f'<div class="ax-row">{go}</div>'
+    )

@@ -1,0 +1,291 @@
+"""What hangs in viser's scene of one browser tab: picture, meshes, outlines, marks, cloud, gizmo.
+
+Handles are made once and changed in place; `apply` brings them all to a snapshot in one message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from asdfviz.annotate.edits import gizmo_pose, part_centre, pose_from_gizmo
+from asdfviz.app import actions as act
+from asdfviz.app.ar import image_plane
+from asdfviz.app.drawings import T_from_wxyz, box_segments, depth_cloud, keypoint_dots, wxyz_of
+from asdfviz.app.outlines import feature_edges
+from asdfviz.app.playback import Ring
+from asdfviz.app.session import View
+from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.theme import TRUTH, Rgb3
+from asdfviz.app.workspace import Workspace
+from asdfviz.datatypes import Frame
+from asdfviz.geometry.shapes import Transform, Vector
+
+GIZMO_PX = 90.0
+_SELECTED: Rgb3 = (255, 255, 255)
+_CLOUD_STRIDE = 2
+
+
+class Scene:
+    """The scene of one browser tab."""
+
+    def __init__(
+        self, client: Any, workspace: Workspace, emit: Callable[[act.Action], None]
+    ) -> None:
+        self._client = client
+        self._scene = client.scene
+        self._workspace = workspace
+        self._emit = emit
+        self._numbers = {name: i for i, name in enumerate(workspace.assembly.parts)}
+        self._edges = {
+            name: feature_edges(part.mesh) for name, part in workspace.assembly.parts.items()
+        }
+        self._frames: dict[str, Any] = {}
+        self._meshes: dict[str, Any] = {}
+        self._lines: dict[str, Any] = {}
+        self._inks: dict[str, Rgb3] = {}
+        self._layers: dict[tuple[str, str], Any] = {}
+        self._marks: dict[str, Any] = {}
+        self._cloud: Any = None
+        self._cloud_place = -1
+        self._gizmo: Any = None
+        self._held: str | None = None
+        self.dragged: tuple[str, Transform] | None = None
+        """Part and pose while a gizmo is held."""
+        self.ring = Ring(self._scene, "/picture")
+        self._prepare()
+
+    def apply(self, snap: Snapshot) -> None:
+        """Show a snapshot."""
+        with self._client.atomic():
+            self._apply_picture(snap)
+            self._apply_parts(snap)
+            self._apply_layers(snap)
+            self._apply_marks(snap)
+            self._apply_cloud(snap)
+            self._apply_gizmo(snap)
+
+    def middle(self, snap: Snapshot) -> Vector:
+        """What the free camera looks at: the parts, or the depth, or half a metre ahead."""
+        known = [
+            shown.T_camera_part[:3, :3] @ part_centre(self._workspace.assembly.parts[name])
+            + shown.T_camera_part[:3, 3]
+            for name, shown in snap.poses.items()
+        ]
+        if known:
+            return np.median(np.stack(known), axis=0)
+        depth = None if snap.frame is None else snap.frame.depth
+        near = depth[depth > 0] if depth is not None else np.zeros(0)
+        return np.array([0.0, 0.0, float(np.median(near)) if near.size else 0.5])
+
+    def _prepare(self) -> None:
+        scene = self._scene
+        scene.set_up_direction("-y")
+        scene.world_axes.visible = False
+
+        async def place(event: Any) -> None:
+            x, y, z = event.ray_direction
+            if z > 1e-6:
+                K = self._workspace.frames.camera.K
+                self._emit(act.PlacePart(K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]))
+
+        scene.on_click(modifier="shift")(place)
+
+    def _apply_picture(self, snap: Snapshot) -> None:
+        if snap.frame is not None:
+            camera = snap.frame.camera
+            plane = image_plane(camera.K, (camera.width, camera.height))
+            self.ring.show(snap.view.place, snap.frame.rgb, plane)
+        self.ring.set_visible(visible=snap.view.mode == "ar" and snap.frame is not None)
+
+    def _apply_parts(self, snap: Snapshot) -> None:
+        for name in self._numbers:
+            shown = snap.poses.get(name)
+            visible = shown is not None and snap.view.overlay and name not in snap.view.hidden
+            if visible and name not in self._frames:
+                self._make_part(name, snap.view)
+            if name not in self._frames:
+                continue
+            if visible and shown is not None:
+                self._move(self._frames[name], shown.T_camera_part)
+                self._style(name, snap.view)
+            _set(self._frames[name], "visible", visible)
+
+    def _make_part(self, name: str, view: View) -> None:
+        part = self._workspace.assembly.parts[name]
+        root = f"/parts/{self._numbers[name]}"
+        self._frames[name] = self._scene.add_frame(root, show_axes=False)
+        mesh = self._scene.add_mesh_simple(
+            f"{root}/mesh",
+            part.mesh.vertices.astype(np.float32),
+            part.mesh.faces.astype(np.uint32),
+            color=self._workspace.colors[name],
+            opacity=view.opacity,
+            flat_shading=True,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+        async def select(_event: object) -> None:
+            self._emit(act.SelectPart(name))
+
+        mesh.on_click(select)
+        self._meshes[name] = mesh
+        self._lines[name] = self._add_lines(f"{root}/edges", self._edges[name], _bright(mesh.color))
+
+    def _add_lines(self, name: str, segments: np.ndarray, color: Rgb3) -> Any:
+        return self._scene.add_line_segments(
+            name, segments, color, thickness=1.3, thickness_units="screen"
+        )
+
+    def _style(self, name: str, view: View) -> None:
+        mesh, lines = self._meshes[name], self._lines[name]
+        _set(mesh, "visible", not view.xray)
+        _set(mesh, "opacity", view.opacity)
+        selected = view.selected == name
+        color = _SELECTED if selected else _bright(self._workspace.colors[name])
+        self._paint(name, color)
+        _set(lines, "thickness", 2.4 if selected else 1.3)
+
+    def _paint(self, name: str, color: Rgb3) -> None:
+        if self._inks.get(name) != color:
+            self._inks[name] = color
+            self._lines[name].colors = np.array(color, np.uint8)
+
+    def _apply_layers(self, snap: Snapshot) -> None:
+        wanted: set[tuple[str, str]] = set()
+        for layer in snap.view.layers:
+            run = self._workspace.run(layer)
+            color = run.color if run else TRUTH
+            for name, T_camera_part in self._workspace.layer(snap.view.place, layer).items():
+                if name not in self._numbers or name in snap.view.hidden:
+                    continue
+                wanted.add((layer, name))
+                handle = self._layer(layer, name, color)
+                self._move(handle, T_camera_part)
+                _set(handle, "visible", True)
+        for key, handle in self._layers.items():
+            if key not in wanted:
+                _set(handle, "visible", False)
+
+    def _layer(self, layer: str, name: str, color: Rgb3) -> Any:
+        key = (layer, name)
+        if key not in self._layers:
+            number = len(self._layers)
+            self._layers[key] = self._add_lines(f"/layers/{number}", self._edges[name], color)
+            self._layers[key].thickness = 2.0
+        return self._layers[key]
+
+    def _apply_marks(self, snap: Snapshot) -> None:
+        """Boxes and keypoints are drawn just before the camera, where no mesh hides them."""
+        ar = snap.view.mode == "ar" and snap.frame is not None
+        found = snap.prediction.detections if snap.prediction else ()
+        K = snap.facts.K
+        segments, colors = box_segments(found, K, self._workspace.assembly, self._workspace.colors)
+        if self._shown("boxes", wanted=ar and snap.view.boxes and len(segments) > 0):
+            self._put_lines("boxes", segments, colors)
+        dots, inks = keypoint_dots(found, K, self._workspace.assembly, self._workspace.colors)
+        if self._shown("keypoints", wanted=ar and snap.view.keypoints and len(dots) > 0):
+            self._put_lines("keypoints", dots, inks)
+
+    def _shown(self, key: str, *, wanted: bool) -> bool:
+        if not wanted and key in self._marks:
+            _set(self._marks[key], "visible", False)
+        return wanted
+
+    def _put_lines(self, key: str, segments: np.ndarray, colors: np.ndarray) -> None:
+        if key in self._marks:
+            # Points and colours of another count cannot be set one after the other.
+            self._marks[key].remove()
+        self._marks[key] = self._scene.add_line_segments(
+            f"/marks/{key}", segments, colors, thickness=2.0, thickness_units="screen"
+        )
+
+    def _apply_cloud(self, snap: Snapshot) -> None:
+        wanted = snap.view.mode == "3d" and snap.frame is not None and snap.frame.depth is not None
+        if wanted and snap.frame is not None and self._cloud_place != snap.view.place:
+            self._put_cloud(
+                snap.frame, stride=2 * _CLOUD_STRIDE if snap.view.playing else _CLOUD_STRIDE
+            )
+            self._cloud_place = -1 if snap.view.playing else snap.view.place
+        if self._cloud is not None:
+            _set(self._cloud, "visible", wanted)
+
+    def _put_cloud(self, frame: Frame, *, stride: int) -> None:
+        points, colors = depth_cloud(frame, stride=stride)
+        size = (
+            1.3
+            * stride
+            / float(frame.camera.K[0, 0])
+            * float(np.median(points[:, 2]) if len(points) else 1)
+        )
+        if self._cloud is not None:
+            self._cloud.remove()
+        self._cloud = self._scene.add_point_cloud(
+            "/cloud",
+            points,
+            colors,
+            point_size=size,
+            point_shape="square",
+            point_shading="flat",
+            precision="float32",
+        )
+
+    def _apply_gizmo(self, snap: Snapshot) -> None:
+        part = snap.view.selected
+        shown = snap.poses.get(part) if part else None
+        wanted = shown is not None and snap.view.gizmo and not snap.view.playing
+        if self.dragged is not None:
+            return
+        if wanted and self._gizmo is None:
+            self._make_gizmo()
+        if self._gizmo is None:
+            return
+        self._held = part if wanted else None
+        if part is not None and shown is not None and wanted:
+            centre = part_centre(self._workspace.assembly.parts[part])
+            self._move(self._gizmo, gizmo_pose(shown.T_camera_part, centre))
+        _set(self._gizmo, "visible", wanted)
+
+    def _make_gizmo(self) -> None:
+        self._gizmo = self._scene.add_transform_controls(
+            "/gizmo", scale=GIZMO_PX, fixed=True, depth_test=False, line_width=3.0
+        )
+
+        async def drag(event: Any) -> None:
+            part = self._held
+            if part is None or part not in self._frames:
+                return
+            centre = part_centre(self._workspace.assembly.parts[part])
+            T_camera_gizmo = T_from_wxyz(event.target.wxyz, event.target.position)
+            T_camera_part = pose_from_gizmo(T_camera_gizmo, centre)
+            done = event.phase == "end"
+            self.dragged = None if done else (part, T_camera_part)
+            self._move(self._frames[part], T_camera_part)
+            if event.phase != "start":
+                self._emit(act.MovePart(part, T_camera_part, done))
+
+        self._gizmo.on_update(drag)
+
+    def _move(self, handle: Any, T: Transform) -> None:
+        position = T[:3, 3]
+        wxyz = wxyz_of(T[:3, :3])
+        if not np.array_equal(handle.position, position):
+            handle.position = position
+        if not np.array_equal(handle.wxyz, wxyz):
+            handle.wxyz = wxyz
+
+
+def _set(handle: Any, name: str, value: object) -> None:
+    """Set a property only where it differs: every assignment is a message to the page."""
+    if getattr(handle, name) != value:
+        setattr(handle, name, value)
+
+
+def _bright(color: Any) -> Rgb3:
+    """A lighter shade, for edges over faces."""
+    r, g, b = (int(c) + (255 - int(c)) // 2 for c in color)
+    return r, g, b

@@ -1,0 +1,319 @@
+"""What one person sees, and how actions change it. Pure: no viser, no disk, tested without a browser.
+
+Selection, view, zoom and playback are each person's own and live here; poses, states and runs are
+shared and live in the workspace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+from asdfviz.app import actions as act
+from asdfviz.app.ar import Window, clamp_centre, picture_centre, zoom_about
+from asdfviz.geometry.shapes import Intrinsics
+
+STEPS_MM = (0.2, 1.0, 5.0)
+"""Fine, normal, coarse: of a nudge in millimetres and of a turn in degrees."""
+STEP_NAMES = ("fine", "normal", "coarse")
+SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)
+TRUTH = "truth"
+"""Name of the truth's layer; runs' layers bear their ids."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Facts:
+    """What of the workspace the view's rules depend on."""
+
+    count: int
+    """Frames."""
+    parts: tuple[str, ...]
+    boundaries: tuple[int, ...]
+    """First frames of every segment of the timeline."""
+    runs: tuple[str, ...]
+    """Ids, in the order of the list."""
+    has_truth: bool
+    K: Intrinsics
+    size_wh: tuple[int, int]
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """What a number key may show or hide, in order."""
+        return (*self.runs, TRUTH) if self.has_truth else self.runs
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One person's view."""
+
+    place: int = 0
+    """Of the frame shown, 0 to count - 1."""
+    playing: bool = False
+    speed: float = 1.0
+    mode: Literal["ar", "3d"] = "ar"
+    zoom: float = 1.0
+    centre: tuple[float, float] | None = None
+    """Pixel in the middle of the AR view; None for the picture's middle."""
+    turns: int = 0
+    """Counts up whenever the camera has to be placed anew."""
+    aspect: float = 1.6
+    opacity: float = 0.65
+    overlay: bool = True
+    xray: bool = False
+    boxes: bool = False
+    keypoints: bool = False
+    gizmo: bool = True
+    hidden: frozenset[str] = frozenset()
+    """Parts that are not drawn."""
+    layers: frozenset[str] = frozenset()
+    """Runs (or the truth) whose outlines are drawn as well."""
+    base: str | None = None
+    """The run (or the truth) whose poses are shown where nothing was corrected."""
+    selected: str | None = None
+    step: int = 1
+    marked: tuple[int, int] | None = None
+    """Frames that a state is set for, first to last; None for the frame shown."""
+    marking: int | None = None
+    """Where a range was begun by key."""
+    tab: act.Tab = "sequence"
+    keys: bool = False
+    welcome: bool = False
+
+    @property
+    def frames(self) -> tuple[int, int]:
+        """First and last place that a state would be set for."""
+        return self.marked or (self.place, self.place)
+
+
+def update(view: View, action: act.Action, facts: Facts) -> View:
+    """The view after an action; edits and jobs leave it as it is."""
+    rule = _RULES.get(type(action))
+    return view if rule is None else rule(view, action, facts)
+
+
+def settled(view: View, facts: Facts) -> View:
+    """The view after the workspace changed: what is gone is no longer shown."""
+    base = view.base
+    if base not in facts.layers:
+        base = facts.runs[-1] if facts.runs else (TRUTH if facts.has_truth else None)
+    return replace(
+        view,
+        base=base,
+        layers=view.layers & set(facts.layers),
+        selected=view.selected if view.selected in facts.parts else None,
+        place=min(view.place, facts.count - 1),
+    )
+
+
+def window_of(view: View, facts: Facts) -> Window:
+    """The window that the view is seen in."""
+    return Window(facts.K, facts.size_wh, view.aspect)
+
+
+def centre_of(view: View, facts: Facts) -> tuple[float, float]:
+    """The pixel in the middle of the AR view."""
+    return view.centre or picture_centre(facts.size_wh)
+
+
+def _at(view: View, place: int, facts: Facts) -> View:
+    place = min(max(place, 0), facts.count - 1)
+    marked = view.marked
+    if view.marking is not None:
+        marked = (min(view.marking, place), max(view.marking, place))
+    return replace(view, place=place, marked=marked)
+
+
+def _seek(view: View, action: act.Seek, facts: Facts) -> View:
+    return _at(view, action.place, facts)
+
+
+def _step(view: View, action: act.Step, facts: Facts) -> View:
+    return _at(replace(view, playing=False), view.place + action.by, facts)
+
+
+def _to_boundary(view: View, action: act.ToBoundary, facts: Facts) -> View:
+    ahead = [b for b in facts.boundaries if (b - view.place) * action.direction > 0]
+    if not ahead:
+        end = facts.count - 1 if action.direction > 0 else 0
+        return _at(replace(view, playing=False), end, facts)
+    target = min(ahead) if action.direction > 0 else max(ahead)
+    return _at(replace(view, playing=False), target, facts)
+
+
+def _toggle_play(view: View, action: act.TogglePlay, facts: Facts) -> View:
+    del action
+    if facts.count < 2:
+        return view
+    at_end = view.place == facts.count - 1 and not view.playing
+    return replace(view, playing=not view.playing, place=0 if at_end else view.place)
+
+
+def _set_speed(view: View, action: act.SetSpeed, facts: Facts) -> View:
+    del facts
+    return replace(view, speed=min(max(action.speed, SPEEDS[0]), SPEEDS[-1]))
+
+
+def _toggle_view(view: View, action: act.ToggleView, facts: Facts) -> View:
+    del action, facts
+    return replace(view, mode="3d" if view.mode == "ar" else "ar", turns=view.turns + 1)
+
+
+def _zoom(view: View, action: act.Zoom, facts: Facts) -> View:
+    if view.mode != "ar" or action.factor <= 0:
+        return view
+    zoom, centre = zoom_about(
+        window_of(view, facts),
+        centre_of(view, facts),
+        zoom=view.zoom,
+        factor=action.factor,
+        ndc=(action.x, action.y),
+    )
+    return replace(view, zoom=zoom, centre=centre, turns=view.turns + 1)
+
+
+def _fit(view: View, action: act.FitView, facts: Facts) -> View:
+    del action, facts
+    return replace(view, zoom=1.0, centre=None, turns=view.turns + 1)
+
+
+def _look(view: View, action: act.Look, facts: Facts) -> View:
+    if view.mode != "ar" or view.zoom <= 1.0:
+        return view
+    return replace(view, centre=clamp_centre((action.u, action.v), facts.size_wh))
+
+
+def _resized(view: View, action: act.Resized, facts: Facts) -> View:
+    del facts
+    return replace(view, aspect=action.aspect, turns=view.turns + 1)
+
+
+def _set_opacity(view: View, action: act.SetOpacity, facts: Facts) -> View:
+    del facts
+    return replace(view, opacity=min(max(action.opacity, 0.05), 1.0))
+
+
+def _toggle(view: View, action: act.Toggle, facts: Facts) -> View:
+    del facts
+    changed: dict[str, Any] = {action.what: not getattr(view, action.what)}
+    return replace(view, **changed)
+
+
+def _toggle_part(view: View, action: act.TogglePart, facts: Facts) -> View:
+    del facts
+    return replace(view, hidden=view.hidden ^ {action.part})
+
+
+def _toggle_layer(view: View, action: act.ToggleLayer, facts: Facts) -> View:
+    return replace(view, layers=(view.layers ^ {action.layer}) & set(facts.layers))
+
+
+def _toggle_layer_at(view: View, action: act.ToggleLayerAt, facts: Facts) -> View:
+    if not 1 <= action.number <= len(facts.layers):
+        return view
+    return replace(view, layers=view.layers ^ {facts.layers[action.number - 1]})
+
+
+def _use_run(view: View, action: act.UseRun, facts: Facts) -> View:
+    return replace(view, base=action.run) if action.run in facts.layers else view
+
+
+def _select(view: View, action: act.SelectPart, facts: Facts) -> View:
+    if action.part is None or action.part not in facts.parts:
+        return replace(view, selected=None)
+    return replace(
+        view,
+        selected=action.part,
+        tab="annotate",
+        playing=False,
+        hidden=view.hidden - {action.part},
+    )
+
+
+def _next_part(view: View, action: act.NextPart, facts: Facts) -> View:
+    if view.selected is None:
+        place = 0 if action.by > 0 else len(facts.parts) - 1
+    else:
+        place = (facts.parts.index(view.selected) + action.by) % len(facts.parts)
+    return _select(view, act.SelectPart(facts.parts[place]), facts)
+
+
+def _cycle_step(view: View, action: act.CycleStep, facts: Facts) -> View:
+    del action, facts
+    return replace(view, step=(view.step + 1) % len(STEPS_MM))
+
+
+def _set_range(view: View, action: act.SetRange, facts: Facts) -> View:
+    first, last = sorted((action.first, action.last))
+    first, last = max(first, 0), min(last, facts.count - 1)
+    return replace(view, marked=(first, last), marking=None, tab="annotate")
+
+
+def _mark_range(view: View, action: act.MarkRange, facts: Facts) -> View:
+    del action, facts
+    if view.marking is None:
+        place = view.place
+        return replace(view, marking=place, marked=(place, place), tab="annotate")
+    return replace(view, marking=None)
+
+
+def _cancel(view: View, action: act.Cancel, facts: Facts) -> View:
+    del action, facts
+    if view.keys:
+        return replace(view, keys=False)
+    if view.marked is not None:
+        return replace(view, marked=None, marking=None)
+    return replace(view, selected=None)
+
+
+def _show_tab(view: View, action: act.ShowTab, facts: Facts) -> View:
+    del facts
+    return replace(view, tab=action.tab)
+
+
+def _toggle_keys(view: View, action: act.ToggleKeys, facts: Facts) -> View:
+    del action, facts
+    return replace(view, keys=not view.keys)
+
+
+def _dismiss(view: View, action: act.DismissWelcome, facts: Facts) -> View:
+    del action, facts
+    return replace(view, welcome=False)
+
+
+def _pause(view: View, action: act.Action, facts: Facts) -> View:
+    """An edit looks at one frame: playing stops."""
+    del action, facts
+    return replace(view, playing=False)
+
+
+_RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
+    act.Seek: _seek,
+    act.Step: _step,
+    act.ToBoundary: _to_boundary,
+    act.TogglePlay: _toggle_play,
+    act.SetSpeed: _set_speed,
+    act.ToggleView: _toggle_view,
+    act.Zoom: _zoom,
+    act.FitView: _fit,
+    act.Look: _look,
+    act.Resized: _resized,
+    act.SetOpacity: _set_opacity,
+    act.Toggle: _toggle,
+    act.TogglePart: _toggle_part,
+    act.ToggleLayer: _toggle_layer,
+    act.ToggleLayerAt: _toggle_layer_at,
+    act.UseRun: _use_run,
+    act.SelectPart: _select,
+    act.NextPart: _next_part,
+    act.CycleStep: _cycle_step,
+    act.SetRange: _set_range,
+    act.MarkRange: _mark_range,
+    act.Cancel: _cancel,
+    act.ShowTab: _show_tab,
+    act.ToggleKeys: _toggle_keys,
+    act.DismissWelcome: _dismiss,
+    act.Nudge: _pause,
+    act.Turn: _pause,
+    act.MovePart: _pause,
+}

@@ -1,0 +1,70 @@
+"""Everything that one refresh of the page is made from, gathered once. Panels only read it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from asdfviz.app import theme, timeline
+from asdfviz.app.session import TRUTH, Facts, View
+from asdfviz.app.workspace import ANNOTATION, Shown, Workspace
+from asdfviz.datatypes import Frame, FramePrediction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """One person's view of the workspace at one moment."""
+
+    view: View
+    facts: Facts
+    workspace: Workspace
+    frame: Frame | None
+    """None where the image cannot be read."""
+    poses: dict[str, Shown]
+    prediction: FramePrediction | None
+    """What the base run says of this frame."""
+    rows: tuple[timeline.Row, ...]
+    status: str = ""
+    """What the last edit did."""
+
+    @property
+    def index(self) -> int:
+        """Number of the frame in its file name."""
+        return self.workspace.indices[self.view.place]
+
+    @property
+    def mark(self) -> tuple[timeline.Mark | None, str]:
+        """The state of this frame and whose word it is: the annotation's, the base's, the truth's."""
+        by_key = {row.key: row for row in self.rows}
+        for key in (ANNOTATION, self.view.base, TRUTH):
+            row = by_key.get(key or "")
+            mark = row.marks[self.view.place] if row else None
+            if row and mark is not None:
+                return mark, row.label
+        return None, ""
+
+    def source_name(self, source: str) -> str:
+        """How a pose's source is called."""
+        run = self.workspace.run(source)
+        return run.label if run else source
+
+    def source_color(self, source: str) -> theme.Rgb3:
+        """The colour of a pose's source."""
+        run = self.workspace.run(source)
+        if run:
+            return run.color
+        return theme.ANNOTATION if source == ANNOTATION else theme.TRUTH
+
+
+def take(workspace: Workspace, view: View, *, frame: Frame | None, status: str = "") -> Snapshot:
+    """Gather what a refresh needs."""
+    run = workspace.run(view.base)
+    return Snapshot(
+        view=view,
+        facts=workspace.facts(),
+        workspace=workspace,
+        frame=frame,
+        poses=workspace.poses(view.place, view.base),
+        prediction=run.by_place[view.place] if run else None,
+        rows=workspace.rows(),
+        status=status,
+    )

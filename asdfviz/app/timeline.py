@@ -1,0 +1,154 @@
+"""The strip of states under the picture: rows, segments, cursor. Pure.
+
+A row is the annotation, the truth or a run. Segments meet on frame boundaries, so frame i covers the
+share i/n to (i + 1)/n of the width and the cursor stands in its middle.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from asdfviz.app import theme
+from asdfviz.app.markup import text
+from asdfviz.datatypes import Assembly, FramePrediction
+
+MAX_SEGMENTS = 500
+"""More than a row has pixels for; longer rows are thinned out."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """What a row says of one frame."""
+
+    state: int
+    """Index of the last correctly completed state."""
+    is_error: bool = False
+    name: str = ""
+    """In words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Frames first to last (both included) that say the same; None where nothing is said."""
+
+    first: int
+    last: int
+    mark: Mark | None
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One strip."""
+
+    key: str
+    label: str
+    color: theme.Rgb3
+    marks: tuple[Mark | None, ...]
+    """One a frame."""
+    probabilities: tuple[float | None, ...] = ()
+    """Of the marked state, 0 to 1; empty where the row has none."""
+    hint: str = ""
+
+
+def mark_of_state(assembly: Assembly, index: int) -> Mark:
+    """The mark of a state of the assembly, error states included."""
+    state = assembly.states[index]
+    return Mark(state.completed, state.is_error, state.name)
+
+
+def mark_of(assembly: Assembly, completed: int | None, is_error: bool | None) -> Mark | None:
+    """The mark of a truth or an annotation, which keep state and error apart."""
+    if completed is None:
+        return None
+    name = assembly.states[completed].name if completed < len(assembly.states) else str(completed)
+    return Mark(completed, bool(is_error), f"{name}, with an error" if is_error else name)
+
+
+def mark_of_prediction(assembly: Assembly, prediction: FramePrediction | None) -> Mark | None:
+    """The mark of what a method says."""
+    if prediction is None or prediction.state is None:
+        return None
+    return mark_of_state(assembly, prediction.state.index)
+
+
+def segments(marks: Sequence[Mark | None]) -> tuple[Segment, ...]:
+    """Join equal neighbours."""
+    joined: list[Segment] = []
+    for place, mark in enumerate(marks):
+        if joined and joined[-1].mark == mark:
+            joined[-1] = Segment(joined[-1].first, place, mark)
+        else:
+            joined.append(Segment(place, place, mark))
+    return tuple(joined)
+
+
+def boundaries(rows: Sequence[Row]) -> tuple[int, ...]:
+    """First frames of all segments of all rows, in order, where a key may jump to."""
+    starts = {s.first for row in rows for s in segments(row.marks) if s.mark is not None}
+    return tuple(sorted(starts))
+
+
+def frame_at(share: float, count: int) -> int:
+    """The frame under a share (0 to 1) of the strip's width."""
+    return min(max(int(share * count), 0), count - 1)
+
+
+def cursor_share(place: int, count: int) -> float:
+    """Where the cursor of a frame stands, as a share of the width."""
+    return (place + 0.5) / count
+
+
+def build(rows: Sequence[Row], *, count: int, steps: int) -> str:
+    """The rows as HTML.
+
+    Args:
+        rows: in order, from the top.
+        count: frames of the sequence.
+        steps: correct states of the assembly, for the ramp.
+    """
+    return "".join(_row(row, count, steps) for row in rows)
+
+
+def _row(row: Row, count: int, steps: int) -> str:
+    pieces = segments(row.marks)
+    if len(pieces) > MAX_SEGMENTS:
+        pieces = _thinned(row.marks)
+    inner = "".join(_segment(piece, count, steps) for piece in pieces)
+    percents = [None if p is None else round(100 * p) for p in row.probabilities]
+    data = f' data-p="{text(json.dumps(percents))}"' if percents else ""
+    return (
+        f'<div class="tl-row" data-testid="tl-{text(row.key)}" data-row="{text(row.label)}"{data}>'
+        f'<span class="tl-label" title="{text(row.hint or row.label)}">'
+        f'<i class="ax-chip ax-dot" style="background:{theme.css(row.color)}"></i>'
+        f"{text(row.label)}</span>"
+        f'<div class="tl-strip">{inner}<b class="tl-cursor"></b></div></div>'
+    )
+
+
+def _thinned(marks: Sequence[Mark | None]) -> tuple[Segment, ...]:
+    """Every n-th frame speaks for its neighbours, so that the strip stays light."""
+    stride = -(-len(marks) // MAX_SEGMENTS)
+    return tuple(
+        Segment(first, min(first + stride, len(marks)) - 1, marks[first])
+        for first in range(0, len(marks), stride)
+    )
+
+
+def _segment(piece: Segment, count: int, steps: int) -> str:
+    left = 100 * piece.first / count
+    width = 100 * (piece.last + 1 - piece.first) / count
+    place = f"left:{left:.4f}%;width:{width:.4f}%"
+    if piece.mark is None:
+        return f'<i class="tl-none" style="{place}" data-say="no state"></i>'
+    mark = piece.mark
+    color = theme.state_color(min(mark.state, steps - 1), steps)
+    ink = theme.css(theme.ink(color))
+    label = f"<em>{mark.state}</em>"
+    return (
+        f'<i class="{"tl-error" if mark.is_error else ""}" data-state="{mark.state}" '
+        f'data-first="{piece.first}" data-last="{piece.last}" '
+        f'data-say="{text(f"{mark.state} {mark.name}")}" '
+        f'style="{place};background-color:{theme.css(color)};color:{ink}">{label}</i>'
+    )

@@ -1,0 +1,285 @@
+"""What all browser tabs share: the sequence, its truth, runs, corrections, and what is being computed.
+
+Readable from any thread; whoever changes something calls `changed`, and every tab hears of it.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from asdfviz.annotate.records import Seed, StateLabel
+from asdfviz.annotate.store import AnnotationStore
+from asdfviz.app import theme, timeline
+from asdfviz.app.session import TRUTH, Facts
+from asdfviz.data.prefetch import Prefetcher
+from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, Run, Stage
+from asdfviz.datatypes import Sequence as FrameSequence
+from asdfviz.evaluate.health import Finding
+from asdfviz.geometry.shapes import Transform
+
+ANNOTATION = "annotation"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedRun:
+    """A run on this sequence, by place."""
+
+    id: str
+    label: str
+    color: theme.Rgb3
+    run: Run
+    by_place: tuple[FramePrediction | None, ...]
+    folder: Path | None = None
+    """None while it is still being computed."""
+
+    @property
+    def milliseconds(self) -> float | None:
+        """Median time of a frame."""
+        totals = [p.runtime["total"] for p in self.run.predictions if "total" in p.runtime]
+        return 1000 * float(np.median(totals)) if totals else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shown:
+    """The pose that a part is drawn at, and where it is from."""
+
+    T_camera_part: Transform
+    source: str
+    """ANNOTATION or a run's id."""
+    stage: Stage
+    score: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JobStatus:
+    """A method at work, or how it ended."""
+
+    method: str
+    state: Literal["running", "stopping", "done", "stopped", "failed"]
+    done: int = 0
+    total: int = 0
+    milliseconds: float | None = None
+    message: str = ""
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it still works."""
+        return self.state in ("running", "stopping")
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """Something to tell."""
+
+    title: str
+    body: str
+    is_problem: bool = False
+
+
+class Workspace:
+    """The shared half of the app's state."""
+
+    def __init__(
+        self,
+        sequence: FrameSequence,
+        assembly: Assembly,
+        *,
+        store: AnnotationStore,
+        runs_folder: Path,
+        export_folder: Path,
+    ) -> None:
+        self.assembly = assembly
+        self.frames = Prefetcher(sequence)
+        self.store = store
+        self.runs_folder = runs_folder
+        """Where new runs are saved."""
+        self.export_folder = export_folder
+        self.fps = float(getattr(sequence, "fps", 30.0))
+        self.indices = sequence.frame_indices
+        self.place_of: Mapping[int, int] = {index: i for i, index in enumerate(self.indices)}
+        self.truths = tuple(sequence.truth(place) for place in range(len(sequence)))
+        self.colors = theme.part_colors(assembly.parts)
+        self.findings: tuple[Finding, ...] | None = None
+        """None while the check still works."""
+        self.job: JobStatus | None = None
+        self.reports: tuple[Mapping[str, Any], ...] | None = None
+        self.messages: tuple[Message, ...] = ()
+        """What happened in the background; every tab shows those that it has not shown yet."""
+        self.is_judging = False
+        self._runs: tuple[LoadedRun, ...] = ()
+        self._lock = threading.RLock()
+        self._listeners: list[Callable[[], None]] = []
+        self._rows: tuple[object, tuple[timeline.Row, ...]] | None = None
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether poses are known from the dataset."""
+        return any(truth is not None and truth.T_camera_part for truth in self.truths)
+
+    @property
+    def runs(self) -> tuple[LoadedRun, ...]:
+        """All runs, in the order of their numbers."""
+        with self._lock:
+            return self._runs
+
+    def run(self, run_id: str | None) -> LoadedRun | None:
+        """The run of an id."""
+        return next((run for run in self.runs if run.id == run_id), None)
+
+    def put_run(self, run: Run, run_id: str, *, folder: Path | None = None) -> None:
+        """Add a run, or replace the one of the same id."""
+        predictions = {p.frame_index: p for p in run.predictions}
+        by_place = tuple(predictions.get(index) for index in self.indices)
+        with self._lock:
+            known = next((old for old in self._runs if old.id == run_id), None)
+            if known is not None:
+                fresh = replace(known, run=run, by_place=by_place, folder=folder)
+                self._runs = tuple(fresh if old is known else old for old in self._runs)
+                return
+            same = sum(old.run.method == run.method for old in self._runs)
+            label = run.method if same == 0 else f"{run.method} {same + 1}"
+            color = theme.run_color(len(self._runs))
+            self._runs += (LoadedRun(run_id, label, color, run, by_place, folder),)
+
+    def drop_run(self, run_id: str) -> None:
+        """Forget a run, as when it failed before its first frame."""
+        with self._lock:
+            self._runs = tuple(run for run in self._runs if run.id != run_id)
+
+    def poses(self, place: int, base: str | None) -> dict[str, Shown]:
+        """The poses to draw: what was corrected, otherwise what the base (a run, the truth) says."""
+        shown = self.base_poses(place, base)
+        for (_, name), pose in self.store.poses(self.indices[place]).items():
+            if pose.T_camera_part is None:
+                shown.pop(name, None)
+            elif name in self.assembly.parts:
+                shown[name] = Shown(pose.T_camera_part, ANNOTATION, "annotated")
+        return shown
+
+    def base_poses(self, place: int, base: str | None) -> dict[str, Shown]:
+        """The poses that corrections start from."""
+        if base == TRUTH:
+            true = self.layer(place, TRUTH)
+            return {name: Shown(T, TRUTH, "truth") for name, T in true.items()}
+        run = self.run(base)
+        prediction = None if run is None else run.by_place[place]
+        return {
+            name: Shown(pose.T_camera_part, str(base), pose.stage, pose.score)
+            for name, pose in (prediction.poses if prediction else {}).items()
+        }
+
+    def seed_of(self, base: str | None) -> Seed:
+        """What the annotation file keeps of where corrections start from."""
+        run = self.run(base)
+        if run is not None:
+            return Seed("run", str(run.folder) if run.folder else None, run.run.method)
+        return Seed("truth") if base == TRUTH else Seed()
+
+    def base_of_seed(self) -> str | None:
+        """The run, or the truth, that earlier corrections started from; None where it is not here."""
+        seed = self.store.seed()
+        if seed.kind == "truth":
+            return TRUTH if self.has_truth else None
+        same = [run.id for run in self.runs if seed.run and str(run.folder) == seed.run]
+        return same[0] if same else None
+
+    def layer(self, place: int, layer: str) -> dict[str, Transform]:
+        """The poses of the truth or of one run."""
+        run = self.run(layer)
+        if run is not None:
+            prediction = run.by_place[place]
+            found = prediction.poses if prediction else {}
+            return {name: pose.T_camera_part for name, pose in found.items()}
+        truth = self.truths[place]
+        return dict(truth.T_camera_part) if truth else {}
+
+    def rows(self) -> tuple[timeline.Row, ...]:
+        """The timeline's rows: annotation, truth, runs."""
+        with self._lock:
+            stamp = (self.store.version(), tuple(id(run) for run in self._runs))
+            if self._rows is None or self._rows[0] != stamp:
+                self._rows = (stamp, self._build_rows())
+            return self._rows[1]
+
+    def facts(self) -> Facts:
+        """What the view's rules depend on."""
+        camera = self.frames.camera
+        return Facts(
+            count=len(self.indices),
+            parts=tuple(self.assembly.parts),
+            boundaries=timeline.boundaries(self.rows()),
+            runs=tuple(run.id for run in self.runs),
+            has_truth=self.has_truth,
+            K=camera.K,
+            size_wh=(camera.width, camera.height),
+        )
+
+    def say(self, message: Message) -> None:
+        """Tell every tab."""
+        with self._lock:
+            self.messages += (message,)
+        self.changed()
+
+    def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
+        """Hear of changes; returns what ends it."""
+        with self._lock:
+            self._listeners.append(listener)
+
+        def end() -> None:
+            with self._lock:
+                if listener in self._listeners:
+                    self._listeners.remove(listener)
+
+        return end
+
+    def changed(self) -> None:
+        """Tell every tab that something shared is new."""
+        with self._lock:
+            listeners = tuple(self._listeners)
+        for listener in listeners:
+            listener()
+
+    def close(self) -> None:
+        """Stop reading ahead and close the annotation file."""
+        self.frames.close()
+        self.store.close()
+
+    def _build_rows(self) -> tuple[timeline.Row, ...]:
+        assembly = self.assembly
+        marks: list[timeline.Mark | None] = [None] * len(self.indices)
+        for first, last, label in self.store.state_ranges():
+            mark = None if label is None else _mark_of_label(assembly, label)
+            for place, index in enumerate(self.indices):
+                if first <= index <= last:
+                    marks[place] = mark
+        rows = [timeline.Row(ANNOTATION, "annotation", theme.ANNOTATION, tuple(marks))]
+        true = tuple(
+            None if t is None else timeline.mark_of(assembly, t.state, t.is_error)
+            for t in self.truths
+        )
+        if any(mark is not None for mark in true):
+            rows.append(timeline.Row(TRUTH, "truth", theme.TRUTH, true))
+        for run in self._runs:
+            rows.append(_run_row(assembly, run))
+        return tuple(rows)
+
+
+def _mark_of_label(assembly: Assembly, label: StateLabel) -> timeline.Mark | None:
+    mark = timeline.mark_of(assembly, label.state, label.is_error)
+    return replace(mark, name=label.name) if mark and label.name else mark
+
+
+def _run_row(assembly: Assembly, run: LoadedRun) -> timeline.Row:
+    marks = tuple(timeline.mark_of_prediction(assembly, p) for p in run.by_place)
+    sure = tuple(
+        None if p is None or p.state is None else float(p.state.probabilities.max())
+        for p in run.by_place
+    )
+    hint = f"{run.label}: {run.folder}" if run.folder else f"{run.label}, being computed"
+    return timeline.Row(run.id, run.label, run.color, marks, sure, hint)

@@ -1,0 +1,69 @@
+"""The command line: one tyro tree; each command is a frozen config, one call, and printing."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import tyro
+
+from asdfviz.cli.bench import Bench
+from asdfviz.cli.data import Check, Export, ImportGbot
+from asdfviz.cli.judge import Evaluate
+from asdfviz.cli.learn import Train
+from asdfviz.cli.run import Methods, RunMethod
+from asdfviz.cli.synth import Synth
+from asdfviz.cli.view import View
+from asdfviz.errors import InputError, Stopped
+
+BAD_INPUT = 2
+STOPPED = 130
+
+Command = (
+    Annotated[View, tyro.conf.subcommand("view")]
+    | Annotated[RunMethod, tyro.conf.subcommand("run")]
+    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Check, tyro.conf.subcommand("check")]
+    | Annotated[Methods, tyro.conf.subcommand("methods")]
+    | Annotated[Synth, tyro.conf.subcommand("synth")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[ImportGbot, tyro.conf.subcommand("import-gbot")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
+)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one command. Exits 0, 2 for bad input, 130 when stopped."""
+    sys.exit(_exit_code(sys.argv[1:] if arguments is None else list(arguments)))
+
+
+def _exit_code(arguments: list[str]) -> int:
+    command, rest = tyro.cli(
+        Command,  # pyright: ignore[reportArgumentType]  a union of annotated types is tyro's own idiom
+        prog="asdfviz",
+        description="Assembly states and 6D poses from RGB-D: run, inspect, correct, judge.",
+        args=arguments,
+        return_unknown_args=True,
+        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+    )
+    try:
+        if isinstance(command, RunMethod):
+            command(rest)
+        elif rest:
+            raise InputError(f"unknown arguments: {' '.join(rest)}; see asdfviz --help")
+        else:
+            command()
+        sys.stdout.flush()
+    except (KeyboardInterrupt, Stopped) as stopped:
+        print(f"stopped{f': {stopped}' if str(stopped) else ''}", file=sys.stderr)
+        return STOPPED
+    except BrokenPipeError:
+        # The reader (head, less) has gone: silence the interpreter's own flush at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (InputError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return BAD_INPUT
+    return 0

@@ -1,0 +1,92 @@
+"""`asdfviz check`, `import-gbot` and `export`: what goes in and what comes out."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Check:
+    """Look a sequence over for wrong units, intrinsics, sizes, gaps and shifted depth.
+
+    Example: asdfviz check sample
+    """
+
+    sequence: Annotated[str, tyro.conf.Positional]
+    """Scene folder, or `sample`."""
+    assembly: str | None = None
+    """assembly.yaml, its folder, or a bundled name."""
+    format: str | None = None
+    """folder, bop or gbot. Default: recognised by content."""
+    json: bool = False
+    """Print JSON."""
+
+    def __call__(self) -> None:
+        """Print the findings; they do not fail the command, unreadable input does."""
+        from asdfviz.data.assembly import load_assembly
+        from asdfviz.data.sequences import open_sequence
+        from asdfviz.evaluate.health import check_sequence
+
+        assembly = load_assembly(self.assembly) if self.assembly else None
+        report = check_sequence(open_sequence(self.sequence, assembly=assembly, format=self.format))
+        if self.json:
+            print(json.dumps(report.to_json(), indent=2, allow_nan=False))
+            return
+        for finding in report.findings:
+            print(f"{finding.severity:<8} {finding.message}")
+        if not report.findings:
+            print("nothing found")
+
+
+@dataclass(frozen=True)
+class ImportGbot:
+    """Turn the parts of the GBOT dataset into assemblies that every command takes.
+
+    Example: asdfviz import-gbot GBOT_dataset --out my_models
+    """
+
+    source: Annotated[Path, tyro.conf.Positional]
+    """Folder with assemblies.json and meshes, or the dataset as published."""
+    out: Path
+    """Folder that receives gbot_nanovise and the others."""
+
+    def __call__(self) -> None:
+        """Import and print one assembly.yaml a line."""
+        from asdfviz.data.gbot_import import import_gbot
+
+        for file in import_gbot(self.source, self.out):
+            print(file)
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write corrected poses and states as a BOP scene with states.json.
+
+    Example: asdfviz export sample --out exported
+    """
+
+    sequence: Annotated[str, tyro.conf.Positional]
+    """Scene folder, or `sample`."""
+    out: Path
+    """A new folder."""
+    annotations: Path | None = None
+    """Folder of the corrections. Default: where the app keeps them."""
+    assembly: str | None = None
+    """assembly.yaml, its folder, or a bundled name."""
+    format: str | None = None
+    """folder, bop or gbot. Default: recognised by content."""
+
+    def __call__(self) -> None:
+        """Export what the annotation holds."""
+        from asdfviz.annotate.corrected import export_annotation
+        from asdfviz.data.assembly import load_assembly
+        from asdfviz.data.sequences import open_sequence
+
+        assembly = load_assembly(self.assembly) if self.assembly else None
+        sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
+        print(export_annotation(sequence, self.out, annotations=self.annotations))

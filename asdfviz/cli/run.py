@@ -1,0 +1,99 @@
+"""`asdfviz run` and `asdfviz methods`."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from asdfviz.cli.progress import progress_bar, stop_on_interrupt
+from asdfviz.datatypes import FramePrediction
+from asdfviz.errors import Stopped
+
+
+@dataclass(frozen=True)
+class RunMethod:
+    """Run a method on a sequence and save what it says.
+
+    Example: asdfviz run --method asdf sample --out runs/asdf
+
+    Options of the method itself follow in the same line, as in
+    asdfviz run --method asdf sample --out runs/asdf --detector.confidence 0.3
+    """
+
+    sequence: Annotated[str, tyro.conf.Positional]
+    """Scene folder, or `sample` for the bundled one."""
+    method: Annotated[str, tyro.conf.arg(aliases=["-m"])]
+    """A name that `asdfviz methods` lists, or file.py:SPEC."""
+    out: Path | None = None
+    """Folder for the result. Default: runs/<sequence>-<method>."""
+    assembly: str | None = None
+    """assembly.yaml, its folder, or a bundled name. Default: what the sequence names."""
+    format: str | None = None
+    """folder, bop or gbot. Default: recognised by content."""
+
+    def __call__(self, method_arguments: list[str]) -> None:
+        """Run, save, and say where."""
+        from asdfviz.data.assembly import load_assembly
+        from asdfviz.data.run_files import save_run
+        from asdfviz.data.sequences import open_sequence
+        from asdfviz.methods.registry import find_method
+        from asdfviz.run import run
+
+        spec = find_method(self.method)
+        config = tyro.cli(
+            spec.config, args=method_arguments, prog=f"asdfviz run --method {spec.name}"
+        )
+        assembly = load_assembly(self.assembly) if self.assembly else None
+        sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
+        out = self.out or Path("runs") / f"{sequence.name}-{spec.name}"
+        with progress_bar(spec.name) as report, stop_on_interrupt() as stop:
+
+            def show(done: int, total: int, prediction: FramePrediction) -> None:
+                total_ms = 1e3 * prediction.runtime.get("total", 0.0)
+                report(done, total, f"{total_ms:.0f} ms a frame")
+
+            result = run(spec, sequence, config=config, progress=show, stop=stop)
+        save_run(result, out)
+        print(out)
+        if len(result.predictions) < len(sequence):
+            done = len(result.predictions)
+            raise Stopped(f"{done} of {len(sequence)} frames are saved in {out}")
+
+
+@dataclass(frozen=True)
+class Methods:
+    """List the methods, built in and plugged in.
+
+    Example: asdfviz methods
+    """
+
+    json: bool = False
+    """Print JSON."""
+
+    def __call__(self) -> None:
+        """Print one line a method; a broken plug-in is listed with its reason."""
+        from asdfviz.methods.registry import available_methods
+        from asdfviz.methods.spec import MethodSpec
+
+        rows: list[dict[str, object]] = []
+        for name, spec in available_methods().items():
+            if isinstance(spec, MethodSpec):
+                rows.append(
+                    {
+                        "name": name,
+                        "summary": spec.summary,
+                        "initial": spec.initial,
+                        "predicts": sorted(spec.predicts),
+                    }
+                )
+            else:
+                rows.append({"name": name, "broken": spec.reason})
+        if self.json:
+            print(json.dumps(rows, indent=2))
+            return
+        for row in rows:
+            print(f"{row['name']:<16} {row.get('summary') or 'broken: ' + str(row['broken'])}")

@@ -1,0 +1,43 @@
+"""SHA-256 of what a run read, so that a later reader can tell whether it is still the same."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file's bytes, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def folder_sha256(folder: Path) -> str:
+    """SHA-256 over the relative names and contents of every file below a folder."""
+    digest = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+        digest.update(f"{path.relative_to(folder).as_posix()}\0{file_sha256(path)}\n".encode())
+    return digest.hexdigest()
+
+
+def assembly_sha256(assembly: Assembly) -> str:
+    """SHA-256 over the assembly.yaml and the meshes and keypoints of its parts."""
+    digest = hashlib.sha256(Path(assembly.path).read_bytes())
+    for part in assembly.parts.values():
+        for array in (part.mesh.vertices, part.mesh.faces, part.keypoints):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def sequence_sha256(folder: Path) -> str:
+    """SHA-256 over names and contents of a scene's images and JSON files; results beside them do not count."""
+    images = [p for room in ("rgb", "depth") for p in sorted((folder / room).glob("*.*"))]
+    digest = hashlib.sha256()
+    for file in [*sorted(folder.glob("*.json")), *images]:
+        name = file.relative_to(folder).as_posix()
+        digest.update(f"{name}\0{file_sha256(file)}\n".encode())
+    return digest.hexdigest()

@@ -1,0 +1,107 @@
+"""Decodes colour and depth images, and undoes the lens; refuses what is broken or of a wrong kind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+from jaxtyping import Float64, UInt16
+
+from asdfviz.errors import SequenceError
+from asdfviz.geometry.shapes import Depth, Intrinsics, Rgb
+
+RawDepth: TypeAlias = UInt16[np.ndarray, "h w"]
+
+_PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
+# Some cameras append a thumbnail or padding behind the end marker.
+_TAIL = 4096
+
+
+def read_rgb(path: Path) -> Rgb:
+    """Read an 8-bit colour image (PNG or JPEG) as RGB, in the orientation of its pixels.
+
+    Raises:
+        SequenceError: the file is missing, truncated or no image.
+    """
+    # A camera file speaks of the stored pixels, so an EXIF turn would break its intrinsics.
+    image = _decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+
+
+def read_raw_depth(path: Path) -> RawDepth:
+    """Read a 16-bit depth image in the file's own unit.
+
+    Raises:
+        SequenceError: the file is missing, truncated, not 16 bit or not of one channel.
+    """
+    image = _decode(path, cv2.IMREAD_UNCHANGED)
+    if image.dtype != np.uint16 or image.ndim != 2:
+        channels = 1 if image.ndim == 2 else image.shape[2]
+        raise SequenceError(
+            f"{path} is {image.dtype.itemsize * 8} bit with {channels} channel(s); depth must be "
+            "a 16-bit PNG with one channel (an 8-bit copy has lost its depth)"
+        )
+    return image
+
+
+def metric_depth(raw: RawDepth, depth_scale: float) -> Depth:
+    """Convert raw depth to metres; `depth_scale` is millimetres per unit."""
+    return raw.astype(np.float32) * np.float32(depth_scale * 1e-3)
+
+
+def check_size(image: np.ndarray, size_wh: tuple[int, int], path: Path) -> None:
+    """Check that an image is as large as its camera.
+
+    Raises:
+        ImageSizeError: with both sizes.
+    """
+    height, width = image.shape[:2]
+    if (width, height) != size_wh:
+        raise ImageSizeError(
+            f"{path} is {width} x {height} pixels, but the camera is {size_wh[0]} x {size_wh[1]}; "
+            "scale the image or give the intrinsics of this size"
+        )
+
+
+class ImageSizeError(SequenceError):
+    """An image is not as large as its camera."""
+
+
+class Undistorter:
+    """Maps colour images of one lens to the pinhole camera with the same K."""
+
+    def __init__(
+        self, K: Intrinsics, distortion: Float64[np.ndarray, 5], size_wh: tuple[int, int]
+    ) -> None:
+        self._maps = cv2.initUndistortRectifyMap(K, distortion, None, K, size_wh, cv2.CV_16SC2)
+
+    def __call__(self, rgb: Rgb) -> Rgb:
+        """Return the undistorted image; pixels the lens never saw are black."""
+        return cv2.remap(rgb, *self._maps, cv2.INTER_LINEAR).astype(np.uint8, copy=False)
+
+
+def _decode(path: Path, flags: int) -> np.ndarray:
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise SequenceError(f"{path} does not exist") from error
+    except OSError as error:
+        raise SequenceError(f"{path} cannot be read: {error}") from error
+    # OpenCV fills what a cut file lacks with grey or garbage instead of failing.
+    if not _is_whole(data):
+        raise SequenceError(f"{path} is truncated or no PNG or JPEG image ({len(data)} bytes)")
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    if image is None:
+        raise SequenceError(f"{path} is corrupt: it cannot be decoded as an image")
+    return image
+
+
+def _is_whole(data: bytes) -> bool:
+    if data.startswith(_PNG_START):
+        return _PNG_END in data[-_TAIL:]
+    if data.startswith(_JPEG_START):
+        return _JPEG_END in data[-_TAIL:]
+    return False

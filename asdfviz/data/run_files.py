@@ -1,0 +1,139 @@
+"""Saves and loads runs: run.json (what was run, on what) and predictions.jsonl (one frame a line).
+
+Numbers are written so that they read back bit for bit. `format` rises when old programs could no
+longer read what new ones write; keys that a reader does not know are ignored.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from asdfviz.data.atomic import write_text
+from asdfviz.data.json_files import parse_json, read_json
+from asdfviz.data.prediction_lines import prediction_from, prediction_line
+from asdfviz.datatypes import Assembly, FramePrediction, Run
+from asdfviz.errors import RunError
+
+FORMAT = 1
+RUN, PREDICTIONS = "run.json", "predictions.jsonl"
+
+
+def save_run(run: Run, folder: Path) -> None:
+    """Write a run into a folder, which is made if needed; a run that lay there is replaced.
+
+    Raises:
+        RunError: the config holds what JSON cannot, or a pose is not finite.
+    """
+    about = {
+        "format": FORMAT,
+        "method": run.method,
+        "config": _plain(run.config, "config"),
+        "sequence": run.sequence,
+        "assembly": run.assembly,
+        "version": run.version,
+        "initial": run.initial,
+        "hashes": dict(run.hashes),
+        "frames": len(run.predictions),
+    }
+    lines = "".join(prediction_line(prediction) + "\n" for prediction in run.predictions)
+    # run.json goes last and its forerunner first: a folder with a run.json is always whole.
+    (folder / RUN).unlink(missing_ok=True)
+    write_text(folder / PREDICTIONS, lines)
+    write_text(folder / RUN, json.dumps(about, indent=2, ensure_ascii=False) + "\n")
+
+
+def load_run(folder: Path, *, assembly: Assembly | None = None) -> Run:
+    """Read a saved run; with an assembly, check that its parts and states are those of the run.
+
+    Raises:
+        RunError: a file is missing, cut off, corrupt, of a newer format, or does not fit.
+    """
+    about = read_json(folder / RUN, error=RunError)
+    version = about.get("format").integer()
+    if not 1 <= version <= FORMAT:
+        raise RunError(
+            f"{about.where} has format {version}, this program reads 1 to {FORMAT}; "
+            "update asdfviz or run the method again"
+        )
+    predictions = _read_predictions(folder / PREDICTIONS, about.get("frames").integer())
+    if assembly is not None:
+        for prediction in predictions:
+            _check_fits(prediction, assembly, folder)
+    initial = about.get("initial").text()
+    if initial not in ("none", "first_frame_truth"):
+        raise about.get("initial").fail("none or first_frame_truth")
+    return Run(
+        method=about.get("method").text(),
+        config=cast(
+            Mapping[str, object], {k: v.value for k, v in about.get("config").items().items()}
+        ),
+        sequence=about.get("sequence").text(),
+        assembly=about.get("assembly").text(),
+        version=about.get("version").text(),
+        predictions=predictions,
+        hashes={key: value.text() for key, value in about.get("hashes").items().items()},
+        initial=initial,
+    )
+
+
+def _read_predictions(file: Path, expected: int) -> tuple[FramePrediction, ...]:
+    try:
+        text = file.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise RunError(f"{file} does not exist, though {RUN} lies beside it") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise RunError(f"{file} cannot be read: {error}") from error
+    # Only "\n" ends a line here: str.splitlines would also cut at characters inside names.
+    lines = [line for line in text.split("\n") if line]
+    found = tuple(
+        prediction_from(parse_json(line, where=f"{file} line {number}", error=RunError))
+        for number, line in enumerate(lines, start=1)
+    )
+    if len(found) != expected:
+        raise RunError(
+            f"{file} holds {len(found)} frames, but {RUN} says {expected}: it was cut off; "
+            "run the method again"
+        )
+    indices = [prediction.frame_index for prediction in found]
+    if len(set(indices)) != len(indices):
+        raise RunError(f"{file} holds a frame twice")
+    return found
+
+
+def _check_fits(prediction: FramePrediction, assembly: Assembly, folder: Path) -> None:
+    unknown = [name for name in prediction.poses if name not in assembly.parts]
+    if unknown:
+        raise RunError(
+            f"{folder}: frame {prediction.frame_index} has a pose of '{unknown[0]}', which is no "
+            f"part of {assembly.name}; parts: {', '.join(assembly.parts)}"
+        )
+    state = prediction.state
+    if state is not None and len(state.probabilities) != len(assembly.states):
+        raise RunError(
+            f"{folder}: frame {prediction.frame_index} has {len(state.probabilities)} state "
+            f"probabilities, but {assembly.name} has {len(assembly.states)} states"
+        )
+
+
+def _plain(value: object, where: str) -> object:
+    """Turn a config value into what JSON can hold."""
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, np.generic):
+        return _plain(cast(object, value.item()), where)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return _plain(dataclasses.asdict(value), where)
+    if isinstance(value, Mapping):
+        members = cast(Mapping[Any, object], value)
+        return {str(k): _plain(v, f"{where}.{k}") for k, v in members.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(v, where) for v in cast(Iterable[object], value)]
+    raise RunError(f"{where} is a {type(value).__name__}, which a run file cannot hold")

@@ -1,0 +1,80 @@
+"""Finds the images of a scene folder and joins colour and depth by the number in their names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from asdfviz.errors import SequenceError
+
+RGB_SUFFIXES = (".png", ".jpg", ".jpeg")
+DEPTH_SUFFIXES = (".png",)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFiles:
+    """The images of a scene by frame number."""
+
+    rgb: dict[int, Path]
+    depth: dict[int, Path]
+    ignored: tuple[str, ...]
+    """Images whose names are not numbers, relative to the folder."""
+
+    @property
+    def depth_without_rgb(self) -> tuple[int, ...]:
+        """Numbers of depth images that no colour image goes with."""
+        return tuple(sorted(self.depth.keys() - self.rgb.keys()))
+
+    @property
+    def rgb_without_depth(self) -> tuple[int, ...]:
+        """Numbers of colour images that no depth image goes with."""
+        return tuple(sorted(self.rgb.keys() - self.depth.keys()))
+
+
+def find_scene_files(folder: Path) -> SceneFiles:
+    """List rgb/NNNNNN.{png,jpg,jpeg} and depth/NNNNNN.png.
+
+    Raises:
+        SequenceError: there is no scene here, it has no frames, or two images share a number.
+    """
+    if not folder.is_dir():
+        raise SequenceError(
+            f"no scene folder at '{folder}'; give a folder with rgb/, depth/ and camera.json "
+            "(or a BOP or GBOT scene), or the word sample"
+        )
+    if not (folder / "rgb").is_dir():
+        raise SequenceError(f"{folder} has no folder rgb/{_scenes_below(folder)}")
+    rgb, odd_rgb = _numbered(folder / "rgb", RGB_SUFFIXES)
+    if not rgb:
+        raise SequenceError(
+            f"{folder / 'rgb'} holds no frames; name them 000000.png (or .jpg), 000001.png ..."
+        )
+    depth, odd_depth = _numbered(folder / "depth", DEPTH_SUFFIXES)
+    return SceneFiles(rgb=rgb, depth=depth, ignored=(*odd_rgb, *odd_depth))
+
+
+def _numbered(folder: Path, suffixes: tuple[str, ...]) -> tuple[dict[int, Path], tuple[str, ...]]:
+    numbered: dict[int, Path] = {}
+    ignored: list[str] = []
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if path.suffix.lower() not in suffixes or path.name.startswith("."):
+            continue
+        if not (path.stem.isascii() and path.stem.isdigit()):
+            ignored.append(f"{folder.name}/{path.name}")
+            continue
+        number = int(path.stem)
+        if number in numbered:
+            raise SequenceError(
+                f"{folder}: {numbered[number].name} and {path.name} are both frame {number}; "
+                "keep one"
+            )
+        numbered[number] = path
+    return dict(sorted(numbered.items())), tuple(ignored)
+
+
+def _scenes_below(folder: Path) -> str:
+    scenes = sorted(path.parent.name for path in folder.glob("*/rgb") if path.is_dir())
+    if not scenes:
+        return "; a scene holds rgb/NNNNNN.png (or .jpg)"
+    shown = ", ".join(scenes[:6]) + (" ..." if len(scenes) > 6 else "")
+    return f", but scenes lie in it; open one of them: {shown}"

@@ -1,0 +1,168 @@
+"""Opens a scene folder as a sequence, recognised by what lies in it.
+
+    folder   rgb/NNNNNN.{png,jpg,jpeg}, depth/NNNNNN.png (uint16), camera.json
+    bop      the same images, scene_camera.json, scene_gt.json with numbers as obj_id
+    gbot     the same images, scene_camera.json, scene_gt.json with names as obj_id
+
+camera.json may accompany any of them (size, `distortion`), as may states.json (the truth of the
+states) and sequence.json ({"assembly": name or relative path, "fps": 30}).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.data.cameras import CameraEntry, read_camera_file, read_scene_cameras
+from asdfviz.data.folder_sequence import FolderSequence
+from asdfviz.data.images import read_rgb
+from asdfviz.data.json_files import Json, read_json
+from asdfviz.data.resources import bundled_assemblies, sample_folder
+from asdfviz.data.scene_files import SceneFiles, find_scene_files
+from asdfviz.data.scene_objects import id_kind
+from asdfviz.datatypes import Assembly
+from asdfviz.errors import SequenceError
+
+FORMATS = ("folder", "bop", "gbot")
+SAMPLE = "sample"
+DEFAULT_FPS = 30.0
+
+_CAMERA, _SCENE_CAMERA, _SEQUENCE = "camera.json", "scene_camera.json", "sequence.json"
+
+
+def open_sequence(
+    path: str | Path, *, assembly: Assembly | None = None, format: str | None = None
+) -> FolderSequence:
+    """Open a scene folder, or the bundled sequence for the word "sample". No image is kept in memory.
+
+    Args:
+        path: the scene folder, or "sample" (a folder of that name is "./sample").
+        assembly: what is being assembled; without it, sequence.json may name it.
+        format: "folder", "bop" or "gbot", to override what the content says.
+
+    Raises:
+        SequenceError: there is no scene, no frame, no camera, or the format does not fit.
+        AssemblyError: the assembly that sequence.json names is broken.
+    """
+    if format is not None and format not in FORMATS:
+        raise SequenceError(f"unknown format '{format}'; formats: {', '.join(FORMATS)}")
+    is_sample = str(path) == SAMPLE
+    folder = (sample_folder() if is_sample else Path(path).expanduser()).resolve()
+    files = find_scene_files(folder)
+    kind = _recognise(folder) if format is None else _confirmed(folder, format)
+    cameras = _cameras(folder, files, kind)
+    about = _about(folder)
+    missing = None
+    if assembly is None:
+        assembly, missing = _named_assembly(folder, about)
+    return FolderSequence(
+        folder,
+        files,
+        name=SAMPLE if is_sample else folder.name,
+        format=kind,
+        cameras=cameras,
+        size_wh=_size(files, cameras),
+        fps=_fps(about),
+        assembly=assembly,
+        missing_assembly=missing,
+    )
+
+
+def _recognise(folder: Path) -> str:
+    kind = id_kind(folder)
+    if kind is not None:
+        return "bop" if kind is int else "gbot"
+    if (folder / _SCENE_CAMERA).is_file():
+        return "bop"
+    if (folder / _CAMERA).is_file():
+        return "folder"
+    raise SequenceError(
+        f"{folder} has no camera file; add camera.json with fx, fy, cx, cy, width, height and "
+        "depth_scale (millimetres per unit), or BOP's scene_camera.json"
+    )
+
+
+def _confirmed(folder: Path, format: str) -> str:
+    """Check that a format that was asked for is possible here."""
+    kind = id_kind(folder)
+    expected = {"bop": int, "gbot": str}.get(format)
+    if expected is not None and kind is not None and kind is not expected:
+        other = "gbot" if kind is str else "bop"
+        raise SequenceError(
+            f"{folder} is not of format '{format}': the obj_ids of scene_gt.json are "
+            f"{'names' if kind is str else 'numbers'}; use '{other}'"
+        )
+    return format
+
+
+def _cameras(folder: Path, files: SceneFiles, kind: str) -> dict[int, CameraEntry]:
+    """The camera of every frame; scene_camera.json goes before camera.json, which adds the lens."""
+    common = folder / _CAMERA
+    by_frame = folder / _SCENE_CAMERA
+    fallback = read_camera_file(common) if common.is_file() else None
+    if kind != "folder" and by_frame.is_file():
+        given = read_scene_cameras(by_frame)
+        return {i: _merged(given.get(i), fallback, i, by_frame) for i in files.rgb}
+    if fallback is None:
+        others = "" if kind == "folder" else f" and no {_SCENE_CAMERA}"
+        raise SequenceError(
+            f"{folder} has no {_CAMERA}{others}; add it with fx, fy, cx, cy, width, height and "
+            "depth_scale (millimetres per unit)"
+        )
+    return dict.fromkeys(files.rgb, fallback)
+
+
+def _merged(
+    entry: CameraEntry | None, fallback: CameraEntry | None, index: int, file: Path
+) -> CameraEntry:
+    if entry is None and fallback is None:
+        raise SequenceError(f"{file} has no entry '{index}', but there is a colour image of it")
+    if entry is None or fallback is None:
+        return entry or fallback  # pyright: ignore[reportReturnType]  # one of them is there
+    return replace(
+        entry,
+        depth_scale=fallback.depth_scale if entry.depth_scale is None else entry.depth_scale,
+        size_wh=entry.size_wh or fallback.size_wh,
+        distortion=fallback.distortion,
+    )
+
+
+def _size(files: SceneFiles, cameras: dict[int, CameraEntry]) -> tuple[int, int]:
+    index, path = next(iter(files.rgb.items()))
+    given = cameras[index].size_wh
+    if given is not None:
+        return given
+    height, width = read_rgb(path).shape[:2]
+    return width, height
+
+
+def _about(folder: Path) -> Json | None:
+    file = folder / _SEQUENCE
+    return read_json(file, error=SequenceError) if file.is_file() else None
+
+
+def _fps(about: Json | None) -> float:
+    field = None if about is None else about.find("fps")
+    if field is None:
+        return DEFAULT_FPS
+    fps = field.number()
+    if fps <= 0:
+        raise field.fail("frames per second, above 0")
+    return fps
+
+
+def _named_assembly(folder: Path, about: Json | None) -> tuple[Assembly | None, str | None]:
+    """Load what sequence.json names; where it is not found, return its name as the second value."""
+    field = None if about is None else about.find("assembly")
+    if field is None:
+        return None, None
+    name = field.text()
+    for candidate in (bundled_assemblies().get(name), folder / name):
+        if candidate is not None and _is_assembly(candidate):
+            return load_assembly(candidate), None
+    return None, name
+
+
+def _is_assembly(path: Path) -> bool:
+    return path.is_file() or (path / "assembly.yaml").is_file()

@@ -1,0 +1,99 @@
+"""The truth of a scene folder: poses (scene_gt.json), visibility (scene_gt_info.json), states (states.json)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from asdfviz.data.json_files import Json, read_json
+from asdfviz.data.scene_objects import SceneObject, assign_parts, read_scene_objects
+from asdfviz.datatypes import Assembly, FrameTruth
+from asdfviz.errors import SequenceError
+
+STATES = "states.json"
+
+
+@dataclass(frozen=True, slots=True)
+class StateTruth:
+    """One entry of states.json."""
+
+    state: int
+    is_error: bool | None
+    attached: tuple[str, ...] | None
+
+
+def read_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
+    """Read what is known of each frame, by frame number; empty where the folder holds no truth.
+
+    Objects that the assembly does not know are left out: they are distractors.
+
+    Raises:
+        SequenceError: a file is broken, a pose is not rigid, a state or part is unknown.
+    """
+    objects = read_scene_objects(folder)
+    states = read_states(folder, assembly)
+    return {
+        index: _frame_truth(index, objects.get(index, ()), states.get(index), assembly)
+        for index in sorted({*objects, *states})
+    }
+
+
+def read_states(folder: Path, assembly: Assembly) -> dict[int, StateTruth]:
+    """Read states.json: a list of {"frame", "state", "is_error", "attached"}; other keys are ignored.
+
+    `state` is the index of the last correctly completed state, also while `is_error` is true.
+
+    Raises:
+        SequenceError: a frame twice, a state or a part that the assembly does not have.
+    """
+    file = folder / STATES
+    if not file.is_file():
+        return {}
+    states: dict[int, StateTruth] = {}
+    for entry in read_json(file, error=SequenceError).entries():
+        index = entry.get("frame").integer()
+        if index in states:
+            raise SequenceError(f"{entry.where}: frame {index} has a second entry; keep one")
+        states[index] = _parse_state(entry, assembly)
+    return states
+
+
+def _parse_state(entry: Json, assembly: Assembly) -> StateTruth:
+    field = entry.get("state")
+    state = field.integer()
+    steps = assembly.steps
+    if not 0 <= state < len(steps):
+        raise SequenceError(
+            f"{field.where} is {state}, but {assembly.name} has the correct states 0 to "
+            f"{len(steps) - 1}; during an error give the last correct one and is_error"
+        )
+    is_error, attached = entry.find("is_error"), entry.find("attached")
+    return StateTruth(
+        state=state,
+        is_error=None if is_error is None else is_error.boolean(),
+        attached=None if attached is None else _parse_attached(attached, assembly.parts),
+    )
+
+
+def _parse_attached(field: Json, parts: Iterable[str]) -> tuple[str, ...]:
+    known = tuple(parts)
+    names = tuple(entry.text() for entry in field.entries())
+    for name in names:
+        if name not in known:
+            raise SequenceError(f"{field.where}: no part '{name}'; parts: {', '.join(known)}")
+    return names
+
+
+def _frame_truth(
+    index: int, objects: tuple[SceneObject, ...], state: StateTruth | None, assembly: Assembly
+) -> FrameTruth:
+    found, _ = assign_parts(objects, assembly)
+    return FrameTruth(
+        frame_index=index,
+        T_camera_part={name: item.T_camera_object for name, item in found.items()},
+        state=None if state is None else state.state,
+        is_error=None if state is None else state.is_error,
+        attached=None if state is None else state.attached,
+        visible={name: item.visible for name, item in found.items() if item.visible is not None},
+    )

@@ -1,0 +1,117 @@
+"""The detector that methods call: an RGB picture in, labelled boxes with keypoints out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float32
+
+from asdfviz.datatypes import Detection
+from asdfviz.detector.head import decode
+from asdfviz.detector.letterbox import Letterbox, letterbox, plan_letterbox
+from asdfviz.detector.network import Network
+from asdfviz.detector.nms import suppress
+from asdfviz.detector.weights import load_network
+from asdfviz.geometry.shapes import Rgb
+
+CANDIDATES = 1000
+"""Boxes that reach the suppression at most; more are the same objects again."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorConfig:
+    """What counts as found, and how the network runs."""
+
+    image_size: int = 640
+    """Longer side of the network's input, pixels; best the size that it was trained on."""
+    confidence: float = 0.25
+    """Smallest class score, 0 to 1 (YOLOv8's default)."""
+    iou: float = 0.65
+    """Overlap above which the weaker of two boxes of a class goes."""
+    max_detections: int = 300
+    """Boxes a picture (YOLOv8's default)."""
+    device: str = "cpu"
+    """A torch device."""
+    bfloat16: bool = False
+    """Run in bfloat16 where the processor has it: faster, keypoints up to a pixel off."""
+
+
+class Detector:
+    """A network with its weights, ready to run; results do not depend on earlier pictures."""
+
+    def __init__(self, weights: Path, *, config: DetectorConfig | None = None) -> None:
+        """Load the weights.
+
+        Args:
+            weights: file for `load_network`.
+            config: None means the defaults.
+
+        Raises:
+            WeightsError: the file is missing, corrupt or of another network.
+        """
+        loaded = load_network(weights)
+        self.classes = loaded.classes
+        self.config = config or DetectorConfig()
+        self._network = loaded.network.fuse().to(self.config.device)
+        self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
+
+    def detect(self, rgb: Rgb) -> tuple[Detection, ...]:
+        """Return what is in the picture, best first, in its own pixels."""
+        return detect(self._network, rgb, classes=self.classes, config=self.config)
+
+
+@torch.inference_mode()
+def detect(
+    network: Network, rgb: Rgb, *, classes: tuple[str, ...], config: DetectorConfig
+) -> tuple[Detection, ...]:
+    """Run a network in evaluation mode on one picture and return what it found, best first."""
+    plan = _plan(rgb.shape[1], rgb.shape[0], config.image_size, network.strides[-1])
+    picture = torch.as_tensor(letterbox(rgb, plan)).to(config.device)
+    images = picture.permute(2, 0, 1)[None].float() / 255
+    images = images.contiguous(memory_format=torch.channels_last)
+    kind = torch.device(config.device).type
+    with torch.autocast(kind, dtype=torch.bfloat16, enabled=config.bfloat16):
+        raw = network(images)
+    columns = decode(raw)[0].T.float()
+    scores = columns[:, 4 : 4 + len(classes)].amax(1)
+    found = (scores > config.confidence).nonzero()[:, 0]
+    if len(found) > CANDIDATES:
+        found = found[scores[found].topk(CANDIDATES).indices]
+    return _detections(columns[found].cpu().numpy(), plan, classes, config)
+
+
+@lru_cache(maxsize=16)
+def _plan(width: int, height: int, image_size: int, stride: int) -> Letterbox:
+    return plan_letterbox(width, height, image_size=image_size, stride=stride)
+
+
+def _detections(
+    rows: Float32[np.ndarray, "n c"],
+    plan: Letterbox,
+    classes: tuple[str, ...],
+    config: DetectorConfig,
+) -> tuple[Detection, ...]:
+    values = rows.astype(np.float64)
+    centre, half = values[:, :2], values[:, 2:4] / 2
+    boxes = np.concatenate([centre - half, centre + half], axis=1)
+    class_scores = values[:, 4 : 4 + len(classes)]
+    labels = class_scores.argmax(1).astype(np.int64) if len(values) else np.zeros(0, np.int64)
+    scores = class_scores.max(1) if len(values) else np.zeros(0)
+    kept = suppress(boxes, scores, labels, iou=config.iou, limit=config.max_detections)
+    found: list[Detection] = []
+    for place in kept:
+        keypoints = values[place, 4 + len(classes) :].reshape(-1, 3)
+        found.append(
+            Detection(
+                label=classes[labels[place]],
+                box_xyxy=plan.to_frame(boxes[place].reshape(2, 2)).reshape(4),
+                keypoints_px=plan.to_frame(keypoints[:, :2]),
+                keypoint_scores=keypoints[:, 2].copy(),
+                score=float(scores[place]),
+            )
+        )
+    return tuple(found)

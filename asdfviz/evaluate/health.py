@@ -1,0 +1,143 @@
+"""The sanity gate: looks a sequence over for what makes every later result wrong.
+
+Units, intrinsics, mesh sizes, gaps, missing depth, and depth that is shifted against colour. It
+looks at a dozen frames at most and reads nothing else, so that the app can run it on opening.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from collections.abc import Sequence as Rows
+
+import numpy as np
+
+from asdfviz.data.folder_sequence import FolderSequence
+from asdfviz.data.images import ImageSizeError
+from asdfviz.data.prefetch import Prefetcher
+from asdfviz.datatypes import Frame, Sequence
+from asdfviz.evaluate.health_camera import check_intrinsics, check_part_sizes
+from asdfviz.evaluate.health_depth import (
+    FARTHEST,
+    NEAREST,
+    check_distance,
+    check_missing_depth,
+    median_depth,
+)
+from asdfviz.evaluate.health_files import (
+    check_assembly,
+    check_numbering,
+    check_objects,
+    check_partners,
+)
+from asdfviz.evaluate.health_report import Finding as Finding
+from asdfviz.evaluate.health_report import HealthReport as HealthReport
+from asdfviz.evaluate.health_shift import measure_shift
+from asdfviz.evaluate.health_truth import check_against_truth, posed_parts
+
+MOST_FRAMES = 12
+MOST_SHIFT_FRAMES = 6
+LEAST_SHIFT_PX = 2.0
+"""Below it the depth sits as well on colour as edges can tell."""
+
+_GRAVITY = {"error": 0, "warning": 1, "info": 2}
+
+
+def check_sequence(sequence: Sequence) -> HealthReport:
+    """Look a sequence over; an assembly and truth widen what can be told, neither is needed.
+
+    Raises:
+        SequenceError: an image, the camera or the truth cannot be read at all.
+    """
+    source = sequence.source if isinstance(sequence, Prefetcher) else sequence
+    places = _spread(len(source), MOST_FRAMES)
+    frames, findings = _read_frames(source, places)
+    findings += check_intrinsics(source.camera)
+    findings += check_numbering(source.frame_indices)
+    if isinstance(source, FolderSequence):
+        findings += check_partners(source)
+        findings += check_assembly(source)
+    findings += check_objects(source)
+    if frames:
+        findings += _check_frames(source, frames)
+    return HealthReport(
+        sequence=source.name,
+        path=source.path,
+        frames=len(source),
+        frames_looked_at=len(places),
+        findings=tuple(sorted(_once(findings), key=lambda finding: _GRAVITY[finding.severity])),
+    )
+
+
+def _spread(length: int, most: int) -> list[int]:
+    """At most `most` places, even over the sequence, first and last among them."""
+    return [int(i) for i in np.unique(np.linspace(0, length - 1, min(length, most)).round())]
+
+
+def _read_frames(source: Sequence, places: list[int]) -> tuple[dict[int, Frame], list[Finding]]:
+    frames: dict[int, Frame] = {}
+    wrong: list[ImageSizeError] = []
+    for place in places:
+        try:
+            frames[place] = source[place]
+        except ImageSizeError as error:
+            wrong.append(error)
+    if not wrong:
+        return frames, []
+    finding = Finding(
+        "size_mismatch",
+        "error",
+        f"Sizes differ in {len(wrong)} of {len(places)} frames looked at: {wrong[0]}.",
+        float(len(wrong)),
+    )
+    return frames, [finding]
+
+
+def _check_frames(source: Sequence, frames: dict[int, Frame]) -> Iterator[Finding]:
+    images = list(frames.values())
+    yield from check_missing_depth(images)
+    unit = list(check_distance(images))
+    yield from unit
+    if not unit:
+        yield from _check_shift(images)
+    if source.assembly is None:
+        return
+    distance = median_depth(images)
+    is_plausible = distance is not None and NEAREST <= distance <= FARTHEST
+    yield from check_part_sizes(source.assembly, source.camera, distance if is_plausible else None)
+    with_truth = [(frame, source.truth(place)) for place, frame in frames.items()]
+    yield from check_against_truth(posed_parts(with_truth), source.assembly)
+
+
+def _check_shift(images: Rows[Frame]) -> Iterator[Finding]:
+    with_depth = [frame for frame in images if frame.depth is not None]
+    chosen = [with_depth[i] for i in _spread(len(with_depth), MOST_SHIFT_FRAMES)]
+    found = measure_shift(chosen)
+    if found is None or found.typical_px < LEAST_SHIFT_PX:
+        return
+    x, y = found.shift_px
+    scale = f" and a scale of {found.scale:.3f}" if abs(found.scale - 1.0) > 0.003 else ""
+    advice = (
+        "Add the colour lens to camera.json as 'distortion', or register depth to colour again."
+        if scale
+        else "Register depth to colour again (check their common calibration and timing)."
+    )
+    yield Finding(
+        "depth_shift",
+        "warning",
+        f"Depth has a shift of about {found.typical_px:.1f} px against colour (a quarter of the "
+        f"depth edges are farther off; fits a move by ({x:.1f}, {y:.1f}) px{scale}). {advice}",
+        found.typical_px,
+    )
+
+
+def _once(findings: list[Finding]) -> list[Finding]:
+    """Drop what a second check says of a kind that an error explains already."""
+    kept: list[Finding] = []
+    explained: set[str] = set()
+    for finding in findings:
+        is_new = finding.kind not in explained or finding.kind == "missing_frames"
+        if is_new:
+            kept.append(finding)
+        if finding.severity == "error" and finding.kind != "mesh_unit":
+            explained.add(finding.kind)
+    return kept

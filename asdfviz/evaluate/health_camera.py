@@ -1,0 +1,116 @@
+"""Checks on intrinsics and mesh sizes that need no truth: what cameras and parts can be at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Camera
+from asdfviz.evaluate.health_report import Finding
+
+NARROWEST_DEG, WIDEST_DEG = 20.0, 130.0
+"""Horizontal field of view of RGB-D cameras, degrees (Kinect's wide mode has 120)."""
+SQUARE = 0.1
+"""Largest difference of fx and fy, as a share."""
+OFF_CENTER = 0.15
+"""Largest distance of the principal point from the image's centre, as a share of its size."""
+RESIZES = (0.25, 1 / 3, 0.375, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
+"""By how much images are usually resized without their intrinsics."""
+
+
+def check_intrinsics(camera: Camera) -> Iterator[Finding]:
+    """Judge focal length and principal point against the image's size."""
+    fx, fy, cx, cy = camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]
+    size = f"{camera.width} x {camera.height}"
+    resize = _resize(camera)
+    if resize is not None:
+        yield Finding(
+            "intrinsics",
+            "error",
+            f"The principal point ({cx:.1f}, {cy:.1f}) is the centre of an image {resize:.3g} "
+            f"times as large as these ({size}): the intrinsics belong to another resolution. "
+            f"Divide fx, fy, cx and cy by {resize:.3g}.",
+            float(resize),
+        )
+        return
+    if not (0 <= cx < camera.width and 0 <= cy < camera.height):
+        yield Finding(
+            "intrinsics",
+            "error",
+            f"The principal point ({cx:.1f}, {cy:.1f}) lies outside the image ({size}): wrong "
+            "intrinsics. It is near the centre for every common camera.",
+        )
+    elif abs(cx / camera.width - 0.5) > OFF_CENTER or abs(cy / camera.height - 0.5) > OFF_CENTER:
+        yield Finding(
+            "intrinsics",
+            "warning",
+            f"The principal point ({cx:.1f}, {cy:.1f}) is far from the centre of the image "
+            f"({size}). Were the images cropped after calibration?",
+        )
+    view_deg = float(np.rad2deg(2.0 * np.arctan(camera.width / (2.0 * fx))))
+    if not NARROWEST_DEG <= view_deg <= WIDEST_DEG:
+        yield Finding(
+            "intrinsics",
+            "error",
+            f"fx = {fx:.4g} px gives a view of {view_deg:.3g} degrees across, cameras have "
+            f"{NARROWEST_DEG:g} to {WIDEST_DEG:g}: wrong intrinsics. fx must be in pixels of the "
+            f"{size} images.",
+            view_deg,
+        )
+    elif abs(fx / fy - 1.0) > SQUARE:
+        yield Finding(
+            "intrinsics",
+            "warning",
+            f"fx and fy differ by {100 * abs(fx / fy - 1):.0f} % ({fx:.1f} and {fy:.1f} px): "
+            "pixels of common cameras are square. Check both.",
+            float(fx / fy),
+        )
+
+
+def _resize(camera: Camera) -> float | None:
+    """The usual factor whose image has the principal point at its centre; None where none fits."""
+    across = 2.0 * camera.K[0, 2] / camera.width
+    down = 2.0 * camera.K[1, 2] / camera.height
+    for factor in RESIZES:
+        if abs(across / factor - 1.0) < 0.06 and abs(down / factor - 1.0) < 0.06:
+            return factor
+    return None
+
+
+def check_part_sizes(
+    assembly: Assembly, camera: Camera, distance: float | None
+) -> Iterator[Finding]:
+    """Compare the parts with one another, and with what the camera sees at the scene's distance.
+
+    Args:
+        assembly: the parts.
+        camera: of the sequence.
+        distance: median depth of the scene in metres, where it is known and plausible.
+    """
+    sizes = {name: part.diameter for name, part in assembly.parts.items()}
+    largest = max(sizes, key=lambda name: sizes[name])
+    if distance is not None:
+        seen = distance * camera.width / camera.K[0, 0]
+        share = sizes[largest] / seen
+        if not 0.02 <= share <= 2.0:
+            yield Finding(
+                "mesh_unit",
+                "error",
+                f"The largest part, {largest}, is {1e3 * sizes[largest]:.3g} mm across, {share:.2g} "
+                f"times the {1e3 * seen:.0f} mm that the camera sees there: a mesh in the wrong "
+                "unit. Set 'unit' in assembly.yaml to the mesh file's unit.",
+                share,
+            )
+            return
+    median = float(np.median(list(sizes.values())))
+    for name, size in sizes.items():
+        ratio = size / median
+        if not 1 / 40 <= ratio <= 40:
+            yield Finding(
+                "mesh_unit",
+                "warning",
+                f"{name} is {1e3 * size:.3g} mm across, {ratio:.2g} times the middle part: its "
+                "mesh is probably in another unit. Give the part its own 'unit'.",
+                ratio,
+            )

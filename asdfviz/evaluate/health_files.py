@@ -1,0 +1,114 @@
+"""Checks on the files of a sequence: gaps, frames without a partner, objects that are no parts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from collections.abc import Sequence as Rows
+from itertools import pairwise
+from pathlib import Path
+
+from asdfviz.data.folder_sequence import FolderSequence
+from asdfviz.data.scene_objects import assign_parts, read_scene_objects
+from asdfviz.datatypes import Sequence
+from asdfviz.evaluate.health_report import Finding
+
+
+def check_numbering(indices: Rows[int]) -> Iterator[Finding]:
+    """Look for gaps in rising frame numbers; numbers that rise by a fixed step have none."""
+    steps = Counter(b - a for a, b in pairwise(indices))
+    if not steps:
+        return
+    step = min(steps, key=lambda s: (-steps[s], s))
+    missing = [index for a, b in pairwise(indices) for index in range(a + step, b, step)]
+    if missing:
+        yield Finding(
+            "missing_frames",
+            "warning",
+            f"{len(missing)} frame(s) are missing between {indices[0]} and {indices[-1]}: "
+            f"{_some(missing)}. Copy them again, or know that time jumps there.",
+            float(len(missing)),
+        )
+
+
+def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
+    """Look for colour images without depth, depth without colour, and names that are no numbers."""
+    files = sequence.files
+    if files.depth and files.rgb_without_depth:
+        count = len(files.rgb_without_depth)
+        yield Finding(
+            "missing_frames",
+            "warning",
+            f"{count} of {len(files.rgb)} colour images have no depth image of their number: "
+            f"{_some(files.rgb_without_depth)}. Poses there rest on colour alone.",
+            float(count),
+        )
+    if files.depth_without_rgb:
+        count = len(files.depth_without_rgb)
+        yield Finding(
+            "missing_frames",
+            "warning",
+            f"{count} depth image(s) have no colour image of their number and are not shown: "
+            f"{_some(files.depth_without_rgb)}. Are both numbered from the same start?",
+            float(count),
+        )
+    if files.ignored:
+        yield Finding(
+            "missing_frames",
+            "info",
+            f"{len(files.ignored)} image(s) are not used because their names are not numbers: "
+            f"{_some(files.ignored)}. Name them like 000000.png.",
+            float(len(files.ignored)),
+        )
+
+
+def check_assembly(sequence: FolderSequence) -> Iterator[Finding]:
+    """Say so where sequence.json names an assembly that is not there."""
+    if sequence.missing_assembly is not None:
+        yield Finding(
+            "missing_assembly",
+            "warning",
+            f"sequence.json names the assembly '{sequence.missing_assembly}', which is neither "
+            "bundled nor a path from this folder. Give it with --assembly.",
+        )
+
+
+def check_objects(sequence: Sequence) -> Iterator[Finding]:
+    """Count the objects of the truth that are no parts of the assembly.
+
+    Raises:
+        SequenceError: scene_gt.json is broken.
+    """
+    assembly = sequence.assembly
+    if assembly is None:
+        return
+    frames = read_scene_objects(Path(sequence.path))
+    known = {p.name for p in assembly.parts.values()} | {p.obj_id for p in assembly.parts.values()}
+    strangers: Counter[str] = Counter()
+    repeats: Counter[str] = Counter()
+    for objects in frames.values():
+        for item in assign_parts(objects, assembly)[1]:
+            (repeats if item.obj_id in known else strangers)[str(item.obj_id)] += 1
+    if strangers:
+        total = sum(strangers.values())
+        yield Finding(
+            "distractors",
+            "info",
+            f"{len(strangers)} object(s) of the truth are no parts of {assembly.name} and count as "
+            f"distractors ({total} entries): {_some(strangers)}.",
+            float(len(strangers)),
+        )
+    if repeats:
+        total = sum(repeats.values())
+        yield Finding(
+            "distractors",
+            "info",
+            f"{total} entries of the truth repeat a part within a frame and are not used: "
+            f"{_some(repeats)}. Give repeated pieces names of their own in the assembly.",
+            float(total),
+        )
+
+
+def _some(values: Iterable[object], most: int = 6) -> str:
+    shown = [str(value) for value in values]
+    return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")

@@ -1,0 +1,61 @@
+"""What a check of a sequence reports: findings in plain words, each with the figure behind it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+Severity: TypeAlias = Literal["info", "warning", "error"]
+
+Kind: TypeAlias = Literal[
+    "depth_unit",
+    "intrinsics",
+    "mesh_unit",
+    "size_mismatch",
+    "missing_frames",
+    "missing_depth",
+    "missing_assembly",
+    "depth_shift",
+    "distractors",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was noticed."""
+
+    kind: Kind
+    severity: Severity
+    message: str
+    """Plain words: what, the figure, and what to do about it."""
+    value: float | None = None
+    """The figure: a share (0 to 1), pixels, a factor or a count, as the message says."""
+
+
+@dataclass(frozen=True, slots=True)
+class HealthReport:
+    """All findings on a sequence, the gravest first."""
+
+    sequence: str
+    path: str
+    frames: int
+    frames_looked_at: int
+    findings: tuple[Finding, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {
+            "sequence": self.sequence,
+            "path": self.path,
+            "frames": self.frames,
+            "frames_looked_at": self.frames_looked_at,
+            "findings": [
+                {
+                    "kind": finding.kind,
+                    "severity": finding.severity,
+                    "message": finding.message,
+                    "value": finding.value,
+                }
+                for finding in self.findings
+            ],
+        }

@@ -1,0 +1,181 @@
+"""Measures how far depth lies beside colour: the classic sign of a wrong registration or lens.
+
+Depth edges are moved by a scale about the principal point and a shift until they lie on colour
+edges of their own direction (chamfer matching: Barrow et al., 1977; with directions: Shotton et
+al., 2008). The scale takes up what a lens or a wrong focal length does.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence as Rows
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32, Int64
+
+from asdfviz.datatypes import Frame
+from asdfviz.evaluate.health_edges import (
+    Edges,
+    color_edges,
+    depth_edges,
+    sampled,
+    thinned,
+)
+from asdfviz.geometry.shapes import Pixels, Scores, Vector
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftConfig:
+    """How depth and colour edges are compared."""
+
+    directions: int = 6
+    """Bins of edge direction over half a turn."""
+    truncation_px: float = 5.0
+    """Distance beyond which an edge counts as having no partner."""
+    search_px: int = 12
+    """Largest shift tried in x and in y."""
+    search_scale: float = 0.03
+    """Largest scale tried, as a share; the Kinect's lens makes 0.02."""
+    points_a_frame: int = 1500
+    """Depth edge points used."""
+    least_points: int = 150
+    """Fewer depth edge points than these in all frames say nothing."""
+    least_gain: float = 0.1
+    """Share of the mean edge distance that moving the depth must save to count as a shift."""
+    least_match: float = 0.15
+    """Share by which the best place must beat the median of all places tried; else nothing fits."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthShift:
+    """What moves depth edges onto colour edges: u' = centre + scale (u - centre) + shift."""
+
+    typical_px: float
+    """Displacement that a quarter of the depth edges exceed."""
+    shift_px: tuple[float, float]
+    scale: float
+    distance_px: float
+    """Mean truncated distance of depth edges to colour edges as they are."""
+    moved_distance_px: float
+    """The same once moved."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _View:
+    """One frame: depth edge points about the principal point, and distances to colour edges."""
+
+    offsets: Pixels
+    center: Pixels
+    bins: Int64[np.ndarray, " n"]
+    distances: Float32[np.ndarray, "d h w"]
+
+
+def measure_shift(frames: Rows[Frame], *, config: ShiftConfig | None = None) -> DepthShift | None:
+    """Measure one shift over all frames; None where too few depth edges lie on colour edges to tell."""
+    config = config or ShiftConfig()
+    views = [view for frame in frames if (view := _view(frame, config)) is not None]
+    if sum(len(view.bins) for view in views) < config.least_points:
+        return None
+    at_rest = np.array([1.0, 0.0, 0.0])
+    warp, chance = _search(views, config)
+    before, after = _cost(at_rest, views, config), _cost(warp, views, config)
+    if after > (1.0 - config.least_match) * chance:
+        return None
+    if before - after < config.least_gain * before:
+        warp, after = at_rest, before
+    offsets = np.concatenate([view.offsets for view in views])
+    lengths = np.linalg.norm(offsets * (warp[0] - 1.0) + warp[1:], axis=1)
+    return DepthShift(
+        typical_px=float(np.percentile(lengths, 75)),
+        shift_px=(float(warp[1]), float(warp[2])),
+        scale=float(warp[0]),
+        distance_px=before,
+        moved_distance_px=after,
+    )
+
+
+def _view(frame: Frame, config: ShiftConfig) -> _View | None:
+    if frame.depth is None:
+        return None
+    edges = thinned(depth_edges(frame.depth), config.points_a_frame)
+    if len(edges.pixels) == 0:
+        return None
+    center = frame.camera.K[:2, 2][None]
+    bins = np.minimum(edges.angles / np.pi * config.directions, config.directions - 1)
+    return _View(
+        offsets=edges.pixels - center,
+        center=center,
+        bins=bins.astype(np.int64),
+        distances=_distances(color_edges(frame.rgb), frame.rgb.shape[:2], config),
+    )
+
+
+def _distances(
+    edges: Edges, shape: tuple[int, ...], config: ShiftConfig
+) -> Float32[np.ndarray, "d h w"]:
+    """Truncated distance to the nearest colour edge of each direction (neighbouring bins overlap)."""
+    width = np.pi / config.directions
+    rounded = np.rint(edges.pixels).astype(np.int64)
+    stack: list[np.ndarray] = []
+    for k in range(config.directions):
+        turn = np.abs((edges.angles - (k + 0.5) * width + np.pi / 2) % np.pi - np.pi / 2)
+        near = rounded[turn < 1.2 * width]
+        image = np.ones(shape, dtype=np.uint8)
+        image[near[:, 1], near[:, 0]] = 0
+        distance = cv2.distanceTransform(image, cv2.DIST_L2, 5)
+        stack.append(np.minimum(distance, np.float32(config.truncation_px)))
+    return np.stack(stack).astype(np.float32)
+
+
+def _search(views: list[_View], config: ShiftConfig) -> tuple[Vector, float]:
+    """Best (scale, shift in x, shift in y) and the median cost of all that were tried.
+
+    A coarse grid, then ever finer steps from its best places.
+    """
+    # Steps well inside the truncated distance's basin.
+    shifts = np.arange(-config.search_px, config.search_px + 1, 2.0)
+    scales = 1.0 + np.linspace(-1.0, 1.0, 7) * config.search_scale
+    grid = [np.array(warp) for warp in itertools.product(scales, shifts, shifts)]
+    costs = np.array([_rounded_cost(warp, views) for warp in grid])
+    starts = [grid[int(i)] for i in np.argsort(costs, kind="stable")[:3]]
+    found = [_refined(start, views, config) for start in starts]
+    best = min(found, key=lambda warp: _cost(warp, views, config))
+    return best, float(np.median(costs))
+
+
+def _refined(start: Vector, views: list[_View], config: ShiftConfig) -> Vector:
+    """Pattern search (Hooke and Jeeves, 1961): step along each axis while it helps, then halve."""
+    best, cost = start, _cost(start, views, config)
+    steps = np.diag([0.005, 1.0, 1.0])
+    while steps[1, 1] > 0.05:
+        moves = [best + sign * step for step in steps for sign in (-1.0, 1.0)]
+        costs = [_cost(move, views, config) for move in moves]
+        if min(costs) < cost - 1e-6:
+            best, cost = moves[int(np.argmin(costs))], min(costs)
+        else:
+            steps = steps / 2.0
+    return best
+
+
+def _rounded_cost(warp: Vector, views: list[_View]) -> float:
+    """Mean truncated distance at the nearest pixels: quick, for the grid."""
+    total, count = 0.0, 0
+    for view in views:
+        moved = np.rint(view.offsets * warp[0] + view.center + warp[1:]).astype(np.int64)
+        height, width = view.distances.shape[1:]
+        u, v = moved[:, 0].clip(0, width - 1), moved[:, 1].clip(0, height - 1)
+        total += float(view.distances[view.bins, v, u].sum())
+        count += len(view.bins)
+    return total / count
+
+
+def _cost(warp: Vector, views: list[_View], config: ShiftConfig) -> float:
+    """Mean truncated distance between pixels: smooth, for the last steps."""
+    values: list[Scores] = []
+    for view in views:
+        moved = view.offsets * warp[0] + view.center + warp[1:]
+        for k in range(config.directions):
+            values.append(sampled(view.distances[k], moved[view.bins == k]))
+    return float(np.concatenate(values).mean())

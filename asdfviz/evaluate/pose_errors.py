@@ -1,0 +1,135 @@
+"""Distances between an estimated and a true pose; everything that scores poses starts here.
+
+The definitions are those of Hodan et al., "On Evaluation of 6D Object Pose Estimation" (ECCVW 2016),
+and of the BOP toolkit. Metres and radians; the estimate's and the truth's part frame are called
+`estimate` and `truth`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, cast, runtime_checkable
+
+import numpy as np
+from scipy.spatial import KDTree  # pyright: ignore[reportMissingTypeStubs]  scipy has none
+
+from asdfviz.datatypes import Part
+from asdfviz.geometry.sampling import surface_points
+from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric
+from asdfviz.geometry.transforms import apply, inverse, rotation_angle
+
+SURFACE_POINTS = 2000
+"""Points a part is compared by: spread evenly over its surface, so that fine detail weighs no more."""
+
+
+@runtime_checkable
+class NearestPoints(Protocol):
+    """The part of scipy's KDTree that is used here; scipy comes without types."""
+
+    def query(self, x: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Return the distance and the index of the nearest point for every x."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class PoseError:
+    """How far one estimated pose is from the truth."""
+
+    add_s: float
+    """ADI for a symmetric part, ADD for any other; metres."""
+    e_t: float
+    """Distance of the part frames' origins, metres."""
+    e_r: float
+    """Angle between the rotations, radians, symmetry left aside."""
+    e_r_sym: float
+    """The same to the nearest symmetric pose, radians."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorModel:
+    """A part made ready to be compared many times."""
+
+    part: Part
+    points: Points
+    tree: NearestPoints
+    """Nearest-neighbour tree over `points`."""
+
+
+def error_model(part: Part, *, count: int = SURFACE_POINTS) -> ErrorModel:
+    """Sample the part's surface (always the same points) and index the sample."""
+    points = surface_points(part.mesh.vertices, part.mesh.faces, count)
+    return ErrorModel(part, points, nearest_points(points))
+
+
+def nearest_points(points: Points) -> NearestPoints:
+    """Index points so that the nearest one is found quickly."""
+    return cast(NearestPoints, KDTree(points))
+
+
+def pose_error(
+    T_camera_estimate: Transform, T_camera_truth: Transform, model: ErrorModel
+) -> PoseError:
+    """Return all errors of one pose; ADD(S) as in Hinterstoisser et al. (ACCV 2012)."""
+    symmetries = model.part.symmetries
+    if symmetries.is_symmetric:
+        add_s = adi(T_camera_estimate, T_camera_truth, model.points, tree=model.tree)
+    else:
+        add_s = add(T_camera_estimate, T_camera_truth, model.points)
+    return PoseError(
+        add_s=add_s,
+        e_t=e_t(T_camera_estimate, T_camera_truth),
+        e_r=e_r(T_camera_estimate, T_camera_truth),
+        e_r_sym=e_r_symmetric(T_camera_estimate, T_camera_truth, symmetries),
+    )
+
+
+def add(T_camera_estimate: Transform, T_camera_truth: Transform, points: Points) -> float:
+    """Average distance between each model point under both poses, metres (ADD)."""
+    gaps = apply(T_camera_estimate, points) - apply(T_camera_truth, points)
+    return float(np.linalg.norm(gaps, axis=1).mean())
+
+
+def adi(
+    T_camera_estimate: Transform,
+    T_camera_truth: Transform,
+    points: Points,
+    *,
+    tree: NearestPoints | None = None,
+) -> float:
+    """Average distance from each true model point to the nearest estimated one, metres (ADI, ADD-S).
+
+    Not symmetric in its poses: the tree stands on the estimate and is asked for the truth's points.
+    Rigid motion keeps distances, so one tree in the part's frame serves every pose.
+
+    Args:
+        T_camera_estimate: the pose that was found.
+        T_camera_truth: the pose that is right.
+        points: the model, part frame.
+        tree: an index over `points`, if the caller has one.
+    """
+    tree = nearest_points(points) if tree is None else tree
+    T_estimate_truth = inverse(T_camera_estimate) @ T_camera_truth
+    distances, _ = tree.query(apply(T_estimate_truth, points))
+    return float(distances.mean())
+
+
+def e_t(T_camera_estimate: Transform, T_camera_truth: Transform) -> float:
+    """Distance between the part frames' origins, metres."""
+    return float(np.linalg.norm(T_camera_estimate[:3, 3] - T_camera_truth[:3, 3]))
+
+
+def e_r(T_camera_estimate: Transform, T_camera_truth: Transform) -> float:
+    """Angle of the rotation between the poses, radians: acos((tr(R_e R_t^T) - 1) / 2)."""
+    return rotation_angle(T_camera_estimate[:3, :3].T @ T_camera_truth[:3, :3])
+
+
+def e_r_symmetric(
+    T_camera_estimate: Transform, T_camera_truth: Transform, symmetries: Symmetries
+) -> float:
+    """Smallest angle to any pose that looks like the truth, radians: min over S of e_r(R_e, R_t S).
+
+    Continuous axes are solved for, not cut into steps.
+    """
+    T_camera_nearest = nearest_symmetric(T_camera_truth, T_camera_estimate, symmetries)
+    return e_r(T_camera_estimate, T_camera_nearest)

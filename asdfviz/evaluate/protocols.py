@@ -1,0 +1,183 @@
+"""What counts: the pose figures of a part, and of all parts, under the strict and the authors' rules.
+
+`strict`: every part that can be seen counts, a missing pose is a miss. `gbot`: the rules of the GBOT
+authors' eval_calc_errors.py, by which the ASDF paper's tables were made. They count only the poses
+that were handed in, and call a share at 10 cm ADD(S); it is kept apart to compare with the paper.
+Shares in percent, lengths in mm, angles in degrees; None where a figure is not defined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Part
+from asdfviz.evaluate.pose_errors import PoseError
+from asdfviz.evaluate.records import Comparison, PoseRecord
+
+ProtocolName: TypeAlias = Literal["strict", "gbot"]
+Figures: TypeAlias = dict[str, float | int | None]
+
+VISIBLE = 0.1
+"""A part counts from this visible share on, as in BOP's protocol of 2024."""
+DETECTABLE = 0.3
+"""Detection recall asks for parts from this visible share on."""
+ADD_LIMIT = 0.1
+"""Metres: ADD(S)@10 cm."""
+DIAMETER_SHARE = 0.1
+"""ADD(S) < 0.1 d."""
+GBOT_MAX_E_T = 1.0
+"""Metres: the authors leave larger translation errors out of their mean."""
+
+MEAN_FIGURES = (
+    "add_s_10cm",
+    "add_s_01d",
+    "e_t_mm",
+    "e_t_mm_median",
+    "e_r_deg",
+    "e_r_sym_deg",
+    "e_r_sym_deg_median",
+    "detection_recall",
+)
+
+# obj4eval of the authors' script: the parts that each assembly's mean is taken over.
+GBOT_EVALUATED_PARTS = (
+    ("Corner_Clamp_Base", "Corner_Clamp_Bolt", "Corner_Clamp_Jaw"),
+    ("Caliper_Fix", "Caliper_Move_Bottom", "Caliper_Move_Top_Vernier"),
+    (
+        "NanoViseV2_CLAMP_BALLJOINT",
+        "NanoViseV2_CLAMP_BASE",
+        "NanoViseV2_CLAMP_SCREW",
+        "NanoViseV2_VISE_BASE",
+        "NanoViseV2_VISE_SCREW",
+        "NanoViseV2_VISE_SLIDER",
+        "NanoViseV2_CLAMP_HEADPLATE",
+        "NanoViseV2_CLAMP_NUT",
+    ),
+    ("HS_Jaw1", "HS_Jaw2", "HS_Knob1", "HS_Knob2", "HS_Pad", "HS_Thread1", "HS_Thread2"),
+    (
+        "Liftpod_armfirst",
+        "Liftpod_armlast",
+        "Liftpod_bar",
+        "Liftpod_baseplate",
+        "Liftpod_clampframe",
+        "Liftpod_clampslider",
+        "Liftpod_sleeve",
+    ),
+)
+
+
+def pose_figures(
+    comparison: Comparison, assembly: Assembly, protocol: ProtocolName
+) -> tuple[dict[str, Figures], Figures]:
+    """Return the figures of every part, and their mean over parts."""
+    by_part: dict[str, list[PoseRecord]] = {name: [] for name in assembly.parts}
+    for record in comparison.records:
+        by_part[record.part].append(record)
+    part_figures = _strict_figures if protocol == "strict" else _gbot_figures
+    parts: dict[str, Figures] = {}
+    for name, part in assembly.parts.items():
+        parts[name] = part_figures(by_part[name], part)
+        parts[name]["detection_recall"] = _detection_recall(by_part[name])
+        parts[name]["false_positives"] = len(comparison.false_positives.get(name, ()))
+    if protocol == "strict":
+        return parts, {
+            key: mean(figures[key] for figures in parts.values()) for key in MEAN_FIGURES
+        }
+    return parts, _gbot_mean(parts, by_part, assembly)
+
+
+def gbot_evaluated_parts(assembly: Assembly) -> tuple[str, ...]:
+    """Return the parts that the authors evaluate; all of them for an assembly they do not have."""
+    for names in GBOT_EVALUATED_PARTS:
+        if all(name in assembly.parts for name in names):
+            return names
+    return tuple(assembly.parts)
+
+
+def mean(values: Iterable[float | int | None]) -> float | None:
+    """Plain mean of the defined values."""
+    defined = [value for value in values if value is not None]
+    return float(np.mean(defined)) if defined else None
+
+
+def percent(count: int, total: int) -> float | None:
+    """Share in percent; None of nothing."""
+    return 100.0 * count / total if total else None
+
+
+def _strict_figures(records: Sequence[PoseRecord], part: Part) -> Figures:
+    counted = [record for record in records if record.visible >= VISIBLE]
+    errors = [record.error for record in counted if record.error is not None]
+    adds = [error.add_s for error in errors]
+    return {
+        "n_visible": len(counted),
+        "n_poses": len(errors),
+        **_add_shares(adds, part, total=len(counted)),
+        **_distances(errors, [error.e_t for error in errors]),
+    }
+
+
+def _gbot_figures(records: Sequence[PoseRecord], part: Part) -> Figures:
+    errors = [record.error for record in records if record.error is not None]
+    # Bounding spheres that do not overlap make the authors' ADD(S) infinite.
+    adds = [error.add_s if error.e_t < part.diameter else np.inf for error in errors]
+    near = [error.e_t for error in errors if error.e_t < GBOT_MAX_E_T]
+    return {
+        "n_visible": sum(record.visible >= VISIBLE for record in records),
+        "n_poses": len(errors),
+        **_add_shares(adds, part, total=len(errors)),
+        **_distances(errors, near),
+    }
+
+
+def _gbot_mean(
+    parts: Mapping[str, Figures], by_part: Mapping[str, Sequence[PoseRecord]], assembly: Assembly
+) -> Figures:
+    """Mean over the authors' parts; the rotation only over those without a symmetry.
+
+    A part without any estimate adds 0 to ADD(S), as there. Their e_t and e_r then repeat the part
+    before it, a slip of the script; here such a part is left out of both.
+    """
+    evaluated = [name for name in gbot_evaluated_parts(assembly) if by_part[name]]
+    figures: Figures = {}
+    for key in MEAN_FIGURES:
+        names = evaluated
+        if key == "e_r_deg":
+            names = [n for n in names if not assembly.parts[n].symmetries.is_symmetric]
+        values = [parts[name][key] for name in names]
+        if key in ("add_s_10cm", "add_s_01d"):
+            values = [0.0 if value is None else value for value in values]
+        figures[key] = mean(values)
+    return figures
+
+
+def _add_shares(adds: Sequence[float], part: Part, *, total: int) -> Figures:
+    return {
+        "add_s_10cm": percent(sum(a < ADD_LIMIT for a in adds), total),
+        "add_s_01d": percent(sum(a < DIAMETER_SHARE * part.diameter for a in adds), total),
+    }
+
+
+def _distances(errors: Sequence[PoseError], e_t: Sequence[float]) -> Figures:
+    e_t_mm = [1000.0 * value for value in e_t]
+    e_r_sym_deg = [float(np.rad2deg(error.e_r_sym)) for error in errors]
+    return {
+        "e_t_mm": mean(e_t_mm),
+        "e_t_mm_median": median(e_t_mm),
+        "e_r_deg": mean(float(np.rad2deg(error.e_r)) for error in errors),
+        "e_r_sym_deg": mean(e_r_sym_deg),
+        "e_r_sym_deg_median": median(e_r_sym_deg),
+    }
+
+
+def median(values: Sequence[float]) -> float | None:
+    """Median, None of nothing."""
+    return float(np.median(values)) if values else None
+
+
+def _detection_recall(records: Sequence[PoseRecord]) -> float | None:
+    asked = [record for record in records if record.visible >= DETECTABLE]
+    return percent(sum(record.error is not None for record in asked), len(asked))

@@ -1,0 +1,100 @@
+"""Lines up a run's poses with the truth: one record for each part that is there in a frame.
+
+Sits between the pose errors and the protocols, which only differ in what they count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, PoseEstimate, Run
+from asdfviz.errors import RunError
+from asdfviz.evaluate.pose_errors import PoseError, error_model, pose_error
+from asdfviz.geometry.transforms import is_rigid
+
+
+@dataclass(frozen=True, slots=True)
+class PoseRecord:
+    """One true part in one frame, and how far its estimate is off."""
+
+    frame_index: int
+    part: str
+    visible: float
+    """Visible share of the part's outline, 0 to 1."""
+    error: PoseError | None
+    """None where the run has no pose: a miss."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Every record, and the poses of parts that are not there."""
+
+    records: tuple[PoseRecord, ...]
+    false_positives: Mapping[str, tuple[int, ...]]
+    """Frame numbers in which the part has a pose though the truth does not know it there."""
+
+
+def predictions_by_frame(run: Run, assembly: Assembly) -> dict[int, FramePrediction]:
+    """Return the run's predictions by frame number, checked against the assembly.
+
+    Raises:
+        RunError: a frame comes twice, a part or state is unknown, or a pose is not rigid.
+    """
+    found: dict[int, FramePrediction] = {}
+    for prediction in run.predictions:
+        where = f"run of '{run.method}', frame {prediction.frame_index}"
+        if prediction.frame_index in found:
+            raise RunError(f"{where}: the frame comes twice; a run holds each frame once")
+        for name, pose in prediction.poses.items():
+            if name not in assembly.parts:
+                known = ", ".join(assembly.parts)
+                raise RunError(f"{where}: part '{name}' is not in {assembly.name}; parts: {known}")
+            if not is_rigid(pose.T_camera_part):
+                raise RunError(
+                    f"{where}: the pose of '{name}' is not a rigid transform; "
+                    "leave a part out that was not found"
+                )
+        state = prediction.state
+        if state is not None and len(state.probabilities) != len(assembly.states):
+            raise RunError(
+                f"{where}: {len(state.probabilities)} state probabilities, expected "
+                f"{len(assembly.states)} for {assembly.name}"
+            )
+        found[prediction.frame_index] = prediction
+    return found
+
+
+def compare_poses(
+    predictions: Mapping[int, FramePrediction],
+    truth: Iterable[FrameTruth],
+    *,
+    assembly: Assembly,
+    visible: Mapping[int, Mapping[str, float]],
+) -> Comparison:
+    """Compare every pose of the frames in `truth`.
+
+    Args:
+        predictions: by frame number; a frame may be missing, which misses all its parts.
+        truth: the frames that count.
+        assembly: its parts are compared; objects that it does not know are left aside.
+        visible: visible share by frame number and part, for every part of the truth.
+    """
+    models = {name: error_model(part) for name, part in assembly.parts.items()}
+    records: list[PoseRecord] = []
+    extra: dict[str, list[int]] = {name: [] for name in assembly.parts}
+    for frame in truth:
+        prediction = predictions.get(frame.frame_index)
+        poses: Mapping[str, PoseEstimate] = {} if prediction is None else prediction.poses
+        for name, model in models.items():
+            T_camera_truth = frame.T_camera_part.get(name)
+            pose = poses.get(name)
+            if T_camera_truth is None:
+                # A frame whose state alone is known says nothing about which parts are there.
+                if pose is not None and frame.T_camera_part:
+                    extra[name].append(frame.frame_index)
+                continue
+            error = None if pose is None else pose_error(pose.T_camera_part, T_camera_truth, model)
+            share = visible[frame.frame_index][name]
+            records.append(PoseRecord(frame.frame_index, name, share, error))
+    return Comparison(tuple(records), {name: tuple(found) for name, found in extra.items()})

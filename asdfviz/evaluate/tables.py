@@ -1,0 +1,100 @@
+"""Markdown tables of what `evaluate_run` returns, for the command line and the app's result tab.
+
+Names come from datasets and plug-ins, so what Markdown, HTML or MDX would read in them is escaped.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+UNDEFINED = "-"
+
+# Heading and key of the report.
+POSE_COLUMNS = (
+    ("ADD(S) < 10 cm [%]", "add_s_10cm"),
+    ("ADD(S) < 0.1 d [%]", "add_s_01d"),
+    ("e_t [mm]", "e_t_mm"),
+    ("median", "e_t_mm_median"),
+    ("e_r [°]", "e_r_deg"),
+    ("sym. [°]", "e_r_sym_deg"),
+    ("sym. median", "e_r_sym_deg_median"),
+    ("found [%]", "detection_recall"),
+)
+STATE_COLUMNS = (
+    ("state [%]", "accuracy"),
+    ("± 2 frames", "accuracy_tol2"),
+    ("macro F1", "macro_f1"),
+    ("error recall", "error_recall"),
+    ("precision", "error_precision"),
+)
+
+
+def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
+    """One row a result: means over parts, state and time; then what was warned about."""
+    headings = ["Method", "Sequence", "Protocol", "Frames"]
+    headings += [title for title, _ in (*POSE_COLUMNS, *STATE_COLUMNS)]
+    rows = [
+        [
+            escaped(str(result["method"])),
+            escaped(str(result["sequence"])),
+            escaped(str(result["protocol"])),
+            str(result["n_frames"]),
+            *(number(result["mean"].get(key)) for _, key in POSE_COLUMNS),
+            *(number(result["state"].get(key)) for _, key in STATE_COLUMNS),
+            number(result["runtime_ms"].get("total_median")),
+        ]
+        for result in results
+    ]
+    notes = [
+        f"- {escaped(str(result['method']))}: {escaped(str(warning))}"
+        for result in results
+        for warning in result.get("warnings", ())
+    ]
+    table = _table([*headings, "ms a frame"], rows, texts=3)
+    return "\n".join([table, "", *notes]) if notes else table
+
+
+def parts_table(result: Mapping[str, Any]) -> str:
+    """One row a part of one result, and the mean as the last row."""
+    headings = ["Part", "Visible", "Poses", "Extra", *(title for title, _ in POSE_COLUMNS)]
+    counts = ("n_visible", "n_poses", "false_positives")
+    rows = [
+        [
+            escaped(str(name)),
+            *(str(figures[key]) for key in counts),
+            *(number(figures[key]) for _, key in POSE_COLUMNS),
+        ]
+        for name, figures in result["parts"].items()
+    ]
+    means = [number(result["mean"].get(key)) for _, key in POSE_COLUMNS]
+    return _table(headings, [*rows, ["**mean**", "", "", "", *means]], texts=1)
+
+
+def number(value: float | int | None) -> str:
+    """One decimal, or a dash where the figure is not defined."""
+    return UNDEFINED if value is None else f"{value:.1f}"
+
+
+def escaped(text: str) -> str:
+    """Text that Markdown, HTML and MDX show as it is, in one table cell."""
+    shown = html.escape(" ".join(text.split()))
+    for mark in "|{}`*[]\\":
+        shown = shown.replace(mark, f"&#{ord(mark)};")
+    return shown
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, texts: int) -> str:
+    """Lay out a table whose first `texts` columns are text (left) and the others figures (right)."""
+    widths = [max(len(row[i]) for row in (headings, *rows)) for i in range(len(headings))]
+
+    def line(cells: Sequence[str]) -> str:
+        padded = [
+            cell.ljust(width) if i < texts else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        ]
+        return f"| {' | '.join(padded)} |"
+
+    rule = ["-" * width if i < texts else "-" * (width - 1) + ":" for i, width in enumerate(widths)]
+    return "\n".join([line(headings), line(rule), *(line(row) for row in rows)])

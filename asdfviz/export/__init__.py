@@ -1,0 +1,1 @@
+"""One pure writer a format: sequences and truth to the layouts that other tools read."""

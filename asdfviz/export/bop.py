@@ -1,0 +1,191 @@
+"""Writes a sequence and its truth as a BOP scene folder, with states.json beside (GBOT's string ids).
+
+    rgb/NNNNNN.*  depth/NNNNNN.png  camera.json  scene_camera.json  scene_gt.json
+    scene_gt_info.json  states.json  models_info.json  sequence.json
+
+`data.sequences.open_sequence` reads it back: poses and states are equal to what was written.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.data.folder_sequence import FolderSequence
+from asdfviz.data.json_files import read_json
+from asdfviz.data.prefetch import Prefetcher
+from asdfviz.data.resources import bundled_assemblies
+from asdfviz.data.scene_files import RGB_SUFFIXES
+from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Sequence
+from asdfviz.errors import SequenceError
+from asdfviz.export.bop_content import (
+    camera_content,
+    models_info,
+    scene_camera_entry,
+    scene_gt,
+    scene_gt_info,
+    states,
+)
+
+_GENERATOR = "asdfviz export"
+_SEQUENCE = "sequence.json"
+
+
+def export_bop(
+    sequence: Sequence,
+    truth: Mapping[int, FrameTruth],
+    folder: Path,
+    *,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write every frame of the sequence and the truth, by frame number, into a folder.
+
+    Images are copied byte by byte, but a colour image whose lens was undone is written as a PNG
+    of the undistorted one. An earlier export of the same sequence is replaced.
+
+    Args:
+        sequence: what to export; its own truth is not used.
+        truth: poses and states by frame number; frames without an entry get none.
+        folder: a new or empty folder, or an earlier export of this sequence.
+        progress: called with frames done and frames in all.
+
+    Raises:
+        SequenceError: the folder is in use by something else, an image cannot be read, or truth
+            is of a frame or a part that does not exist.
+    """
+    source = sequence.source if isinstance(sequence, Prefetcher) else sequence
+    folder = folder.expanduser().resolve()
+    _check_target(folder, source)
+    poses, info = scene_gt(truth, source), scene_gt_info(truth)
+    # Named first, so that an export that was cut off can be repeated in its folder.
+    _write_json(folder / _SEQUENCE, _about(source))
+    cameras: dict[str, object] = {}
+    first: Camera | None = None
+    scale = 1.0
+    for place, index in enumerate(source.frame_indices):
+        camera, scale = _write_images(source, place, folder)
+        cameras[str(index)] = scene_camera_entry(camera, scale)
+        first = first or camera
+        if progress is not None:
+            progress(place + 1, len(source))
+    _write_json(folder / "camera.json", camera_content(first or source.camera, scale))
+    _write_json(folder / "scene_camera.json", cameras)
+    _write_json(folder / "scene_gt.json", poses)
+    if info is None:
+        (folder / "scene_gt_info.json").unlink(missing_ok=True)
+    else:
+        _write_json(folder / "scene_gt_info.json", info)
+    _write_json(folder / "states.json", states(truth))
+    if source.assembly is not None:
+        _write_json(folder / "models_info.json", models_info(source.assembly))
+
+
+def _check_target(folder: Path, source: Sequence) -> None:
+    origin = Path(source.path).resolve()
+    if folder == origin or origin in folder.parents or folder in origin.parents:
+        raise SequenceError(
+            f"{folder} lies over the sequence {origin} itself; export into a folder apart from it"
+        )
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return
+    if not folder.is_dir():
+        raise SequenceError(f"{folder} is a file; give a folder to export into")
+    if not _is_earlier_export(folder, source):
+        raise SequenceError(
+            f"{folder} is not empty and no earlier export of {source.name}; give a new folder"
+        )
+
+
+def _is_earlier_export(folder: Path, source: Sequence) -> bool:
+    file = folder / _SEQUENCE
+    if not file.is_file():
+        return False
+    about = read_json(file, error=SequenceError).items()
+    generator, origin = about.get("generator"), about.get("source")
+    return (
+        generator is not None
+        and generator.value == _GENERATOR
+        and origin is not None
+        and origin.value == source.path
+    )
+
+
+def _about(source: Sequence) -> dict[str, object]:
+    about: dict[str, object] = {"generator": _GENERATOR, "source": source.path}
+    if isinstance(source, FolderSequence):
+        about["fps"] = source.fps
+    if source.assembly is not None:
+        about["assembly"] = _assembly_reference(source.assembly)
+    return about
+
+
+def _assembly_reference(assembly: Assembly) -> str:
+    """The name of a bundled assembly, which means the same elsewhere; otherwise its path."""
+    for name, file in bundled_assemblies().items():
+        if Path(assembly.path).resolve() == file.resolve():
+            return name
+    return assembly.path
+
+
+def _write_images(source: Sequence, place: int, folder: Path) -> tuple[Camera, float]:
+    """Write one frame's images; return its camera and the millimetres per unit of its depth."""
+    index = source.frame_indices[place]
+    if not isinstance(source, FolderSequence):
+        return _write_decoded(source[place], folder)
+    rgb = source.files.rgb[index]
+    if source.cameras[index].distortion is None:
+        _write_one(folder, index, rgb.suffix.lower(), _bytes_of(rgb))
+    else:
+        _write_rgb(source[place], folder)
+    depth = source.files.depth.get(index)
+    if depth is not None:
+        write_bytes(folder / "depth" / f"{index:06d}.png", _bytes_of(depth))
+    return source.camera_of(index), source.depth_scale(index)
+
+
+def _write_decoded(frame: Frame, folder: Path) -> tuple[Camera, float]:
+    """Write a frame that has no files of its own, its depth in the finest unit that holds it."""
+    _write_rgb(frame, folder)
+    scale = 1.0
+    if frame.depth is not None:
+        depth_mm = frame.depth.astype(np.float64) * 1e3
+        scale = 0.1 if depth_mm.max(initial=0.0) < 6500.0 else 1.0
+        raw = np.rint(np.clip(depth_mm / scale, 0, 65535)).astype(np.uint16)
+        write_bytes(folder / "depth" / f"{frame.index:06d}.png", _png(raw))
+    return frame.camera, scale
+
+
+def _write_rgb(frame: Frame, folder: Path) -> None:
+    bgr = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR)
+    _write_one(folder, frame.index, ".png", _png(bgr))
+
+
+def _write_one(folder: Path, index: int, suffix: str, data: bytes) -> None:
+    """Write a colour image as the only one of its number: an earlier export may have another."""
+    for other in RGB_SUFFIXES:
+        if other != suffix:
+            (folder / "rgb" / f"{index:06d}{other}").unlink(missing_ok=True)
+    write_bytes(folder / "rgb" / f"{index:06d}{suffix}", data)
+
+
+def _png(image: cv2.typing.MatLike) -> bytes:
+    done, data = cv2.imencode(".png", image)
+    if not done:
+        raise SequenceError(f"an image of shape {image.shape} cannot be written as PNG")
+    return data.tobytes()
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise SequenceError(f"{path} cannot be read: {error}") from error
+
+
+def _write_json(path: Path, content: object) -> None:
+    write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")

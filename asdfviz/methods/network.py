@@ -1,0 +1,78 @@
+"""The detector as methods configure it. Imports torch only when a network is loaded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from asdfviz.datatypes import Assembly, Detection
+from asdfviz.errors import WeightsError
+from asdfviz.geometry.shapes import Rgb
+
+WEIGHTS = "weights.safetensors"
+"""File beside assembly.yaml that methods use unless told otherwise."""
+
+
+class Detects(Protocol):
+    """Anything that finds labelled boxes with keypoints in a picture."""
+
+    def detect(self, rgb: Rgb) -> tuple[Detection, ...]:
+        """Return what is in the picture, in its pixels."""
+        ...
+
+
+@dataclass(frozen=True)
+class NetworkConfig:
+    """Which network runs, and how."""
+
+    weights: Path | None = None
+    """Trained weights (.safetensors, or .pt of the public package). Default: weights.safetensors
+    in the assembly's folder."""
+    image_size: int = 640
+    """Longer side of the network's input, pixels. Paper: 1280. Here: 640, what ours is trained at."""
+    confidence: float = 0.25
+    """Smallest score of a box, 0 to 1 (the authors: 0.25 to 0.5)."""
+    device: str = "cpu"
+    """Torch device, such as cpu or cuda."""
+    bfloat16: bool = False
+    """Run in bfloat16: faster where the processor has it, keypoints up to a pixel off."""
+
+
+def weights_path(config: NetworkConfig, assembly: Assembly) -> Path:
+    """Return the file that the network is read from; it need not exist."""
+    if config.weights is not None:
+        return config.weights.expanduser().resolve()
+    return Path(assembly.path).parent / WEIGHTS
+
+
+def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
+    """Load the network for an assembly.
+
+    Raises:
+        WeightsError: there are no weights, or they know none of the assembly's classes.
+    """
+    path = weights_path(config, assembly)
+    if not path.is_file():
+        raise WeightsError(
+            f"no weights for '{assembly.name}' at {path}: train them with "
+            f"`asdfviz train --assembly {assembly.path}`, or name a file with --detector.weights"
+        )
+    from asdfviz.detector.detector import Detector, DetectorConfig
+
+    detector = Detector(
+        path,
+        config=DetectorConfig(
+            image_size=config.image_size,
+            confidence=config.confidence,
+            device=config.device,
+            bfloat16=config.bfloat16,
+        ),
+    )
+    parts = {part.detector_class for part in assembly.parts.values()}
+    if not parts & set(detector.classes):
+        raise WeightsError(
+            f"{path} knows none of the parts of '{assembly.name}': it has "
+            f"{', '.join(detector.classes)}; the assembly needs {', '.join(sorted(parts))}"
+        )
+    return detector

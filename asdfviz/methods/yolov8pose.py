@@ -1,0 +1,79 @@
+"""YOLOv8-pose with PnP: the paper's baseline. Poses from keypoints, the state from its box alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, StateEstimate
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Box
+from asdfviz.methods.assignment import assign_detections
+from asdfviz.methods.network import Detects, NetworkConfig, load_detector
+from asdfviz.methods.part_poses import poses_from_keypoints
+from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.timing import StageTimer
+from asdfviz.pose.pnp import PnpConfig
+from asdfviz.state.appearance import AppearanceConfig, appearance_probabilities
+
+
+@dataclass(frozen=True)
+class Yolov8PoseConfig:
+    """Options of the baseline; PnP as the authors have it."""
+
+    detector: NetworkConfig = field(default_factory=NetworkConfig)
+    """The network."""
+    pnp: PnpConfig = field(default_factory=PnpConfig)
+    """From keypoints to a pose."""
+    appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
+    """From state boxes to probabilities."""
+
+
+class Yolov8Pose:
+    """Detect, PnP, and the state of the highest-scoring state box."""
+
+    def __init__(self, config: Yolov8PoseConfig, *, detector: Detects | None = None) -> None:
+        """Keep the config.
+
+        Args:
+            config: the options.
+            detector: used instead of the configured network.
+        """
+        self._config = config
+        self._given_detector = detector
+        self._detector: Detects | None = None
+        self._assembly: Assembly | None = None
+        self._boxes: dict[str, Box] = {}
+
+    def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
+        """Load the network for this assembly.
+
+        Raises:
+            WeightsError: there are no weights for it.
+        """
+        self._detector = self._given_detector or load_detector(self._config.detector, assembly)
+        self._assembly = assembly
+        self._boxes = {}
+
+    def step(self, frame: Frame) -> FramePrediction:
+        """Poses and state of one frame; frames before do not matter but to tell twins apart."""
+        if self._detector is None or self._assembly is None:
+            raise MethodError("yolov8pose: reset() must come before step()")
+        config, assembly, timed = self._config, self._assembly, StageTimer()
+        with timed("detect"):
+            detections = self._detector.detect(frame.rgb)
+        with timed("pnp"):
+            found = assign_detections(detections, assembly, previous=self._boxes)
+            self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
+            poses = poses_from_keypoints(found, frame, assembly, config=config.pnp)
+        with timed("state"):
+            looks = appearance_probabilities(detections, assembly, config=config.appearance)
+            state = None if looks is None else StateEstimate(looks, {"appearance": looks})
+        return FramePrediction(frame.index, poses, state, detections, timed.seconds)
+
+
+SPEC = MethodSpec(
+    name="yolov8pose",
+    summary="YOLOv8-pose keypoints, RANSAC PnP, state by its box (the paper's baseline)",
+    config=Yolov8PoseConfig,
+    factory="asdfviz.methods.yolov8pose:Yolov8Pose",
+)

@@ -1,0 +1,208 @@
+"""The only loop over frames: runs a method on a sequence and times it.
+
+Truth reaches a method only here, only as the pose of the first frame, and only if its spec asks.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from asdfviz import __version__
+from asdfviz.data.hashes import file_sha256
+from asdfviz.datatypes import (
+    Assembly,
+    Frame,
+    FramePrediction,
+    FrameTruth,
+    PoseEstimate,
+    Run,
+    Sequence,
+    StateEstimate,
+)
+from asdfviz.errors import AsdfvizError, MethodError, SequenceError
+from asdfviz.geometry.transforms import is_rigid
+from asdfviz.methods.network import NetworkConfig, weights_path
+from asdfviz.methods.registry import build_method
+from asdfviz.methods.spec import Method, MethodSpec
+
+
+def run(
+    spec: MethodSpec,
+    sequence: Sequence,
+    *,
+    config: object | None = None,
+    progress: Callable[[int, int, FramePrediction], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Run:
+    """Run a method over all frames of a sequence.
+
+    Args:
+        spec: the method.
+        sequence: RGB-D frames; frames without depth are fine where the method is.
+        config: the method's config; None means its defaults.
+        progress: called after every frame with frames done, frames in all, and the prediction.
+        stop: asked before every frame; True ends the run early with what there is.
+
+    Returns:
+        The run; fewer predictions than frames if it was stopped.
+
+    Raises:
+        SequenceError: the sequence has no assembly, no frames, or no truth where it is needed.
+        MethodError: the method failed or said something impossible; with the frame.
+    """
+    assembly = sequence.assembly
+    if assembly is None:
+        raise SequenceError(
+            f"{sequence.path} does not name its assembly: say which with --assembly PATH"
+        )
+    if not len(sequence):
+        raise SequenceError(f"{sequence.path} has no frames")
+    config = spec.config() if config is None else config
+    method = build_method(spec, config)  # refuses a config of another class
+    about = _with_absolute_weights(config, assembly)
+    initial = _initial(sequence, assembly) if spec.initial == "first_frame_truth" else None
+    _guarded_reset(method, spec, sequence, assembly, initial)
+    predictions: list[FramePrediction] = []
+    for place in range(len(sequence)):
+        if stop is not None and stop():
+            break
+        prediction = _timed_step(method, spec, sequence[place], assembly)
+        predictions.append(prediction)
+        if progress is not None:
+            progress(len(predictions), len(sequence), prediction)
+    return Run(
+        method=spec.name,
+        config=dataclasses.asdict(about),
+        sequence=str(Path(sequence.path).resolve()),
+        assembly=str(Path(assembly.path).resolve()),
+        version=__version__,
+        predictions=tuple(predictions),
+        hashes=input_hashes(sequence, assembly, config),
+        initial=spec.initial,
+    )
+
+
+def input_hashes(sequence: Sequence, assembly: Assembly, config: object) -> dict[str, str]:
+    """SHA-256 of the assembly with its meshes, of the weights if a network runs, of the frames."""
+    described = hashlib.sha256(Path(assembly.path).read_bytes())
+    for part in assembly.parts.values():
+        for array in (part.mesh.vertices, part.mesh.faces, part.keypoints):
+            described.update(np.ascontiguousarray(array).tobytes())
+    hashes = {"assembly": described.hexdigest(), "sequence": _sequence_sha256(Path(sequence.path))}
+    for network in _networks(config).values():
+        weights = weights_path(network, assembly)
+        if weights.is_file():
+            hashes["weights"] = file_sha256(weights)
+    return hashes
+
+
+def _sequence_sha256(folder: Path) -> str:
+    """Over names and contents of images and JSON files; results that lie beside them do not count."""
+    images = [p for room in ("rgb", "depth") for p in sorted((folder / room).glob("*.*"))]
+    digest = hashlib.sha256()
+    for file in [*sorted(folder.glob("*.json")), *images]:
+        name = file.relative_to(folder).as_posix()
+        digest.update(f"{name}\0{file_sha256(file)}\n".encode())
+    return digest.hexdigest()
+
+
+def _initial(sequence: Sequence, assembly: Assembly) -> FramePrediction:
+    truth = sequence.truth(0)
+    if truth is None:
+        raise SequenceError(
+            f"{sequence.path} has no truth for its first frame, which this method starts from"
+        )
+    poses = {
+        name: PoseEstimate(name, T_camera_part, 1.0, "truth")
+        for name, T_camera_part in truth.T_camera_part.items()
+        if name in assembly.parts
+    }
+    return FramePrediction(truth.frame_index, poses, _true_state(truth, assembly))
+
+
+def _true_state(truth: FrameTruth, assembly: Assembly) -> StateEstimate | None:
+    if truth.state is None:
+        return None
+    index = truth.state
+    if truth.is_error:
+        fitting = [s for s in assembly.errors if s.completed == truth.state]
+        same_parts = [s for s in fitting if set(s.attached) == set(truth.attached or ())]
+        index = next((s.index for s in (*same_parts, *fitting)), index)
+    probabilities = np.zeros(len(assembly.states))
+    probabilities[index] = 1.0
+    return StateEstimate(probabilities)
+
+
+def _guarded_reset(
+    method: Method,
+    spec: MethodSpec,
+    sequence: Sequence,
+    assembly: Assembly,
+    initial: FramePrediction | None,
+) -> None:
+    try:
+        method.reset(assembly, sequence.camera, initial)
+    except AsdfvizError:
+        raise
+    except Exception as error:
+        raise MethodError(
+            f"method '{spec.name}' failed to start: {type(error).__name__}: {error}"
+        ) from error
+
+
+def _timed_step(
+    method: Method, spec: MethodSpec, frame: Frame, assembly: Assembly
+) -> FramePrediction:
+    start = time.perf_counter()
+    try:
+        prediction = method.step(frame)
+    except AsdfvizError:
+        raise
+    except Exception as error:
+        raise MethodError(
+            f"method '{spec.name}' failed in frame {frame.index}: {type(error).__name__}: {error}"
+        ) from error
+    seconds = time.perf_counter() - start
+    _check(prediction, spec, frame, assembly)
+    return dataclasses.replace(prediction, runtime={**prediction.runtime, "total": seconds})
+
+
+def _check(prediction: FramePrediction, spec: MethodSpec, frame: Frame, assembly: Assembly) -> None:
+    where = f"method '{spec.name}', frame {frame.index}"
+    if prediction.frame_index != frame.index:
+        raise MethodError(f"{where}: it answered for frame {prediction.frame_index}")
+    for name, pose in prediction.poses.items():
+        if name not in assembly.parts:
+            raise MethodError(
+                f"{where}: no part '{name}' in {assembly.name}; parts: {', '.join(assembly.parts)}"
+            )
+        if not is_rigid(pose.T_camera_part):
+            raise MethodError(f"{where}: the pose of '{name}' is not a rigid transform")
+    state = prediction.state
+    if state is not None and len(state.probabilities) != len(assembly.states):
+        raise MethodError(
+            f"{where}: {len(state.probabilities)} state probabilities, "
+            f"{assembly.name} has {len(assembly.states)} states"
+        )
+
+
+def _with_absolute_weights(config: Any, assembly: Assembly) -> Any:
+    """The config with the default weights filled in, so that the run says what it used."""
+    absolute = {
+        name: dataclasses.replace(network, weights=weights_path(network, assembly))
+        for name, network in _networks(config).items()
+    }
+    return dataclasses.replace(config, **absolute) if absolute else config
+
+
+def _networks(config: Any) -> dict[str, NetworkConfig]:
+    """The config's fields that hold a network."""
+    named = ((f.name, getattr(config, f.name)) for f in dataclasses.fields(config))
+    return {name: value for name, value in named if isinstance(value, NetworkConfig)}

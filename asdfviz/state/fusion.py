@@ -1,0 +1,127 @@
+"""Pose2State: fuses appearance, relative pose and the previous frame (equations 3 to 5).
+
+Our reading, in the paper's symbols, for state s of frame f (index t in time):
+
+    (3)  S_f(s)     = w_DL * S_DL(s) + w_P * S_P(s)
+    (4)  S_{f-1}(s) = P(s_{t-1} = s) + n * sum over neighbours r of s of P(s_{t-1} = r)
+    (5)  P(s_t = s) = w_f * S_f(s) + w_{f-1} * S_{f-1}(s)
+
+each brought to sum 1. The paper gives none of the weights. P(s_{t-1}) is the fused result of the
+previous frame, so the average is recursive: it has inertia and never vetoes.
+
+What the paper leaves open, and what is done here:
+
+- t = 0: there is no previous frame; P = S_f. No state is favoured at the start.
+- First and last state: the neighbour that does not exist adds nothing.
+- Neighbours of an error state: the states that `Assembly.transitions` links it with, either way
+  round; it is their neighbour in turn. Correct states have s - 1 and s + 1.
+- No base part (S_P is None): S_f is S_DL alone. No state box and no base, or no state classes (S_DL
+  is None): S_f is S_P alone.
+- Neither term: nothing was seen; the previous result is kept as it is, and before any evidence the
+  state is unknown (None).
+- State 0, which has no class: see `asdfviz.state.appearance`.
+
+The default weights follow a real transition within 3 frames although states may last 7 only; the
+tests simulate it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.datatypes import Assembly, StateEstimate
+from asdfviz.geometry.shapes import Scores
+
+
+@dataclass(frozen=True)
+class FusionConfig:
+    """The weights of equations 3 to 5; the paper names them and gives no values."""
+
+    w_dl: float = 0.4
+    """w_DL, equation 3: weight of the network's state boxes."""
+    w_p: float = 0.6
+    """w_P, equation 3: weight of the relative poses."""
+    w_f: float = 0.35
+    """w_f, equation 5: weight of this frame."""
+    w_previous: float = 0.65
+    """w_{f-1}, equation 5: weight of the previous frame."""
+    neighbour: float = 0.15
+    """n, equation 4: what a neighbour's probability counts against the state's own."""
+
+
+class Pose2State:
+    """Holds the previous frame's result; one for each sequence."""
+
+    def __init__(self, assembly: Assembly, *, config: FusionConfig | None = None) -> None:
+        self._config = config or FusionConfig()
+        self._adjacency = neighbours(assembly)
+        self._previous: Scores | None = None
+
+    def reset(self) -> None:
+        """Forget the previous frame."""
+        self._previous = None
+
+    def step(self, appearance: Scores | None, relative_pose: Scores | None) -> StateEstimate | None:
+        """Fuse one frame's terms with the frame before; None before anything was ever seen.
+
+        Args:
+            appearance: S_DL, or None where it says nothing.
+            relative_pose: S_P, or None where it says nothing.
+
+        Returns:
+            The probabilities, and every term that was there under "appearance", "relative_pose"
+            and "previous".
+        """
+        terms: dict[str, Scores] = {}
+        if appearance is not None:
+            terms["appearance"] = appearance
+        if relative_pose is not None:
+            terms["relative_pose"] = relative_pose
+        current = self._current(appearance, relative_pose)
+        if self._previous is not None:
+            terms["previous"] = self._carried(self._previous)
+        fused = self._fused(current, terms.get("previous"))
+        if fused is None:
+            return None
+        self._previous = fused
+        return StateEstimate(probabilities=fused, terms=terms)
+
+    def _current(self, S_dl: Scores | None, S_p: Scores | None) -> Scores | None:
+        """Equation 3."""
+        if S_dl is None or S_p is None:
+            return S_dl if S_p is None else S_p
+        return _normalized(self._config.w_dl * S_dl + self._config.w_p * S_p)
+
+    def _carried(self, previous: Scores) -> Scores:
+        """Equation 4."""
+        return _normalized(previous + self._config.neighbour * (self._adjacency @ previous))
+
+    def _fused(self, current: Scores | None, carried: Scores | None) -> Scores | None:
+        """Equation 5."""
+        if current is None:
+            return self._previous
+        if carried is None:
+            return current
+        return _normalized(self._config.w_f * current + self._config.w_previous * carried)
+
+
+def neighbours(assembly: Assembly) -> Float64[np.ndarray, "n n"]:
+    """Which states are neighbours, as a symmetric matrix of 0 and 1."""
+    adjacency = np.zeros((len(assembly.states), len(assembly.states)))
+    steps = [state.index for state in assembly.steps]
+    for a, b in pairwise(steps):
+        adjacency[a, b] = adjacency[b, a] = 1.0
+    errors = {state.index for state in assembly.errors}
+    for a, b in assembly.transitions:
+        if a != b and (a in errors or b in errors):
+            adjacency[a, b] = adjacency[b, a] = 1.0
+    return adjacency
+
+
+def _normalized(scores: Scores) -> Scores:
+    total = scores.sum()
+    return scores / total if total > 0 else np.full_like(scores, 1.0 / len(scores))

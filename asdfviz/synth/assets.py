@@ -1,0 +1,80 @@
+"""All meshes that the pictures of one assembly need, uploaded once: parts, distractors, hands, sleeves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Mesh
+from asdfviz.geometry.shapes import Points
+from asdfviz.synth.hands import GRASPS, HandMesh, hand_mesh
+from asdfviz.synth.mesh_bank import MeshBank
+from asdfviz.synth.primitives import distractor_meshes
+from asdfviz.synth.resting import RestingFace, resting_faces
+
+SLEEVE_CUTS = (0.015, 0.11)
+"""Where sleeves end, metres from the wrist towards the elbow."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Assets:
+    """Meshes on a device and what layouts need to know of them."""
+
+    assembly: Assembly
+    bank: MeshBank
+    parts: Mapping[str, int]
+    """Index of each part's mesh in the bank."""
+    distractors: range
+    hands: range
+    """One a grasp, in the order of `hands.GRASPS`."""
+    sleeves: range
+    """For each grasp one a cut."""
+    resting: Mapping[str, tuple[RestingFace, ...]]
+    distractor_points: tuple[Points, ...]
+    hand_points: tuple[Points, ...]
+
+
+def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:
+    """Mesh the hands, find resting faces and upload everything."""
+    meshes: list[Mesh] = [part.mesh for part in assembly.parts.values()]
+    parts = {name: i for i, name in enumerate(assembly.parts)}
+    solids = distractor_meshes()
+    distractors = range(len(meshes), len(meshes) + len(solids))
+    meshes += solids
+    hands = [hand_mesh(i) for i in range(len(GRASPS))]
+    hand_range = range(len(meshes), len(meshes) + len(hands))
+    meshes += [hand.mesh for hand in hands]
+    sleeves = [sleeve_of(hand, cut) for hand in hands for cut in SLEEVE_CUTS]
+    sleeve_range = range(len(meshes), len(meshes) + len(sleeves))
+    meshes += sleeves
+    return Assets(
+        assembly=assembly,
+        bank=MeshBank.of(meshes, device=device),
+        parts=parts,
+        distractors=distractors,
+        hands=hand_range,
+        sleeves=sleeve_range,
+        resting={n: resting_faces(p.mesh.vertices) for n, p in assembly.parts.items()},
+        distractor_points=tuple(m.vertices for m in solids),
+        hand_points=tuple(h.mesh.vertices for h in hands),
+    )
+
+
+def sleeve_of(hand: HandMesh, cut: float) -> Mesh:
+    """The forearm's surface beyond `cut`, lifted a few millimetres and wrinkled."""
+    vertices, faces = hand.mesh.vertices, hand.mesh.faces
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    normals = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(normals, faces[:, k], np.cross(b - a, c - a))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
+    along = hand.along_arm
+    wrinkle = np.sin(along * 170) * np.sin(vertices[:, 0] * 90 + along * 60)
+    hem = 0.003 * np.exp(-np.clip(along - cut, 0, None) / 0.006)
+    lift = 0.0065 + 0.0022 * wrinkle + hem
+    kept = (along[faces] > cut).all(axis=1)
+    used, renumbered = np.unique(faces[kept], return_inverse=True)
+    lifted = (vertices + normals * lift[:, None])[used]
+    return Mesh(lifted, renumbered.reshape(-1, 3).astype(np.int32))

@@ -1,0 +1,173 @@
+"""Procedural hands: fingers bent by joint angles, meshed as a smooth union of round cones.
+
+The hand's frame: fingers point along +y, the back of the hand looks along +z, the thumb lies on +x
+(a right hand), the forearm along -y. The origin is the grasp point between thumb and fingertips.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.datatypes import Mesh
+from asdfviz.geometry.shapes import Points, Vector
+from asdfviz.synth.implicit import mesh_implicit
+
+# Anatomy of a grown-up hand of mean size, metres; the palm's frame has its origin at the middle of
+# the knuckles. Base, lengths of three phalanges, radius.
+_FINGERS = (
+    ((0.025, -0.004, 0.0), (0.043, 0.025, 0.021), 0.0088),
+    ((0.007, 0.003, 0.001), (0.047, 0.029, 0.022), 0.0090),
+    ((-0.011, 0.0, 0.0), (0.043, 0.027, 0.022), 0.0086),
+    ((-0.027, -0.009, -0.003), (0.034, 0.020, 0.019), 0.0076),
+)
+_WRIST = np.array([0.0, -0.088, -0.002])
+_THUMB_BASE = np.array([0.022, -0.066, -0.012])
+_THUMB_LENGTHS = (0.046, 0.034, 0.027)
+_BLEND = 0.008
+_STEP = 0.0065
+
+
+@dataclass(frozen=True, slots=True)
+class Grasp:
+    """A hand's shape: how far fingers bend and how wide the thumb stands from them."""
+
+    bend: tuple[float, float, float, float]
+    """Sum of a finger's bend, radians, index to little finger."""
+    spread: float
+    """Angle between neighbouring fingers, radians."""
+    gap: float
+    """Distance of thumb and index fingertip, metres; negative for a thumb that lies aside."""
+    wrist: float
+    """Bend of the wrist, radians."""
+
+
+GRASPS = (
+    Grasp((1.55, 1.65, 1.8, 1.9), 0.06, 0.012, 0.25),
+    Grasp((1.40, 1.45, 1.6, 1.8), 0.08, 0.025, 0.15),
+    Grasp((1.25, 1.30, 1.4, 1.5), 0.10, 0.040, 0.3),
+    Grasp((1.45, 2.4, 2.7, 2.8), 0.05, 0.015, 0.1),
+    Grasp((1.10, 1.15, 1.2, 1.3), 0.12, 0.055, 0.0),
+    Grasp((0.45, 0.40, 0.45, 0.5), 0.13, -1.0, 0.1),
+    Grasp((2.6, 2.7, 2.7, 2.7), 0.04, -1.0, 0.2),
+    Grasp((0.25, 2.2, 2.5, 2.5), 0.06, -1.0, 0.0),
+)
+"""The first five hold something; then an open hand, a fist and a pointing finger."""
+HOLDING = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HandMesh:
+    """A meshed hand."""
+
+    mesh: Mesh
+    along_arm: Float64[np.ndarray, "n"]
+    """Distance of each vertex from the wrist towards the elbow, metres, negative on the hand."""
+    gap: float
+
+
+Cone = tuple[Vector, Vector, float, float]
+
+
+def _finger(base: Vector, lengths: tuple[float, ...], radius: float, bend: float, side: float) -> list[Cone]:
+    shares = (0.42, 0.36, 0.22)
+    angle, start = 0.0, base
+    cones: list[Cone] = []
+    for k, (length, share) in enumerate(zip(lengths, shares, strict=True)):
+        angle += bend * share
+        direction = np.array([np.sin(side) * np.cos(angle), np.cos(side) * np.cos(angle), -np.sin(angle)])
+        end = start + length * direction
+        cones.append((start, end, radius * (1 - 0.09 * k), radius * (0.91 - 0.09 * k)))
+        start = end
+    return cones
+
+
+def _thumb(target: Vector) -> list[Cone]:
+    """Three bones from the wrist's side to the target, the middle ones bowed outwards."""
+    reach = sum(_THUMB_LENGTHS)
+    towards = target - _THUMB_BASE
+    distance = min(float(np.linalg.norm(towards)), reach * 0.995)
+    towards = towards / np.linalg.norm(towards)
+    outwards = np.array([1.0, -0.1, -0.25])
+    outwards -= towards * (outwards @ towards)
+    outwards /= np.linalg.norm(outwards)
+    low, high = 0.0, 1.4
+    for _ in range(40):
+        bow = (low + high) / 2
+        angles = np.array([bow, 0.0, -bow * 1.2])
+        span = sum(l * np.cos(a) for l, a in zip(_THUMB_LENGTHS, angles, strict=True))
+        low, high = (bow, high) if span > distance else (low, bow)
+    start, cones = _THUMB_BASE, list[Cone]()
+    radii = (0.0135, 0.0112, 0.0100, 0.0085)
+    tilt = 0.0
+    points = [start]
+    for length, angle in zip(_THUMB_LENGTHS, angles, strict=True):
+        points.append(points[-1] + length * (np.cos(angle) * towards + np.sin(angle) * outwards))
+    tilt = points[-1] - target
+    for k in range(3):
+        a = points[k] - tilt * k / 3
+        b = points[k + 1] - tilt * (k + 1) / 3
+        cones.append((a, b, radii[k], radii[k + 1]))
+    return cones
+
+
+def _skeleton(grasp: Grasp) -> tuple[list[Cone], Vector]:
+    """All bones in the palm's frame, and the grasp point."""
+    cones: list[Cone] = []
+    tips: list[Vector] = []
+    for k, (base, lengths, radius) in enumerate(_FINGERS):
+        side = (1.5 - k) * grasp.spread
+        finger = _finger(np.array(base), lengths, radius, grasp.bend[k], side)
+        cones += finger
+        tips.append(finger[-1][1])
+        knuckle = np.array(base)
+        cones.append((knuckle, _WRIST + [base[0] * 0.55, 0.012, 0.0], 0.0115, 0.0145))
+    if grasp.gap >= 0:
+        # The thumb meets the fingertip from the palm's side, a gap away.
+        away = np.array([0.35, -0.75, -0.35])
+        target = tips[0] + away / np.linalg.norm(away) * (grasp.gap + 0.015)
+        origin = (tips[0] + target) / 2
+    else:
+        target = np.array([0.062, 0.004, -0.03])
+        origin = tips[1]
+    thumb = _thumb(target)
+    cones += thumb
+    cones.append((_THUMB_BASE, _WRIST + [0.012, 0.006, 0.0], 0.0135, 0.016))
+    cones.append((thumb[0][1], np.array([0.018, -0.02, -0.002]), 0.0105, 0.010))
+    bend = np.array([0.0, -np.cos(grasp.wrist), np.sin(grasp.wrist)])
+    for side in (-1.0, 1.0):
+        wrist = _WRIST + [0.013 * side, 0.0, 0.0]
+        cones.append((wrist, wrist + 0.25 * bend + [0.012 * side, 0, 0], 0.0175, 0.034))
+        elbow = wrist + 0.25 * bend + [0.012 * side, 0, 0]
+        cones.append((elbow, elbow + [0.0, -0.3, 0.12], 0.034, 0.045))
+    return cones, origin
+
+
+def _round_cone(points: Points, cone: Cone) -> Float64[np.ndarray, "n"]:
+    a, b, radius_a, radius_b = cone
+    axis = b - a
+    t = np.clip((points - a) @ axis / (axis @ axis), 0, 1)
+    return np.linalg.norm(points - a - t[:, None] * axis, axis=1) - (radius_a + t * (radius_b - radius_a))
+
+
+@cache
+def hand_mesh(index: int) -> HandMesh:
+    """The hand of GRASPS[index], meshed once a process (about a second)."""
+    grasp = GRASPS[index]
+    cones, origin = _skeleton(grasp)
+    ends = np.stack([p for a, b, _, _ in cones for p in (a, b)])
+    low, high = ends.min(axis=0) - 0.045, ends.max(axis=0) + 0.045
+
+    def distance(points: Points) -> Float64[np.ndarray, "n"]:
+        total = np.zeros(len(points))
+        for cone in cones:
+            total += np.exp(-np.minimum(_round_cone(points, cone), 0.12) / (_BLEND * 0.45))
+        return -np.log(total) * _BLEND * 0.45
+
+    mesh = mesh_implicit(distance, low, high, step=_STEP)
+    bend = np.array([0.0, -np.cos(grasp.wrist), np.sin(grasp.wrist)])
+    along = (mesh.vertices - _WRIST) @ bend
+    return HandMesh(Mesh(mesh.vertices - origin, mesh.faces), along, max(grasp.gap, 0.0))

@@ -1,0 +1,244 @@
+"""Where things go: groups of joined parts, loose parts at rest or tilted, hands that hold or pass by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.datatypes import Assembly, State
+from asdfviz.geometry.shapes import Intrinsics, Points, Rotation, Transform, Vector
+from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
+from asdfviz.synth.assets import SLEEVE_CUTS, Assets
+from asdfviz.synth.description import Placed
+from asdfviz.synth.hands import HOLDING
+from asdfviz.synth.looks import plastic, random_hue, skin, sleeve
+from asdfviz.synth.resting import RestingFace, footprint, overlap, resting_faces
+
+
+def random_rotation(rng: np.random.Generator) -> Rotation:
+    """Even over all rotations (a normalised Gaussian quaternion)."""
+    w, x, y, z = (q := rng.normal(size=4)) / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def turn_z(angle: float) -> Rotation:
+    """Rotation about the vertical."""
+    return rotation_about(np.array([0.0, 0.0, 1.0]), angle)
+
+
+def joined_poses(
+    state: State, rng: np.random.Generator, *, spread: float = 1.0
+) -> Mapping[str, Transform]:
+    """T_base_part of a state with its joints at random places within `spread` of their travel."""
+    # Parts that slide along one axis (a jaw and its screw) travel together.
+    travel = rng.random()
+    poses: dict[str, Transform] = {}
+    for name, T_base_part in state.T_base_part.items():
+        joint = state.joints.get(name)
+        if joint is None:
+            poses[name] = T_base_part
+            continue
+        low, high = joint.slide
+        slide = spread * (low + (high - low) * travel) * joint.axis
+        axis = random_rotation(rng)[0] if joint.kind == "ball" else joint.axis
+        R = rotation_about(axis, spread * rng.uniform(*joint.turn))
+        motion = transform_from(R, joint.origin - R @ joint.origin + slide)
+        poses[name] = motion @ T_base_part
+    return poses
+
+
+def group_points(assembly: Assembly, T_base_part: Mapping[str, Transform]) -> Points:
+    """Vertices of all joined parts in the base part's frame."""
+    meshes = [apply(T, assembly.parts[name].mesh.vertices) for name, T in T_base_part.items()]
+    return np.concatenate(meshes)
+
+
+def rest(
+    points: Points, faces: Sequence[RestingFace], rng: np.random.Generator
+) -> Transform:
+    """A pose that stands on one of the faces at a random turn; lowest point at z = 0, centred in x and y."""
+    if not faces:
+        return lowered(points, random_rotation(rng))
+    shares = np.array([f.probability for f in faces])
+    chosen = faces[int(rng.choice(len(faces), p=shares / shares.sum()))]
+    return lowered(points, turn_z(rng.random() * 2 * np.pi) @ chosen.R_world_part)
+
+
+def lowered(points: Points, R: Rotation) -> Transform:
+    """The pose of rotation R whose lowest point is z = 0 and whose middle is over the origin."""
+    turned = points @ R.T
+    low, high = turned.min(axis=0), turned.max(axis=0)
+    return transform_from(R, -np.array([*((low + high) / 2)[:2], low[2]]))
+
+
+@dataclass(slots=True)
+class Table:
+    """What stands where, so that nothing overlaps and everything is in view."""
+
+    K: Intrinsics
+    T_camera_world: Transform
+    width: int
+    height: int
+    reach: float
+    """Largest distance from the middle of the view, metres."""
+    outlines: list[Float64[np.ndarray, "k 2"]] = field(
+        default_factory=list[Float64[np.ndarray, "k 2"]]
+    )
+
+    def on_table(self, u: float, v: float) -> Vector:
+        """The point of the table's plane behind a pixel."""
+        T_world_camera = inverse(self.T_camera_world)
+        ray = T_world_camera[:3, :3] @ np.linalg.solve(self.K, np.array([u, v, 1.0]))
+        eye = T_world_camera[:3, 3]
+        return eye - ray * (eye[2] / min(ray[2], -1e-6))
+
+    def find_place(
+        self, outline: Float64[np.ndarray, "k 2"], rng: np.random.Generator, *, gap: float = 0.004
+    ) -> Float64[np.ndarray, "2"] | None:
+        """A free place for a footprint given about its own middle; None if thirty tries fail."""
+        middle = self.on_table(self.width / 2, self.height / 2)[:2]
+        for _ in range(30):
+            u, v = rng.uniform(0.05, 0.95, 2) * [self.width, self.height]
+            spot = self.on_table(u, v)[:2]
+            if np.linalg.norm(spot - middle) > self.reach:
+                continue
+            moved = outline + spot
+            if not any(overlap(moved, other, gap=gap) for other in self.outlines):
+                self.outlines.append(moved)
+                return spot
+        return None
+
+
+def place_group(
+    assets: Assets, T_base_part: Mapping[str, Transform], table: Table, rng: np.random.Generator, *, held: bool
+) -> Transform:
+    """T_world_base of the joined group: at rest, or in the air at any orientation."""
+    points = group_points(assets.assembly, T_base_part)
+    if held:
+        T = lowered(points, random_rotation(rng))
+        eye = inverse(table.T_camera_world)[2, 3]
+        size = float(np.ptp(apply(T, points)[:, 2]))
+        lift = max(0.0, min(rng.uniform(0.0, 0.22), eye - 0.28 - size))
+    else:
+        faces = (
+            assets.resting[assets.assembly.base] if len(T_base_part) == 1 else resting_faces(points)
+        )
+        T, lift = rest(points, faces, rng), 0.0
+    u, v = rng.uniform(0.28, 0.72, 2) * [table.width, table.height]
+    spot = table.on_table(u, v)
+    T = transform_from(T[:3, :3], T[:3, 3] + [spot[0], spot[1], lift])
+    table.outlines.append(footprint(apply(T, points)))
+    return T
+
+
+def place_loose(
+    assets: Assets, name: str, table: Table, rng: np.random.Generator, *, tilted: bool
+) -> Transform | None:
+    """T_world_part of a loose part, or None if there is no room."""
+    points = assets.assembly.parts[name].mesh.vertices
+    if tilted:
+        T = lowered(points, random_rotation(rng))
+        T[2, 3] += rng.uniform(0, 0.05) if rng.random() < 0.4 else 0.0
+    else:
+        T = rest(points, assets.resting[name], rng)
+    spot = table.find_place(footprint(apply(T, points)), rng)
+    if spot is None:
+        return None
+    return transform_from(T[:3, :3], T[:3, 3] + [spot[0], spot[1], 0.0])
+
+
+def place_distractor(
+    assets: Assets, table: Table, rng: np.random.Generator
+) -> Placed | None:
+    """Some solid, stretched to a size of 1 to 12 cm."""
+    kind = int(rng.integers(len(assets.distractors)))
+    size = np.exp(rng.uniform(np.log(0.012), np.log(0.07))) * np.exp(rng.normal(size=3) * 0.45)
+    size = np.minimum(size, 0.13)
+    points = assets.distractor_points[kind] * size
+    upright = rng.random() < 0.5
+    R = turn_z(rng.random() * 2 * np.pi) if upright else random_rotation(rng)
+    if not upright and rng.random() < 0.7:
+        R = R @ rotation_about(np.array([1.0, 0.0, 0.0]), np.pi / 2)
+    T = lowered(points, R)
+    spot = table.find_place(footprint(apply(T, points)), rng)
+    if spot is None:
+        return None
+    T_world_mesh = T @ np.diag([*size, 1.0])
+    T_world_mesh[:2, 3] += spot
+    finish = plastic(random_hue(rng), rng)
+    return Placed(assets.distractors[kind], T_world_mesh, finish, "distractor")
+
+
+def hand_at(
+    assets: Assets,
+    point: Vector,
+    away: Vector,
+    rng: np.random.Generator,
+    *,
+    grasp: int | None = None,
+) -> list[Placed]:
+    """A hand, perhaps sleeved, whose grasp point is at `point` and whose arm leaves towards `away`.
+
+    Args:
+        assets: meshes.
+        point: grasp point, world.
+        away: horizontal direction towards the elbow, unit length.
+        rng: chooses shape, side, tilt, skin and sleeve.
+        grasp: index into GRASPS; random among the holding ones by default.
+    """
+    index = int(rng.integers(HOLDING)) if grasp is None else grasp
+    y = np.array([-away[0], -away[1], -rng.uniform(0.05, 0.55)])
+    y /= np.linalg.norm(y)
+    x = np.cross(y, np.array([0.0, 0.0, 1.0]))
+    x /= np.linalg.norm(x)
+    R = np.stack([x, y, np.cross(x, y)], axis=1)
+    mirrored = bool(rng.random() < 0.5)
+    roll = rng.normal() * 0.3 + (0.35 if mirrored else -0.35)
+    R = R @ rotation_about(np.array([0.0, 1.0, 0.0]), roll)
+    scale = rng.uniform(0.9, 1.08) * np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
+    T = transform_from(R @ np.diag(scale), point)
+    bare = skin(rng)
+    placed = [Placed(assets.hands[index], T, bare, "hand")]
+    if rng.random() < 0.45 or bare.translucency == 0:
+        cut = int(rng.integers(len(SLEEVE_CUTS)))
+        mesh = assets.sleeves[index * len(SLEEVE_CUTS) + cut]
+        placed.append(Placed(mesh, T, sleeve(rng), "hand"))
+    return placed
+
+
+def holding_hand(assets: Assets, points_world: Points, rng: np.random.Generator) -> list[Placed]:
+    """A hand that grasps a thing near one of its ends, its arm leaving outwards."""
+    middle = points_world.mean(axis=0)
+    angle = rng.random() * 2 * np.pi
+    away = np.array([np.cos(angle), np.sin(angle), 0.0])
+    reach = (points_world - middle) @ away
+    ends = points_world[reach > np.quantile(reach, 0.9)]
+    point = ends.mean(axis=0) - 0.004 * away + [0, 0, 0.004]
+    # Fingers come from above: keep the knuckles over the table.
+    point[2] = max(float(point[2]), 0.012)
+    turn = turn_z(rng.normal() * 0.35)
+    return hand_at(assets, point, turn @ away, rng)
+
+
+def passing_hand(assets: Assets, table: Table, rng: np.random.Generator) -> list[Placed]:
+    """A hand near the border of the view, above the table."""
+    side = int(rng.integers(4))
+    s = rng.uniform(0.1, 0.9)
+    inset = rng.uniform(0.06, 0.3)
+    u, v = ((s, inset), (s, 1 - inset), (inset, s), (1 - inset, s))[side]
+    spot = table.on_table(u * table.width, v * table.height)
+    middle = table.on_table(table.width / 2, table.height / 2)
+    away = (spot - middle)[:2]
+    away = np.array([*(away / (np.linalg.norm(away) + 1e-6)), 0.0])
+    point = spot + [0, 0, rng.uniform(0.025, 0.14)]
+    grasp = int(rng.integers(len(assets.hands)))
+    return hand_at(assets, point, turn_z(rng.normal() * 0.4) @ away, rng, grasp=grasp)

@@ -1,0 +1,123 @@
+"""Meshes prepared for rendering: normals that keep CAD edges sharp, and instances as one triangle list."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float32, Float64, Int64
+from torch import Tensor
+
+from asdfviz.datatypes import Mesh
+
+CREASE = np.deg2rad(34.0)
+"""Faces that meet at a larger angle (radians) keep their own normals: no pillow shading."""
+
+
+def corner_normals(mesh: Mesh, *, crease: float = CREASE) -> Float32[np.ndarray, "f 3 3"]:
+    """Normal of each corner of each face: the area-weighted mean of its smooth neighbours.
+
+    Corners at one place are neighbours even if the file repeats the vertex.
+    """
+    _, weld = np.unique(np.round(mesh.vertices * 1e6).astype(np.int64), axis=0, return_inverse=True)
+    corner_vertex = weld.reshape(-1)[mesh.faces].reshape(-1)
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    weighted = np.cross(b - a, c - a)
+    unit = weighted / (np.linalg.norm(weighted, axis=1, keepdims=True) + 1e-20)
+    order = np.argsort(corner_vertex, kind="stable")
+    sizes = np.bincount(corner_vertex)
+    starts = np.cumsum(sizes) - sizes
+    size_here = sizes[corner_vertex[order]]
+    first = np.repeat(np.arange(len(order)), size_here)
+    place = np.arange(len(first)) - np.repeat(np.cumsum(size_here) - size_here, size_here)
+    second = starts[corner_vertex[order]][first] + place
+    left, right = order[first], order[second]
+    smooth = (unit[left // 3] * unit[right // 3]).sum(1) > np.cos(crease)
+    total = np.zeros((len(order), 3))
+    for axis in range(3):
+        total[:, axis] = np.bincount(
+            left[smooth], weights=weighted[right[smooth] // 3, axis], minlength=len(order)
+        )
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    fallback = np.repeat(unit, 3, axis=0)
+    normals = np.where(length > 1e-18, total / np.maximum(length, 1e-18), fallback)
+    return normals.reshape(-1, 3, 3).astype(np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Triangles:
+    """The triangles of a batch of images, ready for the rasteriser."""
+
+    vertices: Float32[Tensor, "n 3"]
+    """World frame of their image, metres."""
+    local: Float32[Tensor, "n 3"]
+    """The same in the mesh's own frame."""
+    faces: Int64[Tensor, "f 3"]
+    normals: Float32[Tensor, "f 3 3"]
+    instance: Int64[Tensor, "f"]
+    """Index of the placed mesh."""
+    image: Int64[Tensor, "f"]
+    vertex_image: Int64[Tensor, "n"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshBank:
+    """Many meshes behind one another in the memory of a device."""
+
+    vertices: Float32[Tensor, "n 3"]
+    faces: Int64[Tensor, "f 3"]
+    normals: Float32[Tensor, "f 3 3"]
+    vertex_ranges: Int64[Tensor, "m 2"]
+    """Start and count."""
+    face_ranges: Int64[Tensor, "m 2"]
+
+    @classmethod
+    def of(cls, meshes: Sequence[Mesh], *, device: str = "cpu") -> MeshBank:
+        """Upload meshes; their order gives the indices that `place` takes."""
+        counts = np.array([[len(m.vertices), len(m.faces)] for m in meshes])
+        starts = np.cumsum(counts, axis=0) - counts
+        return cls(
+            torch.from_numpy(np.concatenate([m.vertices for m in meshes])).float().to(device),
+            torch.from_numpy(np.concatenate([m.faces for m in meshes])).long().to(device),
+            torch.from_numpy(np.concatenate([corner_normals(m) for m in meshes])).to(device),
+            torch.from_numpy(np.stack([starts[:, 0], counts[:, 0]], axis=1)).to(device),
+            torch.from_numpy(np.stack([starts[:, 1], counts[:, 1]], axis=1)).to(device),
+        )
+
+    def place(
+        self,
+        mesh: Int64[Tensor, "i"],
+        T_world_mesh: Float64[Tensor, "i 4 4"],
+        *,
+        image: Int64[Tensor, "i"],
+    ) -> Triangles:
+        """Expand placed meshes into triangles.
+
+        Args:
+            mesh: index of each placed mesh.
+            T_world_mesh: where it is; may be affine (distractors are stretched).
+            image: the image it belongs to.
+        """
+        v_start, v_count = self.vertex_ranges[mesh].T
+        f_start, f_count = self.face_ranges[mesh].T
+        v_owner, v_source = _expand(v_start, v_count)
+        f_owner, f_source = _expand(f_start, f_count)
+        T = T_world_mesh.float()
+        local = self.vertices[v_source]
+        vertices = (T[v_owner, :3, :3] @ local[:, :, None])[:, :, 0] + T[v_owner, :3, 3]
+        offset = v_count.cumsum(0) - v_count
+        faces = self.faces[f_source] + offset[f_owner][:, None]
+        # Normals turn with the inverse transpose, which is the rotation itself when rigid.
+        M = torch.linalg.inv(T_world_mesh[:, :3, :3]).transpose(1, 2).float()
+        normals = self.normals[f_source] @ M[f_owner].transpose(1, 2)
+        normals = torch.nn.functional.normalize(normals, dim=2)
+        return Triangles(vertices, local, faces, normals, f_owner, image[f_owner], image[v_owner])
+
+
+def _expand(start: Tensor, count: Tensor) -> tuple[Tensor, Tensor]:
+    """Owner and source index of each element of ranges laid behind one another."""
+    owner = torch.repeat_interleave(count)
+    place = torch.arange(len(owner), device=start.device) - (count.cumsum(0) - count)[owner]
+    return owner, start[owner] + place

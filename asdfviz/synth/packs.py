@@ -1,0 +1,143 @@
+"""Object packs: thirty and more single parts and joined groups in one picture, turned freely.
+
+A pack gives several times the poses per pixel that a scene gives. All objects float before a random
+ground and share the one camera, so every pose stays exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly
+from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.geometry.transforms import apply, transform_from
+from asdfviz.synth.assets import Assets
+from asdfviz.synth.description import Placed, Scene
+from asdfviz.synth.layout import hand_at, joined_poses, random_rotation
+from asdfviz.synth.looks import any_grounds, part_colors, plastic, random_hue, random_lights
+from asdfviz.synth.scene import Group, TrueScene, camera_for
+from asdfviz.synth.shading import look_at
+
+
+@dataclass(frozen=True, slots=True)
+class PackConfig:
+    """How packs are drawn."""
+
+    width: int = 640
+    """Pixels."""
+    height: int = 360
+    """Pixels."""
+    sizes_px: tuple[float, float] = (32.0, 120.0)
+    """Projected diameters, pixels; drawn evenly on a logarithmic scale."""
+    coverage: float = 0.62
+    """Share of the image that the objects' circles fill before no more are added."""
+    groups: float = 0.3
+    """Share of joined groups among the objects."""
+    true_colors: float = 0.6
+    """Probability that a picture keeps the real colours."""
+    occluders: float = 0.22
+    """Occluders an object."""
+    hand: float = 0.3
+    """Probability of a hand in front."""
+    nearest: float = 0.14
+    """Objects are never nearer to the camera, metres."""
+    farthest: float = 1.3
+    """Distance of the ground from the camera, metres; objects are nearer."""
+
+
+def make_pack(assets: Assets, *, rng: np.random.Generator, config: PackConfig) -> TrueScene:
+    """Draw one pack."""
+    camera = camera_for(config.width, config.height, zoom=1 + rng.uniform(-0.02, 0.02))
+    eye = np.array([0.0, 0.0, config.farthest])
+    T_camera_world = look_at(eye, np.zeros(3))
+    T_world_camera = np.linalg.inv(T_camera_world)
+    colors = part_colors(assets.assembly, rng, true_share=config.true_colors)
+    placed: list[Placed] = []
+    groups: list[Group] = []
+    for T_base_part, T_camera_base, state in _objects(assets, camera.K, rng, config):
+        first = len(placed)
+        for name, T in T_base_part.items():
+            pose = T_world_camera @ T_camera_base @ T
+            finish = plastic(colors[name], rng)
+            placed.append(Placed(assets.parts[name], pose, finish, "part", name, truth=True))
+        if state is not None:
+            members = tuple(range(first, len(placed)))
+            groups.append(Group(assets.assembly.states[state], members))
+    anchors = [p for p in placed if rng.random() < config.occluders]
+    placed += [_occluder(assets, anchor, eye, rng) for anchor in anchors]
+    if rng.random() < config.hand and placed:
+        anchor = placed[int(rng.integers(len(placed)))].T_world_mesh[:3, 3]
+        angle = rng.random() * 2 * np.pi
+        away = np.array([np.cos(angle), np.sin(angle), 0.0])
+        grasp = int(rng.integers(len(assets.hands)))
+        placed += hand_at(assets, anchor + [0, 0, 0.02], away, rng, grasp=grasp)
+    lights, sky, tint = random_lights(rng)
+    grounds = any_grounds(rng.uniform(-1.2, 1.2, size=(6, 2)), rng)
+    target = np.array([0.0, 0.0, config.farthest * 0.5])
+    scene = Scene(
+        camera, T_camera_world, tuple(placed), grounds, lights, sky, tint, target, config.farthest * 0.6
+    )
+    return TrueScene(scene, tuple(groups), None)
+
+
+def _objects(
+    assets: Assets, K: np.ndarray, rng: np.random.Generator, config: PackConfig
+) -> list[tuple[Mapping[str, Transform], Transform, int | None]]:
+    """Poses of the objects, packed by throwing circles at free places."""
+    circles = np.zeros((0, 3))
+    area = config.width * config.height * config.coverage
+    found: list[tuple[Mapping[str, Transform], Transform, int | None]] = []
+    failures = 0
+    while failures < 40 and np.pi * (circles[:, 2] ** 2).sum() < area:
+        T_base_part, state = _draw(assets.assembly, rng, config)
+        points = _points(assets.assembly, T_base_part)
+        R = random_rotation(rng)
+        size_px = float(np.exp(rng.uniform(*np.log(config.sizes_px))))
+        size_px *= 1.5 if len(T_base_part) > 1 else 1.0
+        turned = points @ R.T
+        low, high = turned.min(axis=0), turned.max(axis=0)
+        extent = float(np.hypot(*(high - low)[:2]))
+        z = float(np.clip(K[0, 0] * extent / size_px, config.nearest, config.farthest * 0.85))
+        radius = 0.5 * K[0, 0] * extent / z * 0.82
+        spots = rng.uniform(-0.02, 1.02, size=(30, 2)) * [config.width, config.height]
+        gaps = np.linalg.norm(spots[:, None] - circles[None, :, :2], axis=2) - circles[:, 2] - radius
+        free = np.nonzero((gaps > 0).all(axis=1))[0]
+        if len(free) == 0:
+            failures += 1
+            continue
+        u, v = spots[free[0]]
+        circles = np.concatenate([circles, [[u, v, radius]]])
+        t = z * np.linalg.solve(K, np.array([u, v, 1.0])) - (low + high) / 2
+        found.append((T_base_part, transform_from(R, t), state))
+    return found
+
+
+def _draw(
+    assembly: Assembly, rng: np.random.Generator, config: PackConfig
+) -> tuple[Mapping[str, Transform], int | None]:
+    """A single part, or a joined group with its state; a lone base part is state 0."""
+    if rng.random() < config.groups:
+        state = assembly.states[int(rng.integers(len(assembly.states)))]
+        return joined_poses(state, rng), state.index
+    names = list(assembly.parts)
+    return {names[int(rng.integers(len(names)))]: np.eye(4)}, None
+
+
+def _points(assembly: Assembly, T_base_part: Mapping[str, Transform]) -> Points:
+    return np.concatenate([apply(T, assembly.parts[n].mesh.vertices) for n, T in T_base_part.items()])
+
+
+def _occluder(assets: Assets, anchor: Placed, eye: np.ndarray, rng: np.random.Generator) -> Placed:
+    """A solid between the camera and the edge of an object."""
+    part = assets.assembly.parts[anchor.name]
+    middle = apply(anchor.T_world_mesh, part.mesh.vertices[:1])[0]
+    nearer = eye + (middle - eye) * rng.uniform(0.7, 0.9)
+    size = part.diameter * np.exp(rng.normal(size=3) * 0.5) * 0.35
+    size[int(rng.integers(3))] *= rng.uniform(1, 4)
+    shift = rng.normal(size=3) * [0.3, 0.3, 0.0] * part.diameter
+    T = transform_from(random_rotation(rng), nearer + shift) @ np.diag([*size, 1.0])
+    kind = assets.distractors[int(rng.integers(len(assets.distractors)))]
+    return Placed(kind, T, plastic(random_hue(rng), rng), "distractor")

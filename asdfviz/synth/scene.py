@@ -1,0 +1,206 @@
+"""Training scenes: a random state of the assembly among loose parts, distractors and hands.
+
+The camera follows the paper's protocol: an Azure Kinect's intrinsics, 0.42 to 1.0 m over the table,
+tilted by up to 43 degrees, any roll; near views are drawn more often than far ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Camera, State
+from asdfviz.geometry.camera import scaled_intrinsics
+from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.transforms import apply, rotation_about, transform_from
+from asdfviz.synth.assets import Assets
+from asdfviz.synth.description import Ground, Placed, Scene
+from asdfviz.synth.layout import (
+    Table,
+    group_points,
+    holding_hand,
+    joined_poses,
+    passing_hand,
+    place_distractor,
+    place_group,
+    place_loose,
+)
+from asdfviz.synth.looks import any_grounds, part_colors, plastic, random_lights, theatre
+from asdfviz.synth.shading import look_at
+
+KINECT = Camera(
+    np.array([[607.2491, 0.0, 639.1670], [0.0, 607.1653, 364.7615], [0.0, 0.0, 1.0]]), 1280, 720
+)
+"""The camera of the paper's recordings."""
+
+
+@dataclass(frozen=True, slots=True)
+class SceneConfig:
+    """How training scenes are drawn; probabilities unless said otherwise."""
+
+    width: int = 640
+    """Pixels."""
+    height: int = 360
+    """Pixels."""
+    distance: tuple[float, float] = (0.42, 1.0)
+    """Camera to table along the optical axis, metres (the paper: 0.45 to 1.0)."""
+    tilt: tuple[float, float] = (0.0, 0.75)
+    """Angle between the optical axis and the vertical, radians."""
+    focal_jitter: float = 0.02
+    """Relative half range of the focal length."""
+    true_colors: float = 0.6
+    theatre: float = 0.35
+    """Blue drape over a round table."""
+    held: float = 0.5
+    """The joined group is in the air, at any orientation."""
+    hand_when_held: float = 0.75
+    passing_hand: float = 0.35
+    present: float = 0.88
+    """Of each loose part."""
+    tilted: float = 0.3
+    """Loose parts at any orientation instead of at rest."""
+    duplicates: int = 3
+    """At most."""
+    distractors: int = 6
+    """At most."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Group:
+    """Joined parts of one state within a picture."""
+
+    state: State
+    members: tuple[int, ...]
+    """Places in Scene.placed, base part first."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueScene:
+    """A scene and what is joined in it."""
+
+    scene: Scene
+    groups: tuple[Group, ...]
+    main: int | None
+    """Which group the picture's state is about; None for packs."""
+
+
+def camera_for(width: int, height: int, *, zoom: float = 1.0) -> Camera:
+    """The paper's camera at another image size (same field of view at zoom 1)."""
+    K = scaled_intrinsics(KINECT.K, width / KINECT.width, height / KINECT.height)
+    K = K @ np.diag([zoom, zoom, 1.0])
+    return Camera(K, width, height)
+
+
+def random_view(
+    rng: np.random.Generator, *, distance: tuple[float, float], tilt: tuple[float, float]
+) -> Transform:
+    """T_camera_world over the table, looking near the world's origin."""
+    near, farthest = distance
+    far, angle = near + (farthest - near) * rng.random() ** 1.5, rng.uniform(*tilt)
+    azimuth = rng.random() * 2 * np.pi
+    target = np.array([rng.normal() * 0.03, rng.normal() * 0.03, 0.0])
+    flat = np.sin(angle)
+    back = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.cos(angle)])
+    T = look_at(target + far * back, target)
+    roll = rotation_about(np.array([0.0, 0.0, 1.0]), rng.random() * 2 * np.pi)
+    return transform_from(roll, np.zeros(3)) @ T
+
+
+def make_scene(
+    assets: Assets, *, rng: np.random.Generator, config: SceneConfig, hands: bool = True
+) -> TrueScene:
+    """Draw one scene; `hands` off is the way out when hands hid everything."""
+    zoom = 1 + rng.uniform(-config.focal_jitter, config.focal_jitter)
+    camera = camera_for(config.width, config.height, zoom=zoom)
+    T_camera_world = random_view(rng, distance=config.distance, tilt=config.tilt)
+    reach = rng.uniform(0.2, 0.45)
+    table = Table(camera.K, T_camera_world, camera.width, camera.height, reach)
+    colors = part_colors(assets.assembly, rng, true_share=config.true_colors)
+
+    states = assets.assembly.states
+    state = states[int(rng.integers(len(states)))]
+    T_base_part = joined_poses(state, rng)
+    held = bool(rng.random() < config.held)
+    T_world_base = place_group(assets, T_base_part, table, rng, held=held)
+    placed = [
+        _part(assets, name, T_world_base @ T, colors, rng) for name, T in T_base_part.items()
+    ]
+    group = Group(state, tuple(range(len(placed))))
+    placed += _loose_parts(assets, state, table, colors, rng, config)
+    for _ in range(int(rng.integers(config.distractors + 1))):
+        extra = place_distractor(assets, table, rng)
+        placed += [] if extra is None else [extra]
+    grounds = _grounds(table, rng, config)
+    placed += _hands(assets, T_world_base, T_base_part, table, rng, config, held) if hands else []
+    lights, sky, tint = random_lights(rng)
+    target = table.on_table(camera.width / 2, camera.height / 2)
+    scene = Scene(
+        camera, T_camera_world, tuple(placed), grounds, lights, sky, tint, target, max(reach + 0.25, 0.5)
+    )
+    return TrueScene(scene, (group,), 0)
+
+
+def _part(
+    assets: Assets,
+    name: str,
+    T_world_part: Transform,
+    colors: Mapping[str, Vector],
+    rng: np.random.Generator,
+) -> Placed:
+    finish = plastic(colors[name], rng)
+    return Placed(assets.parts[name], T_world_part, finish, "part", name, truth=True)
+
+
+def _loose_parts(
+    assets: Assets,
+    state: State,
+    table: Table,
+    colors: Mapping[str, Vector],
+    rng: np.random.Generator,
+    config: SceneConfig,
+) -> list[Placed]:
+    """The parts that are not joined yet, and some second copies."""
+    names = [
+        n for n in assets.assembly.parts if n not in state.T_base_part and rng.random() < config.present
+    ]
+    every = list(assets.assembly.parts)
+    names += [every[int(rng.integers(len(every)))] for _ in range(int(rng.integers(config.duplicates + 1)))]
+    placed: list[Placed] = []
+    for name in names:
+        T = place_loose(assets, name, table, rng, tilted=bool(rng.random() < config.tilted))
+        if T is not None:
+            placed.append(_part(assets, name, T, colors, rng))
+    return placed
+
+
+def _grounds(table: Table, rng: np.random.Generator, config: SceneConfig) -> tuple[Ground, ...]:
+    points = np.concatenate(table.outlines)
+    return theatre(points, rng) if rng.random() < config.theatre else any_grounds(points, rng)
+
+
+def _hands(
+    assets: Assets,
+    T_world_base: Transform,
+    T_base_part: Mapping[str, Transform],
+    table: Table,
+    rng: np.random.Generator,
+    config: SceneConfig,
+    held: bool,
+) -> list[Placed]:
+    placed: list[Placed] = []
+    if held and rng.random() < config.hand_when_held:
+        points = apply(T_world_base, group_points(assets.assembly, T_base_part))
+        placed += holding_hand(assets, points, rng)
+        if rng.random() < 0.3:
+            placed += holding_hand(assets, points, rng)
+    if rng.random() < config.passing_hand:
+        placed += passing_hand(assets, table, rng)
+    return placed
+
+
+def T_camera_parts(scene: Scene) -> Mapping[int, Transform]:
+    """Pose in the camera's frame of every placed thing that belongs to the truth, by place."""
+    return {i: scene.T_camera_world @ p.T_world_mesh for i, p in enumerate(scene.placed) if p.truth}
+

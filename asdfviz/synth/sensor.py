@@ -1,0 +1,210 @@
+"""The camera's faults: colour as a cheap RGB module gives it, depth as a time-of-flight camera does.
+
+Modelled after an Azure Kinect's 1280x720 colour image with depth warped into it (narrow view, 2x2
+binned); the constants were read off real frames: smeared edges about 10 px wide, holes on black
+plastic and at edges, a hexagonal field of view that leaves 40 % of the image without depth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+from asdfviz.geometry.shapes import Depth, Mask, Rgb
+
+FIELD_OF_VIEW = np.array(
+    [[188, 462], [247, 115], [376, 0], [890, 0], [1041, 250], [1044, 442], [886, 719], [323, 719]]
+) / np.array([1280.0, 720.0])
+"""Outline of the depth image within the colour image, as shares of width and height."""
+
+Linear = Float32[np.ndarray, "h w 3"]
+Plane = Float32[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True, slots=True)
+class RgbSensor:
+    """One setting of the colour camera."""
+
+    exposure: float = 0.42
+    """Linear value that the bright parts of the image (80th percentile) are brought to."""
+    white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    vignette: float = 0.12
+    """Loss of light in the corners."""
+    blur_px: float = 0.6
+    """Lens and demosaicing, at 1280 pixels width."""
+    noise: float = 0.006
+    """Standard deviation of read noise, linear; shot noise goes with it."""
+    contrast: float = 1.0
+    saturation: float = 1.0
+    jpeg_quality: int = 92
+    motion_px: tuple[float, float] = (0.0, 0.0)
+    """Movement of the camera while the shutter was open."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthSensor:
+    """One setting of the depth camera."""
+
+    noise: float = 0.0011
+    """Standard deviation of the range at 0.6 m, metres; grows with the square of the range."""
+    smear_px: float = 7.0
+    """Width of the ramps at depth edges, at 1280 pixels width."""
+    dark_albedo: float = 0.02
+    """Below this linear albedo returns are lost now and then."""
+    dark_loss: float = 0.45
+    edge_jump: float = 0.025
+    """Depth step, metres, beyond which the side away from the illuminator is lost."""
+    field_of_view: bool = True
+    shift_px: tuple[float, float] = (0.0, 0.0)
+    """Misregistration of depth against colour, at 1280 pixels width."""
+    bias: float = 0.0
+    """Constant range error, metres."""
+
+
+def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
+    """Draw a setting, from a good camera in good light to a poor one."""
+    temperature = rng.normal() * 0.06
+    shaken = rng.random() < 0.12
+    motion = rng.normal(size=2) * 3.0 if shaken else np.zeros(2)
+    return RgbSensor(
+        exposure=float(rng.uniform(0.26, 0.52)),
+        white_balance=(
+            float(1 + temperature),
+            float(1 + rng.normal() * 0.015),
+            float(1 - temperature + rng.normal() * 0.02),
+        ),
+        vignette=float(rng.uniform(0, 0.3)),
+        blur_px=float(rng.uniform(0.5, 1.4)),
+        noise=float(rng.uniform(0.0015, 0.0075)),
+        contrast=float(rng.uniform(0.88, 1.15)),
+        saturation=float(rng.uniform(0.8, 1.2)),
+        jpeg_quality=int(rng.integers(78, 97)),
+        motion_px=(float(motion[0]), float(motion[1])),
+    )
+
+
+def random_depth_sensor(rng: np.random.Generator, *, shifted: bool = False) -> DepthSensor:
+    """Draw a setting; `shifted` adds the misregistration seen in the real frames."""
+    shift = (float(rng.normal() * 3), float(rng.normal() * 1.5)) if shifted else (0.0, 0.0)
+    return DepthSensor(
+        noise=float(rng.uniform(0.0006, 0.0018)),
+        smear_px=float(rng.uniform(3, 10)),
+        dark_loss=float(rng.uniform(0.2, 0.7)),
+        field_of_view=bool(rng.random() < 0.7),
+        shift_px=shift,
+        bias=float(rng.normal() * 0.002),
+    )
+
+
+def motion_kernel(dx: float, dy: float) -> Plane:
+    """A line of the given extent in pixels, normalised."""
+    reach = int(np.ceil(max(abs(dx), abs(dy), 1) / 2)) + 1
+    kernel = np.zeros((2 * reach + 1, 2 * reach + 1), np.float32)
+    for t in np.linspace(-0.5, 0.5, 4 * reach + 1):
+        x, y = reach + t * dx, reach + t * dy
+        x0, y0 = int(np.floor(x)), int(np.floor(y))
+        for u, v in ((x0, y0), (x0 + 1, y0), (x0, y0 + 1), (x0 + 1, y0 + 1)):
+            if 0 <= u <= 2 * reach and 0 <= v <= 2 * reach:
+                kernel[v, u] += max(0.0, 1 - abs(x - u)) * max(0.0, 1 - abs(y - v))
+    return kernel / kernel.sum()
+
+
+def blur_moving(
+    radiance: Linear, mask: Mask, motion_px: tuple[float, float]
+) -> Linear:
+    """Smear what moves (`mask`) along its motion over what stands still."""
+    kernel = motion_kernel(*motion_px)
+    weight = cv2.filter2D(mask.astype(np.float32), -1, kernel)
+    moved = cv2.filter2D(radiance * mask[:, :, None].astype(np.float32), -1, kernel)
+    still = radiance * (~mask)[:, :, None].astype(np.float32)
+    # Behind the moving thing nothing was rendered; its rim is filled from what surrounds it.
+    spread = max(1.0, float(np.hypot(*motion_px)) / 2)
+    around = cv2.GaussianBlur((~mask).astype(np.float32), (0, 0), spread)
+    filled = cv2.GaussianBlur(still, (0, 0), spread) / np.maximum(around, 1e-3)[:, :, None]
+    background = np.where((mask & (around > 0.02))[:, :, None], filled, still)
+    background = np.where((mask & (around <= 0.02))[:, :, None], radiance, background)
+    result = moved + background * (1 - weight)[:, :, None]
+    return result.astype(np.float32)
+
+
+def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator) -> Rgb:
+    """Turn radiance into the 8-bit image that the camera would deliver."""
+    height, width = radiance.shape[:2]
+    scale = width / 1280
+    image = radiance * np.array(sensor.white_balance, np.float32)
+    middle, bright = np.percentile(image.mean(axis=2)[::4, ::4], [80, 98])
+    level = max(float(middle), 0.45 * float(bright))
+    image = image * np.float32(sensor.exposure / max(level, 1e-4))
+    y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
+    image *= (1 - sensor.vignette * (x * x + y * y) / 2)[:, :, None]
+    image = cv2.GaussianBlur(image, (0, 0), max(sensor.blur_px * scale, 0.25))
+    if any(abs(m) * scale > 0.6 for m in sensor.motion_px):
+        image = cv2.filter2D(image, -1, motion_kernel(*(m * scale for m in sensor.motion_px)))
+    # Filmic shoulder: linear below, never quite white.
+    image = np.where(image < 0.55, image, 0.55 + 0.45 * np.tanh((image - 0.55) / 0.45))
+    grain = rng.standard_normal((height, width, 3), dtype=np.float32)
+    if scale > 0.4:
+        grain = 0.7 * grain + 0.6 * cv2.GaussianBlur(grain, (0, 0), 0.8) * 1.6
+    image = image + grain * np.sqrt(sensor.noise**2 + np.maximum(image, 0) * sensor.noise**2 * 2.5)
+    gray = image.mean(axis=2, keepdims=True)
+    image = gray + (image - gray) * sensor.saturation
+    image = np.clip(image, 0, 1) ** np.float32(1 / 2.2)
+    image = np.clip(0.5 + (image - 0.5) * sensor.contrast, 0, 1)
+    return (image * 255 + 0.5).astype(np.uint8)
+
+
+def measure_depth(
+    depth: Depth,
+    albedo: Plane,
+    *,
+    sensor: DepthSensor,
+    rng: np.random.Generator,
+) -> Depth:
+    """Turn true planar depth (0 = nothing there) into what the camera would report.
+
+    Args:
+        depth: exact depth, metres.
+        albedo: mean linear albedo at every pixel.
+        sensor: the setting.
+        rng: source of noise.
+    """
+    height, width = depth.shape
+    scale = width / 1280
+    known = depth > 0
+    far = float(depth.max()) if known.any() else 1.0
+    filled = np.where(known, depth, far).astype(np.float32)
+    sigma = max(sensor.smear_px * scale / 3, 0.3)
+    soft = cv2.GaussianBlur(filled, (0, 0), sigma)
+    coarse = (max(2, round(width * 0.5)), max(2, round(height * 0.5)))
+    soft = cv2.resize(cv2.resize(soft, coarse, interpolation=cv2.INTER_AREA), (width, height))
+    grain = rng.standard_normal((coarse[1], coarse[0]), dtype=np.float32)
+    grain = cv2.resize(cv2.GaussianBlur(grain, (0, 0), 0.7), (width, height)) * 2.0
+    soft += grain * sensor.noise * (filled / 0.6) ** 2 + sensor.bias
+    # Flying pixels: seen from the illuminator, 32 mm aside, the far side of a step lies in shadow.
+    reach = max(1, round(0.032 * 607.2 * scale / far * 0.3))
+    shadow = np.zeros_like(known)
+    shadow[:, reach:] = (filled[:, reach:] - filled[:, :-reach]) > sensor.edge_jump
+    patches = cv2.resize(
+        rng.random((max(2, height // 5), max(2, width // 5)), dtype=np.float32), (width, height)
+    )
+    darkness = np.clip(1.4 - albedo / sensor.dark_albedo, 0, 1)
+    lost = shadow | (patches < sensor.dark_loss * darkness) | ~known
+    measured = np.where(lost, 0, soft).astype(np.float32)
+    if sensor.shift_px != (0.0, 0.0):
+        dx, dy = (s * scale for s in sensor.shift_px)
+        M = np.array([[1, 0, dx], [0, 1, dy]], np.float32)
+        measured = cv2.warpAffine(measured, M, (width, height), flags=cv2.INTER_NEAREST)
+    if sensor.field_of_view:
+        measured[~field_of_view(height, width)] = 0
+    return measured
+
+
+def field_of_view(height: int, width: int) -> Mask:
+    """Where the depth camera sees at all."""
+    mask = np.zeros((height, width), np.uint8)
+    outline = np.round(FIELD_OF_VIEW * [width, height]).astype(np.int32)
+    cv2.fillPoly(mask, [outline], 1)
+    return mask.astype(bool)

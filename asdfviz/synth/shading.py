@@ -1,0 +1,174 @@
+"""Light on a G-buffer: GGX and Lambert under area lights with soft shadows, ambient light with occlusion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float32
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, interpolate, normalize, pad
+
+from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.synth.description import Light, Scene
+from asdfviz.synth.gbuffer import GBuffer
+from asdfviz.synth.mesh_bank import Triangles
+from asdfviz.synth.raster import Projected, depth_map
+
+
+@dataclass(frozen=True, slots=True)
+class ShadingConfig:
+    """Cost against quality of the light."""
+
+    shadow_samples: int = 4
+    """Points of an area light that cast a shadow map each."""
+    shadow_pixels: int = 448
+    """Side of a shadow map."""
+    bias: float = 0.0022
+    """Metres by which a surface is lifted along its normal before it is tested."""
+
+
+def look_at(eye: Vector, target: Vector, *, roll: float = 0.0) -> Transform:
+    """T_camera_world of a camera at `eye` whose optical axis meets `target`."""
+    z = (target - eye) / np.linalg.norm(target - eye)
+    up = np.array([np.sin(roll), np.cos(roll), 0.0])
+    x = np.cross(z, up)
+    if np.linalg.norm(x) < 1e-6:
+        x = np.cross(z, np.array([1.0, 0.0, 0.3]))
+    x /= np.linalg.norm(x)
+    R_world_camera = np.stack([x, np.cross(z, x), z], axis=1)
+    return transform_from(R_world_camera.T, -R_world_camera.T @ eye)
+
+
+def shade(
+    scenes: Sequence[Scene],
+    triangles: Triangles,
+    buffer: GBuffer,
+    *,
+    rng: np.random.Generator,
+    config: ShadingConfig,
+) -> Float32[Tensor, "b h w 3"]:
+    """Radiance at every pixel, linear RGB. `rng` places the samples on the area lights."""
+    device = buffer.depth.device
+    total = torch.zeros_like(buffer.albedo)
+    for k in range(max(len(s.lights) for s in scenes)):
+        lights = [s.lights[min(k, len(s.lights) - 1)] for s in scenes]
+        on = torch.tensor([float(k < len(s.lights)) for s in scenes], device=device)
+        visible = _visibility(scenes, lights, triangles, buffer, rng, config)
+        color = _tensor([light.color for light in lights], device)[:, None, None] * on[:, None, None, None]
+        total += color * _reflect(buffer, lights) * visible[..., None]
+    return total + _ambient(scenes, buffer)
+
+
+def _tensor(rows: Sequence[Vector], device: torch.device) -> Tensor:
+    return torch.from_numpy(np.stack(rows).astype(np.float32)).to(device)
+
+
+def _visibility(
+    scenes: Sequence[Scene],
+    lights: Sequence[Light],
+    triangles: Triangles,
+    buffer: GBuffer,
+    rng: np.random.Generator,
+    config: ShadingConfig,
+) -> Float32[Tensor, "b h w"]:
+    """Share of each area light that each pixel sees."""
+    device = buffer.depth.device
+    side = config.shadow_pixels
+    count, height, width = buffer.depth.shape
+    lifted = (buffer.position + buffer.normal * config.bias).view(count, -1, 3).transpose(1, 2)
+    noise = torch.from_numpy((rng.random((2, 9973)).astype(np.float32) - 0.5) * 1.6).to(device)
+    pixels = height * width
+    noise = noise.repeat(1, pixels // 9973 + 1)[:, :pixels] + side / 2
+    visible = torch.zeros(count, pixels, device=device)
+    image = torch.arange(count, device=device)[:, None] * (side * side)
+    for _ in range(config.shadow_samples):
+        M = _light_cameras(scenes, lights, rng, side, device)
+        index = triangles.vertex_image
+        p = (M[index, :, :3] @ triangles.vertices[:, :, None])[:, :, 0] + M[index, :, 3]
+        z = p[:, 2].clamp(min=1e-3)
+        cast = Projected(p[:, :2] / z[:, None] + side / 2, p[:, 2], triangles.faces, triangles.image)
+        blocked = depth_map(cast, (count, side, side)).view(-1)
+        q = M[:, :, :3] @ lifted + M[:, :, 3:]
+        texel = (q[:, :2] / q[:, 2:] + noise).round_().clamp_(0, side - 1).long()
+        nearest = blocked[image + texel[:, 1] * side + texel[:, 0]]
+        visible += q[:, 2] < nearest + 0.0008
+    visible = visible.view(count, 1, height, width) / config.shadow_samples
+    return avg_pool2d(visible, 5, stride=1, padding=2, count_include_pad=False)[:, 0]
+
+
+def _light_cameras(
+    scenes: Sequence[Scene],
+    lights: Sequence[Light],
+    rng: np.random.Generator,
+    side: int,
+    device: torch.device,
+) -> Float32[Tensor, "b 3 4"]:
+    """K T_camera_world (centre at pixel 0) of a random point of each light, looking at the scene."""
+    rows: list[np.ndarray] = []
+    for scene, light in zip(scenes, lights, strict=True):
+        disc = rng.normal(size=3)
+        disc *= light.radius * np.sqrt(rng.random()) / np.linalg.norm(disc)
+        eye = light.position + disc
+        focal = side / 2 * float(np.linalg.norm(eye - scene.target)) / scene.reach
+        rows.append(np.diag([focal, focal, 1.0]) @ look_at(eye, scene.target, roll=0.3)[:3])
+    return _tensor(rows, device)
+
+
+def _reflect(buffer: GBuffer, lights: Sequence[Light]) -> Float32[Tensor, "b h w 3"]:
+    """Lambert plus the GGX lobe of a dielectric, for unit irradiance from each light's centre."""
+    position = _tensor([light.position for light in lights], buffer.depth.device)
+    towards = position[:, None, None] - buffer.position
+    distance = towards.norm(dim=3, keepdim=True)
+    fall = (position.norm(dim=1)[:, None, None, None] / distance).square()
+    direction = towards / distance
+    cosine = (buffer.normal * direction).sum(3)
+    wrap = buffer.translucency
+    diffuse = ((cosine + wrap) / (1 + wrap)).clamp(min=0)
+    half = normalize(direction + buffer.view, dim=3)
+    n_half = (buffer.normal * half).sum(3).clamp(0, 1)
+    n_view = (buffer.normal * buffer.view).sum(3).clamp(0.06, 1)
+    alpha = buffer.roughness.square().clamp(min=0.03).square()
+    lobe = alpha / (np.pi * (n_half.square() * (alpha - 1) + 1).square())
+    gloss = 0.04 * lobe / (4 * n_view) * (cosine > 0)
+    return (buffer.albedo * diffuse[..., None] + gloss[..., None]) * fall
+
+
+def _ambient(scenes: Sequence[Scene], buffer: GBuffer) -> Float32[Tensor, "b h w 3"]:
+    """Light from all around: sky above, what the ground throws back below, less in corners."""
+    device = buffer.depth.device
+    sky = _tensor([s.sky for s in scenes], device)[:, None, None]
+    tint = _tensor([s.tint for s in scenes], device)[:, None, None]
+    bounced = buffer.albedo.mean(dim=(1, 2), keepdim=True)
+    upward = 0.5 + 0.5 * buffer.normal[..., 2:]
+    light = (sky * upward + sky * bounced * (1 - upward)) * (
+        1 + (buffer.normal * tint).sum(3, keepdim=True)
+    ).clamp(min=0.2)
+    n_view = (buffer.normal * buffer.view).sum(3).clamp(0, 1)
+    rim = 0.04 + 0.4 * (1 - n_view) ** 5 * (1 - buffer.roughness)
+    return light * (buffer.albedo + rim[..., None]) * ambient_occlusion(buffer.depth)[..., None]
+
+
+def ambient_occlusion(depth: Float32[Tensor, "b h w"]) -> Float32[Tensor, "b h w"]:
+    """Darkness of places that lie deeper than their surroundings, at three sizes."""
+    height, width = depth.shape[1:]
+    small = interpolate(depth[:, None], size=(height // 4, width // 4), mode="area")
+    total = torch.ones_like(depth)
+    for reach, strength in ((0.006, 16.0), (0.016, 9.0), (0.04, 5.0)):
+        radius = max(1, round(reach * width / 4))
+        soft = _continued(small, 2 * radius)
+        for _ in range(2):
+            soft = avg_pool2d(soft, 2 * radius + 1, stride=1)
+        large = interpolate(soft, size=(height, width), mode="bilinear")[:, 0]
+        total *= torch.exp(-strength * (depth - large).clamp(0, 0.08))
+    return total
+
+
+def _continued(image: Float32[Tensor, "b 1 h w"], border: int) -> Float32[Tensor, "b 1 h2 w2"]:
+    """Continue an image point-symmetrically about its border, so that slopes go on."""
+    border = min(border, image.shape[2] - 1, image.shape[3] - 1)
+    size = (border, border, border, border)
+    return 2 * pad(image, size, mode="replicate") - pad(image, size, mode="reflect")

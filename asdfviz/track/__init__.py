@@ -1,0 +1,1 @@
+"""Real-time 6D tracking of known parts: viewpoint models, region and depth modalities, Newton steps."""

@@ -1,0 +1,124 @@
+"""The depth modality: point-to-plane distances from the model's surface to the measured points.
+
+One object a part and tracker; nothing is remembered from frame to frame. Poses are of the part's
+centre (see `ViewpointModel`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.geometry.shapes import Depth, Transform
+from asdfviz.track import depth_kernels
+from asdfviz.track.region_modality import at_iteration, nearest_radius
+from asdfviz.track.viewpoint_model import ViewpointModel
+from asdfviz.track.visibility import NO_SILHOUETTES, Silhouettes
+
+
+@dataclass(frozen=True, slots=True)
+class DepthConfig:
+    """Defaults are ICG's for the YCB data set (Stoiber et al., CVPR 2022)."""
+
+    points: int = 200
+    """Most surface points a part."""
+    adaptive_coverage: bool = False
+    """Use fewer points where less of the surface shows (M3T's GBOT setting)."""
+    considered_distances: tuple[float, ...] = (0.07, 0.05, 0.04)
+    """Farthest measured point that may match, metres, by correspondence iteration."""
+    sigmas: tuple[float, ...] = (0.05, 0.03, 0.02)
+    """Standard deviation of the distance at 1 m, metres; it grows with the depth."""
+    stride: float = 0.005
+    """Between the measured points that are tried, metres."""
+    scale_by_depth: bool = False
+    """Multiply the distances and the stride by the depth (M3T's GBOT setting)."""
+    occlusion_radius: float | None = 0.01
+    """Measured occlusion: nearer depth within this (metres) hides a point; None = not asked."""
+    occlusion_threshold: float = 0.03
+    """By how much it must be nearer, metres."""
+    unoccluded_frames: int = 10
+    """First frames without that test, whose pose may still be poor."""
+
+
+class DepthModality:
+    """Surface evidence of one part."""
+
+    def __init__(
+        self, model: ViewpointModel, lens: Float64[np.ndarray, 4], config: DepthConfig
+    ) -> None:
+        """Take the camera's (fu, fv, cu, cv) in pixels."""
+        self.model = model
+        self.config = config
+        self.count = 0
+        """Matches of the last search."""
+        self.wanted = 0
+        """Surface points that the last search tried."""
+        self._lens = lens
+        self._occlusion = np.array([config.occlusion_radius or 0.0, config.occlusion_threshold])
+        self._column = nearest_radius(model, config.occlusion_radius)
+        self._search = np.array([config.considered_distances[0], config.stride])
+        self._sigma = config.sigmas[0]
+        self._matches = np.zeros((config.points, depth_kernels.MATCH_COLUMNS))
+
+    def calculate_correspondences(
+        self,
+        depth: Depth,
+        T_camera_centre: Transform,
+        *,
+        view: int,
+        iteration: int,
+        hide: bool = False,
+        silhouettes: Silhouettes = NO_SILHOUETTES,
+        number: int = 0,
+    ) -> None:
+        """Find the measured point that belongs to each surface point.
+
+        Args:
+            view: the model's closest view.
+            hide: whether measured occlusion is asked for.
+            silhouettes: ask for the test whether the part itself shows there.
+            number: the part's own id in them.
+        """
+        self.wanted = self._points(view)
+        self._search[0] = at_iteration(self.config.considered_distances, iteration)
+        self._sigma = at_iteration(self.config.sigmas, iteration)
+        self.count = depth_kernels.find_matches(
+            depth,
+            self.model.surfaces[view],
+            self.wanted,
+            T_camera_centre,
+            self._lens,
+            self._search,
+            self.config.scale_by_depth,
+            hide,
+            self.model.surface_offsets[view, :, self._column],
+            self._occlusion,
+            silhouettes.ids,
+            silhouettes.crop,
+            number,
+            self._matches,
+        )
+
+    def calculate_gradient_and_hessian(
+        self,
+        T_camera_centre: Transform,
+        *,
+        gradient: Float64[np.ndarray, 6],
+        hessian: Float64[np.ndarray, "6 6"],
+    ) -> None:
+        """Add to the gradient of the log-likelihood and the lower half of its negative Hessian."""
+        depth_kernels.add_matches(
+            self._matches, self.count, T_camera_centre, self._sigma, gradient, hessian
+        )
+
+    def _points(self, view: int) -> int:
+        """How many surface points the view is worth."""
+        areas = self.model.surface_areas
+        if areas[view] <= 0:
+            return 0
+        most = min(self.config.points, self.model.surfaces.shape[1])
+        if not self.config.adaptive_coverage:
+            return most
+        return int(most * areas[view] / areas.max())

@@ -1,0 +1,113 @@
+"""One tracked part's modalities side by side, and when each asks for occlusion."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.geometry.shapes import Depth, Rgb, Transform
+from asdfviz.track.depth_modality import DepthModality
+from asdfviz.track.presets import TrackerConfig
+from asdfviz.track.region_modality import NO_DEPTH, RegionModality
+from asdfviz.track.viewpoint_model import ViewpointModel
+from asdfviz.track.visibility import Silhouettes
+
+
+class Modalities:
+    """Colour and depth evidence of one part, as far as its config wants them."""
+
+    def __init__(
+        self, model: ViewpointModel, lens: Float64[np.ndarray, 4], config: TrackerConfig
+    ) -> None:
+        """Take the camera's (fu, fv, cu, cv) in pixels."""
+        self.model = model
+        self.region = RegionModality(model, lens, config.region) if config.region else None
+        self.depth = DepthModality(model, lens, config.depth) if config.depth else None
+        self.frames = 0
+        """Frames since the start."""
+
+    def start(self, rgb: Rgb, T_camera_centre: Transform) -> None:
+        """Learn the part's colours at a pose that is known."""
+        self.frames = 0
+        if self.region is not None:
+            self.region.start(rgb, T_camera_centre)
+
+    def calculate_correspondences(
+        self,
+        rgb: Rgb,
+        depth: Depth,
+        T_camera_centre: Transform,
+        *,
+        iteration: int,
+        silhouettes: Silhouettes,
+        number: int,
+    ) -> None:
+        """Let every modality find its correspondences at a pose."""
+        view = self.model.closest_view(T_camera_centre)
+        if self.region is not None:
+            self.region.calculate_correspondences(
+                rgb,
+                T_camera_centre,
+                view=view,
+                iteration=iteration,
+                depth=self._occluders(depth),
+                silhouettes=silhouettes,
+                number=number,
+            )
+        if self.depth is not None:
+            config = self.depth.config
+            self.depth.calculate_correspondences(
+                depth,
+                T_camera_centre,
+                view=view,
+                iteration=iteration,
+                hide=config.occlusion_radius is not None and self.frames >= config.unoccluded_frames,
+                silhouettes=silhouettes,
+                number=number,
+            )
+
+    def calculate_gradient_and_hessian(
+        self,
+        T_camera_centre: Transform,
+        *,
+        update: int,
+        gradient: Float64[np.ndarray, 6],
+        hessian: Float64[np.ndarray, "6 6"],
+    ) -> None:
+        """Add every modality's part to the gradient and the lower half of the negative Hessian."""
+        if self.region is not None:
+            self.region.calculate_gradient_and_hessian(
+                T_camera_centre, update=update, gradient=gradient, hessian=hessian
+            )
+        if self.depth is not None:
+            self.depth.calculate_gradient_and_hessian(
+                T_camera_centre, gradient=gradient, hessian=hessian
+            )
+
+    def learn(
+        self,
+        rgb: Rgb,
+        depth: Depth,
+        T_camera_centre: Transform,
+        *,
+        silhouettes: Silhouettes,
+        number: int,
+    ) -> None:
+        """Take the colours of the pose that a frame ended with."""
+        if self.region is not None:
+            self.region.learn(
+                rgb,
+                T_camera_centre,
+                view=self.model.closest_view(T_camera_centre),
+                rate=self.region.config.histogram_rate,
+                depth=self._occluders(depth),
+                silhouettes=silhouettes,
+                number=number,
+            )
+        self.frames += 1
+
+    def _occluders(self, depth: Depth) -> Depth:
+        """The depth image if the region modality is to ask it for occluders by now."""
+        if self.region is None or self.region.config.occlusion_radius is None:
+            return NO_DEPTH
+        return depth if self.frames >= self.region.config.unoccluded_frames else NO_DEPTH

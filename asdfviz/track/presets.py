@@ -1,0 +1,72 @@
+"""Whole sets of tracking parameters, as their papers give them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from asdfviz.track.depth_modality import DepthConfig
+from asdfviz.track.optimizer import OptimizerConfig
+from asdfviz.track.region_modality import RegionConfig
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerConfig:
+    """What evidence is used, how often, and how cautiously; defaults are ICG's for YCB-Video."""
+
+    region: RegionConfig | None = field(default_factory=RegionConfig)
+    """None = no colour."""
+    depth: DepthConfig | None = field(default_factory=DepthConfig)
+    """None = no depth."""
+    optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)
+    correspondence_iterations: int = 4
+    update_iterations: int = 2
+    """After each search for correspondences."""
+    silhouettes: bool = False
+    """Draw all parts and leave out what another part hides, and contours that parts share."""
+    silhouette_px: int = 200
+    """Largest side of that drawing."""
+    silhouette_iterations: tuple[int, ...] = (0,)
+    """Correspondence iterations at which it is drawn anew."""
+    like_colors: float = 40.0
+    """Parts whose colours (sRGB, 0 to 255) are nearer than this show no contour between them."""
+
+
+RBOT_REGION = TrackerConfig(
+    region=RegionConfig(
+        scales=(5, 2, 2, 1),
+        sigmas_px=(20.0, 7.0, 3.0, 1.5),
+        amplitude=0.36,
+        slope=0.0,
+        histogram_bins=32,
+        occlusion_radius=None,
+    ),
+    depth=None,
+    correspondence_iterations=7,
+)
+"""SRT3D's settings for the RBOT data set, as M3T runs them."""
+
+YCB_DEPTH = TrackerConfig(region=None)
+"""ICG's depth modality alone."""
+
+YCB_ICG = TrackerConfig()
+"""ICG for YCB-Video: region and depth."""
+
+GBOT = TrackerConfig(
+    region=RegionConfig(
+        lines=300, adaptive_coverage=True, scales=(9, 7, 5, 2), occlusion_radius=None
+    ),
+    depth=DepthConfig(
+        points=300,
+        adaptive_coverage=True,
+        considered_distances=(0.1, 0.08, 0.05),
+        stride=0.008,
+        scale_by_depth=True,
+        occlusion_radius=None,
+    ),
+    optimizer=OptimizerConfig(rotation=100.0, translation=1000.0),
+    correspondence_iterations=6,
+    silhouettes=True,
+)
+"""The settings of GBOT's evaluator, which are M3T's for assemblies."""
+
+PRESETS = {"region": RBOT_REGION, "depth": YCB_DEPTH, "icg": YCB_ICG, "gbot": GBOT}

@@ -1,0 +1,232 @@
+"""The region modality: where the contour lies, by the colours of a part and its surroundings.
+
+One object a part and tracker. It remembers the colour histograms from frame to frame; everything
+else lives within one frame. Poses are of the part's centre (see `ViewpointModel`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.errors import InputError
+from asdfviz.geometry.shapes import Depth, Rgb, Transform
+from asdfviz.track import color_histograms, region_kernels
+from asdfviz.track.color_histograms import ColorHistograms
+from asdfviz.track.viewpoint_model import ViewpointModel
+from asdfviz.track.visibility import NO_SILHOUETTES, Silhouettes
+
+Value = TypeVar("Value")
+
+NO_DEPTH = np.zeros((0, 0), np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class RegionConfig:
+    """Defaults are ICG's for the YCB data set (Stoiber et al., CVPR 2022)."""
+
+    lines: int = 200
+    """Most correspondence lines a part."""
+    adaptive_coverage: bool = False
+    """Use fewer lines where the contour is shorter than the part's longest (M3T's GBOT setting)."""
+    scales: tuple[int, ...] = (7, 4, 2)
+    """Pixels a segment, by correspondence iteration; the last one repeats."""
+    sigmas_px: tuple[float, ...] = (25.0, 15.0, 10.0)
+    """Standard deviation of the contour, by correspondence iteration."""
+    function_length: int = 8
+    """Segments of the smoothed step functions."""
+    distribution_length: int = 12
+    """Values of the contour's distribution."""
+    amplitude: float = 0.43
+    """Of the step functions, below 0.5."""
+    slope: float = 0.5
+    """Of the step functions, segments; 0 = sharp."""
+    learning_rate: float = 1.3
+    """Of the local steps."""
+    global_updates: int = 1
+    """Updates after each correspondence search that take the global step."""
+    least_continuous: float = 3.0
+    """Segments of unbroken foreground and background that a line needs."""
+    histogram_bins: int = 16
+    """Bins a colour channel, a power of two."""
+    histogram_rate: float = 0.2
+    """Learning rate of both histograms, a frame."""
+    unconsidered_px: float = 0.5
+    """Nearest pixels left out of the histograms."""
+    considered_px: float = 20.0
+    """Farthest pixels in the histograms."""
+    occlusion_radius: float | None = 0.01
+    """Measured occlusion: nearer depth within this (metres) hides a point; None = not asked."""
+    occlusion_threshold: float = 0.03
+    """By how much it must be nearer, metres."""
+    unoccluded_frames: int = 10
+    """First frames without that test, whose pose may still be poor."""
+
+    def __post_init__(self) -> None:
+        if self.histogram_bins not in (2, 4, 8, 16, 32, 64):
+            raise InputError(f"histogram_bins is {self.histogram_bins}: give 8, 16, 32 or 64")
+        if not 0.0 < self.amplitude < 0.5:
+            raise InputError(f"amplitude is {self.amplitude}: it lies between 0 and 0.5")
+        if self.function_length + self.distribution_length > region_kernels.MAX_SEGMENTS:
+            raise InputError(f"a line has at most {region_kernels.MAX_SEGMENTS} segments")
+
+
+def step_function(config: RegionConfig) -> Float64[np.ndarray, "l"]:
+    """Smoothed step h_f(x) = 1/2 - a tanh(x / 2s), inside first (SRT3D, eq. 11)."""
+    x = np.arange(config.function_length) - (config.function_length - 1) / 2
+    if config.slope == 0:
+        return 0.5 - config.amplitude * np.sign(x)
+    return 0.5 - config.amplitude * np.tanh(x / (2 * config.slope))
+
+
+def least_variance(config: RegionConfig) -> float:
+    """Smallest variance of a contour that the step functions allow, segments squared."""
+    return float(max(1 / (2 * np.arctanh(2 * config.amplitude) ** 2), config.slope))
+
+
+class RegionModality:
+    """Contour evidence of one part."""
+
+    def __init__(
+        self, model: ViewpointModel, lens: Float64[np.ndarray, 4], config: RegionConfig
+    ) -> None:
+        """Take the camera's (fu, fv, cu, cv) in pixels."""
+        self.model = model
+        self.config = config
+        self.histograms = ColorHistograms(config.histogram_bins)
+        self.count = 0
+        """Lines of the last search."""
+        self.wanted = 0
+        """Contour points that the last search tried."""
+        self._lens = lens
+        self._step = step_function(config)
+        self._shape = np.array([config.least_continuous, least_variance(config)])
+        self._lengths = np.array([config.unconsidered_px, config.considered_px])
+        self._occlusion = np.array([config.occlusion_radius or 0.0, config.occlusion_threshold])
+        self._column = nearest_radius(model, config.occlusion_radius)
+        self._lines = np.zeros((config.lines, region_kernels.LINE_COLUMNS))
+        self._probabilities = np.zeros((config.lines, config.distribution_length))
+        self._spread = np.array([self._shape[1], config.sigmas_px[0]])
+
+    def start(self, rgb: Rgb, T_camera_centre: Transform) -> None:
+        """Learn the histograms from scratch at a pose that is known."""
+        self.histograms = ColorHistograms(self.config.histogram_bins)
+        self.learn(rgb, T_camera_centre, view=self.model.closest_view(T_camera_centre), rate=1.0)
+
+    def learn(
+        self,
+        rgb: Rgb,
+        T_camera_centre: Transform,
+        *,
+        view: int,
+        rate: float,
+        depth: Depth = NO_DEPTH,
+        silhouettes: Silhouettes = NO_SILHOUETTES,
+        number: int = 0,
+    ) -> None:
+        """Blend in the colours on both sides of the contour."""
+        color_histograms.count_colors(
+            rgb,
+            self.histograms.bits,
+            self.model.contours[view],
+            self._points(view),
+            T_camera_centre,
+            self._lens,
+            self._lengths,
+            depth,
+            self.model.contour_offsets[view, :, self._column],
+            self._occlusion,
+            silhouettes.ids,
+            silhouettes.crop,
+            number,
+            self.histograms.counts,
+        )
+        self.histograms.learn(rate)
+
+    def calculate_correspondences(
+        self,
+        rgb: Rgb,
+        T_camera_centre: Transform,
+        *,
+        view: int,
+        iteration: int,
+        depth: Depth = NO_DEPTH,
+        silhouettes: Silhouettes = NO_SILHOUETTES,
+        number: int = 0,
+    ) -> None:
+        """Lay lines across the contour and read where each sees it.
+
+        Args:
+            view: the model's closest view.
+            depth: asks for the test of measured occlusion; empty = not asked.
+            silhouettes: ask for the test of hidden and shared contours.
+            number: the part's own id in them.
+        """
+        config = self.config
+        self.wanted = self._points(view)
+        self._spread[1] = at_iteration(config.sigmas_px, iteration)
+        self.count = region_kernels.find_lines(
+            rgb,
+            self.histograms.table,
+            self.histograms.bits,
+            self.model.contours[view],
+            self.wanted,
+            T_camera_centre,
+            self._lens,
+            at_iteration(config.scales, iteration),
+            self._shape,
+            self._step,
+            depth,
+            self.model.contour_offsets[view, :, self._column],
+            self._occlusion,
+            silhouettes.ids,
+            silhouettes.crop,
+            number,
+            self._lines,
+            self._probabilities,
+        )
+
+    def calculate_gradient_and_hessian(
+        self,
+        T_camera_centre: Transform,
+        *,
+        update: int,
+        gradient: Float64[np.ndarray, 6],
+        hessian: Float64[np.ndarray, "6 6"],
+    ) -> None:
+        """Add to the gradient of the log-likelihood and the lower half of its negative Hessian."""
+        local = update >= self.config.global_updates
+        region_kernels.add_lines(
+            self._lines,
+            self._probabilities,
+            self.count,
+            T_camera_centre,
+            self._lens,
+            self._spread,
+            self.config.learning_rate if local else 0.0,
+            gradient,
+            hessian,
+        )
+
+    def _points(self, view: int) -> int:
+        """How many contour points the view is worth."""
+        lengths = self.model.contour_lengths
+        if lengths[view] <= 0:
+            return 0
+        most = min(self.config.lines, self.model.contours.shape[1])
+        if not self.config.adaptive_coverage:
+            return most
+        return int(most * lengths[view] / lengths.max())
+
+
+def at_iteration(values: tuple[Value, ...], iteration: int) -> Value:
+    """The value for an iteration; the last one repeats."""
+    return values[min(iteration, len(values) - 1)]
+
+
+def nearest_radius(model: ViewpointModel, radius: float | None) -> int:
+    """Column of the model's depth offsets whose radius is nearest to the one that is asked."""
+    return int(np.argmin(np.abs(np.array(model.occlusion_radii) - (radius or 0.0))))

@@ -1,0 +1,112 @@
+"""Which model points the camera can see: nothing measured in front, no other part in front.
+
+Two tests that both modalities ask: of the measured depth (something unknown is nearer than the
+part, such as a hand), and of the rendered id image (another tracked part is nearer).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import no_type_check
+
+import numpy as np
+from jaxtyping import Float64, Int32
+
+from asdfviz.datatypes import Mesh
+from asdfviz.geometry.shapes import Intrinsics, Transform
+from asdfviz.track import raster
+from asdfviz.track.jit import kernel
+
+PROBES = 5
+"""Depth pixels a side that are looked at for an occluder."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Silhouettes:
+    """An image of part numbers, cut out around the parts; -1 is background."""
+
+    ids: Int32[np.ndarray, "h w"]
+    crop: Float64[np.ndarray, 3]
+    """u and v of the cut's first pixel in the camera image, and cut pixels per image pixel."""
+
+
+NO_SILHOUETTES = Silhouettes(np.zeros((0, 0), np.int32), np.array([0.0, 0.0, 1.0]))
+"""Switches the test off."""
+
+
+def render_silhouettes(
+    meshes: Sequence[Mesh], Ts_camera_part: Sequence[Transform], K: Intrinsics, *, size: int
+) -> Silhouettes | None:
+    """Draw every mesh with its place in the list as its number, in a square cut around all.
+
+    Returns:
+        None where no part lies in front of the camera.
+    """
+    box = _box_around(meshes, Ts_camera_part, K)
+    if box is None:
+        return None
+    u0, v0, side = box
+    scale = min(1.0, size / side)
+    pixels = max(2, min(size, int(np.ceil(side * scale))))
+    K_cut = np.array(
+        [
+            [K[0, 0] * scale, 0.0, (K[0, 2] - u0) * scale],
+            [0.0, K[1, 1] * scale, (K[1, 2] - v0) * scale],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+    inverse_depth, ids = raster.new_buffers(pixels, pixels)
+    for i, (mesh, T) in enumerate(zip(meshes, Ts_camera_part, strict=True)):
+        raster.draw(mesh, T, K=K_cut, inverse_depth=inverse_depth, ids=ids, number=i)
+    return Silhouettes(ids, np.array([u0, v0, scale]))
+
+
+def _box_around(
+    meshes: Sequence[Mesh], Ts_camera_part: Sequence[Transform], K: Intrinsics
+) -> tuple[float, float, float] | None:
+    """First pixel and side of a square, with a margin, that holds every part's bounding box."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for mesh, T in zip(meshes, Ts_camera_part, strict=True):
+        ends = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
+        corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
+        points = corners @ T[:3, :3].T + T[:3, 3]
+        if points[:, 2].min() < raster.NEAR:
+            continue
+        pixels = points[:, :2] / points[:, 2:] * [K[0, 0], K[1, 1]] + [K[0, 2], K[1, 2]]
+        low, high = np.minimum(low, pixels.min(axis=0)), np.maximum(high, pixels.max(axis=0))
+    if not np.isfinite(low).all():
+        return None
+    low, high = np.maximum(low, -64.0), np.minimum(high, 2 * K[:2, 2] + 64.0)
+    if (high <= low).any():
+        return None
+    return float(low[0]) - 2.0, float(low[1]) - 2.0, float((high - low).max()) + 5.0
+
+
+@kernel
+@no_type_check
+def id_at(ids, crop, u, v):
+    """Part number at image pixel (u, v); -1 for background and outside the cut."""
+    y = int(np.floor((v - crop[1]) * crop[2] + 0.5))
+    x = int(np.floor((u - crop[0]) * crop[2] + 0.5))
+    if x < 0 or y < 0 or y >= ids.shape[0] or x >= ids.shape[1]:
+        return -1
+    return ids[y, x]
+
+
+@kernel
+@no_type_check
+def occluded(depth, u, v, limit, radius_px):
+    """Whether any measured depth within radius_px of (u, v) is nearer than `limit` metres."""
+    height, width = depth.shape
+    stride = max(1, int(np.ceil(2.0 * radius_px / (PROBES - 1))))
+    reach = int(radius_px) // stride
+    for j in range(-reach, reach + 1):
+        y = int(v + 0.5) + j * stride
+        if y < 0 or y >= height:
+            continue
+        for i in range(-reach, reach + 1):
+            x = int(u + 0.5) + i * stride
+            if x >= 0 and x < width and depth[y, x] > 0.0 and depth[y, x] < limit:
+                return True
+    return False

@@ -1,0 +1,1 @@
+"""Trains the detector from generated scene folders."""

@@ -1,0 +1,148 @@
+"""Checkpoints of a run, and the export of its weights."""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from torch import Tensor, nn
+
+from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.detector.network import Network, Scale
+from asdfviz.detector.weights import save_network
+from asdfviz.errors import WeightsError
+
+
+class Average:
+    """Exponential moving average of a network's weights; early on it forgets faster."""
+
+    def __init__(self, network: nn.Module, *, decay: float) -> None:
+        self._decay = decay
+        self.updates = 0
+        self.state = {k: v.detach().clone() for k, v in network.state_dict().items()}
+
+    @torch.no_grad()
+    def update(self, network: nn.Module) -> None:
+        """Take in the weights after a step."""
+        self.updates += 1
+        keep = min(self._decay, (1 + self.updates) / (10 + self.updates))
+        for name, value in network.state_dict().items():
+            if value.is_floating_point():
+                self.state[name].lerp_(value, 1 - keep)
+            else:
+                self.state[name].copy_(value)
+
+
+@dataclass(slots=True, eq=False)
+class Progress:
+    """How far a run is."""
+
+    step: int = 0
+    seconds: float = 0.0
+    best: float = -1.0
+    """Best validation score so far."""
+
+
+def save_checkpoint(
+    path: Path,
+    *,
+    network: Network,
+    average: Average,
+    progress: Progress,
+    about: Mapping[str, object],
+    trainer: Mapping[str, Any] | None = None,
+) -> None:
+    """Write a checkpoint in one step.
+
+    Args:
+        path: file to write.
+        network: being trained.
+        average: of its weights.
+        progress: how far the run is.
+        about: what the weights are: "classes", "image_size", "run".
+        trainer: state of optimiser and auxiliary head, to go on exactly; None for weights alone.
+    """
+    content = {
+        "network": network.state_dict(),
+        "average": average.state,
+        "updates": average.updates,
+        "progress": [progress.step, progress.seconds, progress.best],
+        "scale": network.scale,
+        "keypoint_width": network.keypoint_width or 0,
+        "about": json.dumps(about),
+        "trainer": dict(trainer or {}),
+    }
+    if trainer is None:
+        content["network"] = {}
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    write_bytes(path, buffer.getvalue())
+
+
+def load_checkpoint(path: Path) -> dict[str, Any]:
+    """Read a checkpoint; only tensors, numbers and strings are accepted.
+
+    Raises:
+        WeightsError: missing, cut short or not written by a training run.
+    """
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except FileNotFoundError as error:
+        raise WeightsError(f"no checkpoint at '{path}'") from error
+    except (pickle.UnpicklingError, RuntimeError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise WeightsError(f"checkpoint '{path}' is corrupt or cut short: {error}") from error
+    if not isinstance(content, dict) or "average" not in content or "about" not in content:
+        raise WeightsError(f"'{path}' is no checkpoint of a training run")
+    return cast(dict[str, Any], content)
+
+
+def network_of(content: Mapping[str, Any]) -> Network:
+    """Build the network of a checkpoint with its averaged weights, in evaluation mode."""
+    about = json.loads(content["about"])
+    network = Network(
+        cast(Scale, content["scale"]),
+        classes=len(about["classes"]),
+        keypoint_width=content["keypoint_width"] or None,
+    )
+    network.load_state_dict(cast(dict[str, Tensor], content["average"]))
+    network.eval()
+    return network
+
+
+def export_weights(checkpoint: Path, path: Path) -> Path:
+    """Write a checkpoint's averaged weights as half-precision safetensors, and how they came to be.
+
+    Args:
+        checkpoint: best.pt or last.pt of a run folder.
+        path: the .safetensors to write; a .json of the same name comes to lie beside it.
+
+    Raises:
+        WeightsError: the checkpoint is missing or corrupt.
+    """
+    content = load_checkpoint(checkpoint)
+    about = json.loads(content["about"])
+    save_network(
+        network_of(content), path, classes=about["classes"], image_size=about["image_size"]
+    )
+    step, seconds, best = content["progress"]
+    record = {
+        **about,
+        "scale": content["scale"],
+        "keypoint_width": content["keypoint_width"],
+        "steps": step,
+        "minutes": round(seconds / 60, 1),
+        "best_score": best,
+        "bytes": path.stat().st_size,
+    }
+    report = checkpoint.with_name("validation.json")
+    if report.is_file():
+        record["validation"] = json.loads(report.read_text(encoding="utf-8"))
+    write_text(path.with_suffix(".json"), json.dumps(record, indent=2) + "\n")
+    return path

@@ -1,0 +1,92 @@
+"""What a training run is made of; written into the run folder as it was."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from asdfviz.detector.losses import PAPER, PUBLISHED, LossConfig
+from asdfviz.detector.network import Scale
+from asdfviz.train.packing import AugmentConfig
+
+LOSSES: dict[str, LossConfig] = {"mix": LossConfig(), "oks": PUBLISHED, "paper": PAPER}
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A stretch of the run with inputs of one size."""
+
+    share: float
+    """Share of the budget."""
+    width: int
+    """Of the input, pixels, a multiple of the last stride."""
+    height: int
+    """Of the input, pixels, a multiple of the last stride."""
+    batch: int
+    """Inputs a step."""
+    packed: float
+    """Share of inputs packed with tiles; the others show a whole frame, 0 to 1."""
+
+
+def two_stages() -> tuple[Stage, ...]:
+    """Small packed inputs first, for the most objects a second, then full size with frames."""
+    return (Stage(0.3, 320, 192, 16, 1.0), Stage(0.7, 640, 384, 8, 0.6))
+
+
+@dataclass(frozen=True, slots=True)
+class TrainConfig:
+    """A training run of the detector."""
+
+    assembly: str
+    """Name or path of the assembly."""
+    data: tuple[Path, ...]
+    """Scene folders with truth."""
+    output: Path
+    """Run folder: checkpoints, log, curve, weights."""
+    validation: Path | None = None
+    """Scene folder that is never trained on."""
+    scale: Scale = "n"
+    """Size of the network."""
+    keypoint_width: int = 128
+    """Hidden channels of the keypoint branch; 0 means the public width (51 in size n)."""
+    minutes: float = 60.0
+    """Budget, wall clock, resumed runs counted together."""
+    steps: int | None = None
+    """Budget in steps instead, which repeats exactly."""
+    image_size: int = 640
+    """Longer side of a whole frame, pixels; infer at the same."""
+    stages: tuple[Stage, ...] = field(default_factory=two_stages)
+    threads: int = 1
+    """CPU threads of torch; more than there are idle cores makes every step wait."""
+    seed: int = 0
+    device: str = "cpu"
+    """A torch device."""
+    bfloat16: bool = True
+    """Mixed precision, where the device has it."""
+    learning_rate: float = 1.5e-3
+    """AdamW, at the top of the schedule."""
+    final_rate: float = 0.03
+    """Share of the learning rate that the cosine ends at."""
+    weight_decay: float = 0.01
+    """Of convolution weights only."""
+    warmup_steps: int = 150
+    ema: float = 0.998
+    """Decay of the averaged weights that are validated and exported."""
+    clip: float = 10.0
+    """Largest gradient norm (YOLOv8's)."""
+    loss: Literal["mix", "oks", "paper"] = "mix"
+    """Keypoint loss: our mix, YOLOv8's, or the paper's L2."""
+    rotation_gain: float = 1.0
+    """Weight of the rotation hint, an auxiliary loss; 0 switches it off."""
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
+    calm_share: float = 0.1
+    """Share of the budget over which the camera roll grows from 30 % to its full range."""
+    validate_minutes: float = 8.0
+    """Time between validations."""
+    checkpoint_minutes: float = 3.0
+    """Time between checkpoints."""
+    validation_frames: int = 60
+    """Frames of each intermediate validation; the last one takes all."""
+    resume: bool = True
+    """Go on from output/last.pt if it is there."""

@@ -1,0 +1,62 @@
+"""The training loop: `train(config)` runs a budget of minutes or steps and leaves a run folder.
+
+The folder holds last.pt (goes on exactly where it was), best.pt, log.csv, validation.csv,
+validation.json, curve.png and config.json; `export_weights` makes weights of a checkpoint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.datatypes import Assembly
+from asdfviz.train.checkpoint import export_weights as export_weights
+from asdfviz.train.config import TrainConfig as TrainConfig
+from asdfviz.train.session import Session, TrainReport
+from asdfviz.train.validation import Validation
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainResult:
+    """What a run left behind."""
+
+    output: Path
+    steps: int
+    best_score: float
+    validation: Validation | None
+    finished: bool
+    """False where `stop` ended the run before its budget."""
+
+
+def train(
+    config: TrainConfig,
+    *,
+    assembly: Assembly | None = None,
+    progress: Callable[[TrainReport], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> TrainResult:
+    """Train the detector of an assembly and leave a run folder.
+
+    Args:
+        config: all of the run.
+        assembly: instead of loading config.assembly.
+        progress: called every 20 s and after every validation.
+        stop: asked before every step; True ends the run with a checkpoint.
+
+    Raises:
+        InputError: the data or the assembly is wrong, or the loss is no longer finite.
+    """
+    torch.set_num_threads(config.threads)
+    run = Session(config, assembly or load_assembly(config.assembly))
+    finished = run.go(progress or (lambda _: None), stop or (lambda: False))
+    return TrainResult(
+        output=config.output,
+        steps=run.progress.step,
+        best_score=run.progress.best,
+        validation=run.finish() if finished else None,
+        finished=finished,
+    )

@@ -1,0 +1,84 @@
+"""An auxiliary loss that teaches the keypoint branch to tell rotations apart.
+
+Regressed keypoints of unsymmetric parts tend to stay at the part's middle, the mean of all
+rotations. Telling which of some hundred rotations is seen has no such plateau, and the features
+that it needs are the ones the keypoints need. The head is dropped after training.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Int64
+from torch import Tensor, nn
+
+from asdfviz.detector.assigner import Assignment
+from asdfviz.detector.head import RawOutput
+
+
+def even_rotations(count: int) -> Float32[np.ndarray, "n 3 3"]:
+    """Return evenly spread rotations: super-Fibonacci spirals (Alexa, CVPR 2022)."""
+    s = np.arange(count) + 0.5
+    t, d = s / count, 2 * np.pi * s
+    alpha, beta = d / np.sqrt(2.0), d / 1.533751168755204288118041
+    r, q = np.sqrt(t), np.sqrt(1 - t)
+    x, y, z, w = r * np.sin(alpha), r * np.cos(alpha), q * np.sin(beta), q * np.cos(beta)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2).astype(np.float32)
+
+
+class RotationHint(nn.Module):
+    """A linear classifier of rotations for every class, on the keypoint branch's features."""
+
+    grid: Tensor
+
+    def __init__(self, *, classes: int, width: int, levels: int, rotations: int = 500) -> None:
+        super().__init__()
+        weight = torch.randn(levels, classes, width, rotations) * 0.01
+        self.weight = nn.Parameter(weight)
+        self.bias = nn.Parameter(torch.zeros(classes, rotations))
+        self.register_buffer("grid", torch.as_tensor(even_rotations(rotations)))
+        # A third of the grid's spacing blurs each label over its nearest neighbours.
+        self._blur = 1.1 * (np.pi**2 / rotations) ** (1 / 3)
+
+    def forward(
+        self,
+        raw: RawOutput,
+        assignment: Assignment,
+        labels: Int64[Tensor, "b m"],
+        rotations: Float[Tensor, "b m 3 3"],
+    ) -> Float[Tensor, ""]:
+        """Return the mean cross-entropy over positive anchors of parts."""
+        features = torch.cat([f.float().flatten(2) for f in raw.features], 2)
+        levels = torch.cat(
+            [
+                torch.full((f.shape[-2] * f.shape[-1],), i, device=features.device)
+                for i, f in enumerate(raw.features)
+            ]
+        )
+        image, anchor = assignment.positive.nonzero(as_tuple=True)
+        row = assignment.objects[image, anchor]
+        wanted = rotations[image, row]
+        label = labels[image, row]
+        picked = features[image, :, anchor]
+        level = levels[anchor]
+        is_part = wanted.abs().amax((1, 2)) > 0
+        total = picked.sum() * 0.0
+        count = is_part.sum().clamp(min=1)
+        for place in range(self.weight.shape[0]):
+            for kind in label[is_part].unique().tolist():
+                chosen = is_part & (level == place) & (label == kind)
+                if bool(chosen.any()):
+                    logits = picked[chosen] @ self.weight[place, kind] + self.bias[kind]
+                    soft = self._soft_labels(wanted[chosen])
+                    total = total - (soft * logits.log_softmax(1)).sum()
+        return total / count
+
+    def _soft_labels(self, rotations: Float[Tensor, "p 3 3"]) -> Float[Tensor, "p r"]:
+        trace = torch.einsum("pij,rij->pr", rotations, self.grid)
+        angle = ((trace - 1) / 2).clamp(-1, 1).acos()
+        return (-((angle / self._blur) ** 2)).softmax(1)

@@ -1,0 +1,44 @@
+"""Optimiser, learning rate and stages over the budget of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+
+import torch
+from torch import nn
+
+from asdfviz.train.config import Stage, TrainConfig
+
+
+def make_optimizer(modules: Iterable[nn.Module], config: TrainConfig) -> torch.optim.AdamW:
+    """Return AdamW with decay on weights of convolutions, none on biases and norms."""
+    decayed: list[nn.Parameter] = []
+    others: list[nn.Parameter] = []
+    for module in modules:
+        for parameter in module.parameters():
+            if parameter.requires_grad:
+                (decayed if parameter.ndim > 1 else others).append(parameter)
+    groups = [
+        {"params": decayed, "weight_decay": config.weight_decay},
+        {"params": others, "weight_decay": 0.0},
+    ]
+    return torch.optim.AdamW(groups, lr=config.learning_rate, betas=(0.9, 0.99))
+
+
+def rate_at(config: TrainConfig, step: int, share: float) -> float:
+    """Return the learning rate: a linear warm-up by steps, then half a cosine over the budget."""
+    warm = min(1.0, (step + 1) / max(config.warmup_steps, 1))
+    cosine = (1 + math.cos(math.pi * min(max(share, 0.0), 1.0))) / 2
+    return config.learning_rate * warm * (config.final_rate + (1 - config.final_rate) * cosine)
+
+
+def stage_at(stages: Sequence[Stage], share: float) -> Stage:
+    """Return the stage that a share of the budget lies in."""
+    total = sum(stage.share for stage in stages)
+    end = 0.0
+    for stage in stages:
+        end += stage.share / total
+        if share < end:
+            return stage
+    return stages[-1]

@@ -1,0 +1,305 @@
+"""One training run in progress: its network, optimiser, logs and checkpoints."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import torch
+from torch import Tensor, nn
+
+from asdfviz.data.atomic import write_text
+from asdfviz.datatypes import Assembly
+from asdfviz.detector.assigner import Targets
+from asdfviz.detector.losses import LossConfig, pose_losses
+from asdfviz.detector.network import Network
+from asdfviz.errors import InputError, WeightsError
+from asdfviz.train.checkpoint import Average, Progress, load_checkpoint, save_checkpoint
+from asdfviz.train.config import LOSSES, TrainConfig
+from asdfviz.train.dataset import load_images
+from asdfviz.train.loader import Batch, Recipe, batches
+from asdfviz.train.log import CsvLog, Meter, write_curve
+from asdfviz.train.packing import Packer
+from asdfviz.train.rotation_hint import RotationHint
+from asdfviz.train.schedule import make_optimizer, rate_at, stage_at
+from asdfviz.train.validation import Validation, validate
+
+LOSS_NAMES = ("box", "keypoint", "visibility", "classes", "bins", "rotation")
+LOG_COLUMNS = ("step", "minutes", "width", "rate", *LOSS_NAMES, "inputs_per_s", "objects")
+LOG_SECONDS = 20.0
+VALIDATION_FIELDS = ("recall", "precision", "keypoint_px", "keypoint_share", "rotation_deg")
+
+
+@dataclass(frozen=True, slots=True)
+class TrainReport:
+    """What the run says now and then to whoever watches it."""
+
+    step: int
+    share: float
+    """Of the budget used, 0 to 1."""
+    losses: dict[str, float]
+    """Means since the last report."""
+    inputs_per_s: float
+    validation: Validation | None = None
+
+
+class Session:
+    """The state of a run in progress; `train` drives it."""
+
+    def __init__(self, config: TrainConfig, assembly: Assembly) -> None:
+        self.config, self.assembly = config, assembly
+        config.output.mkdir(parents=True, exist_ok=True)
+        self.images = load_images(config.data, assembly, image_size=config.image_size)
+        self.validation_images = (
+            ()
+            if config.validation is None
+            else load_images((config.validation,), assembly, image_size=config.image_size)
+        )
+        torch.manual_seed(config.seed)
+        width = config.keypoint_width or None
+        classes = len(assembly.detector_classes)
+        network = Network(config.scale, classes=classes, keypoint_width=width)
+        hint_width = cast(nn.Conv2d, cast(nn.Sequential, network.head.cv4[0])[2]).in_channels
+        hint = RotationHint(classes=classes, width=hint_width, levels=len(network.strides))
+        self.network = network.to(config.device)
+        self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
+        self.hint = hint.to(config.device)
+        self.loss: LossConfig = LOSSES[config.loss]
+        self.optimizer = make_optimizer((self.network, self.hint), config)
+        self.average = Average(self.network, decay=config.ema)
+        self.progress = Progress()
+        self._began = time.monotonic()
+        self._before = 0.0
+        self._resume()
+        self.log = CsvLog(config.output / "log.csv", LOG_COLUMNS)
+        columns = [f"{n}:{f}" for n in assembly.detector_classes for f in VALIDATION_FIELDS]
+        self.validation_log = CsvLog(
+            config.output / "validation.csv", ("step", "minutes", "score", *columns)
+        )
+        text = json.dumps(dataclasses.asdict(config), indent=2, default=str)
+        write_text(config.output / "config.json", text + "\n")
+
+    @property
+    def last(self) -> Path:
+        """The checkpoint that a later run goes on from."""
+        return self.config.output / "last.pt"
+
+    @property
+    def seconds(self) -> float:
+        """Wall clock of the run, earlier sessions counted in."""
+        return self._before + time.monotonic() - self._began
+
+    @property
+    def share(self) -> float:
+        """Share of the budget that is used."""
+        if self.config.steps is not None:
+            return self.progress.step / max(self.config.steps, 1)
+        return self.seconds / (self.config.minutes * 60)
+
+    def go(self, report: Callable[[TrainReport], None], stop: Callable[[], bool]) -> bool:
+        """Step until the budget is used (True) or `stop` says so (False)."""
+        size = max(s.width for s in self.config.stages)
+        height, width = self.images[0].rgb.shape[:2]
+        scale = min(size, self.config.image_size) / max(height, width)
+        packer = Packer(self.images, scale=scale, config=self.config.augment)
+        first = self.progress.step
+        checkpointed = validated = logged = self.seconds
+        meter = Meter()
+        with batches(packer, self.recipe, seed=self.config.seed, first=first) as stream:
+            while self.share < 1:
+                if stop():
+                    self.checkpoint()
+                    return False
+                self.step(stream, meter)
+                now = self.seconds
+                if now - logged > LOG_SECONDS:
+                    report(self.write_log(meter))
+                    logged, meter = now, Meter()
+                if now - checkpointed > self.config.checkpoint_minutes * 60:
+                    self.checkpoint()
+                    checkpointed = now
+                if now - validated > self.config.validate_minutes * 60 and self.share < 1:
+                    found = self.validate(self.config.validation_frames)
+                    report(
+                        dataclasses.replace(self._report(meter), validation=found)
+                    ) if meter.steps else None
+                    validated = self.seconds
+        if meter.steps:
+            report(self.write_log(meter))
+        return True
+
+    def recipe(self, step: int) -> Recipe:
+        """What the batch of a step is made of."""
+        steps = self.config.steps
+        share = self.share if steps is None else step / max(steps, 1)
+        spread = min(1.0, 0.3 + 0.7 * share / max(self.config.calm_share, 1e-9))
+        return Recipe(stage=stage_at(self.config.stages, share), spread=spread)
+
+    def step(self, stream: Iterator[Batch], meter: Meter) -> None:
+        """Take one optimiser step."""
+        config = self.config
+        batch = _to_device(next(stream), config.device)
+        rate = rate_at(config, self.progress.step, min(self.share, 1.0))
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate
+        self.network.train()
+        images = batch.images.permute(0, 3, 1, 2).float() / 255
+        images = images.contiguous(memory_format=torch.channels_last)
+        kind = torch.device(config.device).type
+        with torch.autocast(kind, dtype=torch.bfloat16, enabled=config.bfloat16):
+            raw = self.network(images)
+        losses, assignment = pose_losses(raw, batch.targets, config=self.loss)
+        parts = losses.parts
+        hint = parts.new_zeros(())
+        if config.rotation_gain > 0:
+            hint = self.hint(raw, assignment, batch.targets.labels, batch.rotations)
+        total = parts.sum() + config.rotation_gain * hint
+        if not bool(torch.isfinite(total)):
+            raise InputError(
+                f"the loss is not finite at step {self.progress.step}: lower the learning rate "
+                f"({config.learning_rate:g}) or switch bfloat16 off"
+            )
+        self.optimizer.zero_grad(set_to_none=True)
+        total.backward()
+        nn.utils.clip_grad_norm_([*self.network.parameters(), *self.hint.parameters()], config.clip)
+        self.optimizer.step()
+        self.average.update(self.network)
+        self.progress.step += 1
+        objects = int(batch.targets.present.sum())
+        meter.add(torch.cat([parts.detach(), hint.detach()[None]]), len(images), objects)
+
+    def write_log(self, meter: Meter) -> TrainReport:
+        """Append to the log and draw the curve."""
+        report = self._report(meter)
+        self.log.add(
+            {
+                "step": self.progress.step,
+                "minutes": self.seconds / 60,
+                "width": self.recipe(self.progress.step).stage.width,
+                "rate": self.optimizer.param_groups[0]["lr"],
+                "inputs_per_s": report.inputs_per_s,
+                "objects": meter.objects / max(meter.inputs, 1),
+                **report.losses,
+            }
+        )
+        write_curve(self.config.output / "curve.png", self.log, x="minutes", curves=LOSS_NAMES)
+        return report
+
+    def validate(self, frames: int | None) -> Validation | None:
+        """Validate the averaged weights and keep them if they are the best so far."""
+        images = self.validation_images
+        if not images:
+            return None
+        if frames is not None:
+            images = images[:: max(1, len(images) // frames)]
+        config = self.config
+        network = Network(
+            config.scale, classes=self.network.classes, keypoint_width=self.network.keypoint_width
+        ).to(config.device)
+        network.load_state_dict(self.average.state)
+        network.eval()
+        found = validate(
+            network, images, self.assembly, image_size=config.image_size, device=config.device
+        )
+        self.log_validation(found)
+        if found.score > self.progress.best:
+            self.progress.best = found.score
+            self.checkpoint(path=config.output / "best.pt", whole=False)
+            write_text(config.output / "validation.json", json.dumps(found.as_json(), indent=2))
+        return found
+
+    def log_validation(self, found: Validation) -> None:
+        """Append the figures of a validation to its CSV."""
+        values = {
+            "step": float(self.progress.step),
+            "minutes": self.seconds / 60,
+            "score": found.score,
+        }
+        for score in found.classes:
+            for name in VALIDATION_FIELDS:
+                value = getattr(score, name)
+                if value is not None:
+                    values[f"{score.label}:{name}"] = float(value)
+        self.validation_log.add(values)
+
+    def finish(self) -> Validation | None:
+        """Checkpoint and validate on all frames; without validation the last weights are best."""
+        self.checkpoint()
+        found = self.validate(None)
+        best = self.config.output / "best.pt"
+        if found is None or not best.is_file():
+            self.checkpoint(path=best, whole=False)
+        return found
+
+    def checkpoint(self, *, path: Path | None = None, whole: bool = True) -> None:
+        """Write last.pt, or another file; `whole` with all that is needed to go on."""
+        self.progress.seconds = self.seconds
+        trainer = {"optimizer": self.optimizer.state_dict(), "hint": self.hint.state_dict()}
+        save_checkpoint(
+            path or self.last,
+            network=self.network,
+            average=self.average,
+            progress=self.progress,
+            about=_about(self.config, self.assembly),
+            trainer=trainer if whole else None,
+        )
+
+    def _resume(self) -> None:
+        if not (self.config.resume and self.last.is_file()):
+            return
+        content = load_checkpoint(self.last)
+        about = json.loads(content["about"])
+        if about["classes"] != list(self.assembly.detector_classes):
+            raise WeightsError(
+                f"'{self.last}' was trained for {about['classes']}, this assembly has "
+                f"{list(self.assembly.detector_classes)}: take another run folder"
+            )
+        self.network.load_state_dict(content["network"])
+        self.average.state = {
+            k: v.to(self.config.device)
+            for k, v in cast(dict[str, Tensor], content["average"]).items()
+        }
+        self.average.updates = content["updates"]
+        self.optimizer.load_state_dict(content["trainer"]["optimizer"])
+        self.hint.load_state_dict(content["trainer"]["hint"])
+        step, seconds, best = content["progress"]
+        self.progress = Progress(step=step, seconds=seconds, best=best)
+        self._before = seconds
+
+    def _report(self, meter: Meter) -> TrainReport:
+        return TrainReport(
+            step=self.progress.step,
+            share=min(self.share, 1.0),
+            losses=dict(zip(LOSS_NAMES, meter.means(), strict=True)),
+            inputs_per_s=meter.inputs_per_s,
+        )
+
+
+def _to_device(batch: Batch, device: str) -> Batch:
+    targets = Targets(
+        labels=batch.targets.labels.to(device),
+        boxes=batch.targets.boxes.to(device),
+        keypoints=batch.targets.keypoints.to(device),
+        present=batch.targets.present.to(device),
+    )
+    return Batch(batch.images.to(device), targets, batch.rotations.to(device))
+
+
+def _about(config: TrainConfig, assembly: Assembly) -> dict[str, object]:
+    """What exported weights should say of themselves."""
+    return {
+        "assembly": assembly.name,
+        "classes": list(assembly.detector_classes),
+        "image_size": config.image_size,
+        "command": " ".join(sys.argv),
+        "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
+        "torch": torch.__version__,
+        "config": json.loads(json.dumps(dataclasses.asdict(config), default=str)),
+    }

@@ -1,0 +1,212 @@
+"""Runs a network on pictures with labels and says how good its boxes, keypoints and poses are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Detection, Part
+from asdfviz.detector.detector import DetectorConfig, detect
+from asdfviz.detector.network import Network
+from asdfviz.detector.nms import iou_matrix
+from asdfviz.geometry.shapes import Intrinsics, Transform
+from asdfviz.geometry.symmetry import nearest_symmetric
+from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.pose.pnp import PnpConfig, solve_pnp
+from asdfviz.train.dataset import LabelledImage, LabelledObject
+
+MATCH_IOU = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class ClassScore:
+    """Figures of one class over the validation pictures; None where nothing was found."""
+
+    label: str
+    objects: int
+    recall: float
+    """Found with the right class, a score above the threshold and IoU >= 0.5."""
+    precision: float
+    keypoint_px: float | None
+    """Median over objects of the median keypoint distance, pixels."""
+    keypoint_share: float | None
+    """The same as a share of the box's size (root of its area)."""
+    spread: float | None
+    """Median size of the predicted keypoints over the true one; far below 1 is a collapse."""
+    poses: float | None
+    """Share of found objects for which PnP gives a pose."""
+    rotation_deg: float | None
+    """Median rotation error of those poses, symmetric poses counted as equal."""
+    translation_mm: float | None
+    """Median translation error of those poses."""
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """Figures of a network."""
+
+    score: float
+    """0 to 1: mean over parts of recall times keypoint accuracy; picks the best checkpoint."""
+    classes: tuple[ClassScore, ...]
+
+    def as_json(self) -> dict[str, object]:
+        """Plain numbers and lists."""
+        return asdict(self)
+
+    def table(self) -> str:
+        """One line a class, for people."""
+        lines = [
+            f"score {self.score:.3f}",
+            f"{'class':<16}{'n':>5}{'rec':>6}{'prec':>6}{'px':>7}{'share':>7}{'spread':>7}"
+            f"{'poses':>7}{'rot deg':>9}{'t mm':>8}",
+        ]
+        for c in self.classes:
+            figures = (c.keypoint_px, c.keypoint_share, c.spread, c.poses)
+            cells = "".join(f"{'-' if v is None else format(v, '.2f'):>7}" for v in figures)
+            rotation = "-" if c.rotation_deg is None else f"{c.rotation_deg:.1f}"
+            shift = "-" if c.translation_mm is None else f"{c.translation_mm:.0f}"
+            lines.append(
+                f"{c.label:<16}{c.objects:>5}{c.recall:>6.2f}{c.precision:>6.2f}{cells}"
+                f"{rotation:>9}{shift:>8}"
+            )
+        return "\n".join(lines)
+
+
+def _floats() -> list[float]:
+    return []
+
+
+@dataclass(slots=True)
+class _Tally:
+    objects: int = 0
+    claims: int = 0
+    found: int = 0
+    pixels: list[float] = field(default_factory=_floats)
+    shares: list[float] = field(default_factory=_floats)
+    spreads: list[float] = field(default_factory=_floats)
+    rotations: list[float] = field(default_factory=_floats)
+    translations: list[float] = field(default_factory=_floats)
+
+
+def validate(
+    network: Network,
+    images: Sequence[LabelledImage],
+    assembly: Assembly,
+    *,
+    image_size: int,
+    device: str = "cpu",
+) -> Validation:
+    """Run a network in evaluation mode on every picture and count.
+
+    Args:
+        network: with this assembly's classes.
+        images: with labels.
+        assembly: gives keypoints and symmetries for the poses.
+        image_size: of the input, pixels.
+        device: where the network is.
+    """
+    classes = assembly.detector_classes
+    tallies = {name: _Tally() for name in classes}
+    config = DetectorConfig(image_size=image_size, device=device)
+    for image in images:
+        found = detect(network, image.rgb, classes=classes, config=config)
+        for label, name in enumerate(classes):
+            objects = [item for item in image.objects if item.label == label]
+            mine = [d for d in found if d.label == name]
+            tallies[name].objects += len(objects)
+            tallies[name].claims += len(mine)
+            for item, detection in _matches(objects, mine):
+                _count(tallies[name], item, detection, image.K, assembly, image.rgb.shape[1])
+    scores = [_class_score(name, tally) for name, tally in tallies.items()]
+    parts = {part.detector_class for part in assembly.parts.values()}
+    accuracies = [_accuracy(tallies[n]) for n in classes if n in parts and tallies[n].objects]
+    return Validation(
+        score=float(np.mean(accuracies)) if accuracies else 0.0, classes=tuple(scores)
+    )
+
+
+def _matches(
+    objects: Sequence[LabelledObject], detections: Sequence[Detection]
+) -> Iterable[tuple[LabelledObject, Detection]]:
+    """Pair each detection, best first, with the free object of highest IoU."""
+    if not objects or not detections:
+        return
+    truth = np.stack([np.concatenate([o.outline.min(0), o.outline.max(0)]) for o in objects])
+    overlaps = iou_matrix(np.stack([d.box_xyxy for d in detections]), truth.astype(np.float64))
+    free = np.ones(len(objects), bool)
+    for row, detection in enumerate(detections):
+        place = int(np.where(free, overlaps[row], -1.0).argmax())
+        if free[place] and overlaps[row, place] >= MATCH_IOU:
+            free[place] = False
+            yield objects[place], detection
+
+
+def _count(
+    tally: _Tally,
+    item: LabelledObject,
+    detection: Detection,
+    K: Intrinsics,
+    assembly: Assembly,
+    width: int,
+) -> None:
+    tally.found += 1
+    if item.part is None or item.T_camera_part is None:
+        return
+    true = item.keypoints[:, :2].astype(np.float64)
+    distance = float(np.median(np.linalg.norm(detection.keypoints_px - true, axis=1)))
+    size = float(np.sqrt(np.prod(np.ptp(item.outline, axis=0))))
+    tally.pixels.append(distance)
+    tally.shares.append(distance / max(size, 1.0))
+    tally.spreads.append(_extent(detection.keypoints_px) / max(_extent(true), 1.0))
+    part = assembly.parts[item.part]
+    T_camera_part = _pose(part, detection, K, width)
+    if T_camera_part is None:
+        return
+    nearest = nearest_symmetric(T_camera_part, item.T_camera_part, part.symmetries)
+    angle = rotation_angle(nearest[:3, :3].T @ item.T_camera_part[:3, :3])
+    tally.rotations.append(float(np.degrees(angle)))
+    shift = nearest[:3, 3] - item.T_camera_part[:3, 3]
+    tally.translations.append(float(np.linalg.norm(shift)) * 1e3)
+
+
+def _pose(part: Part, detection: Detection, K: Intrinsics, width: int) -> Transform | None:
+    solution = solve_pnp(
+        part.keypoints,
+        detection.keypoints_px,
+        K,
+        config=PnpConfig(),
+        box_xyxy=detection.box_xyxy,
+        image_width=width,
+    )
+    return None if solution is None else solution.T_camera_part
+
+
+def _extent(points: np.ndarray) -> float:
+    return float(np.linalg.norm(points.std(axis=0)))
+
+
+def _accuracy(tally: _Tally) -> float:
+    """Mean over objects of 1 for exact keypoints falling to 0 at 30 % of the size, 0 if missed."""
+    shares = np.array(tally.shares)
+    return float(np.clip(1 - shares / 0.3, 0, 1).sum() / max(tally.objects, 1))
+
+
+def _class_score(name: str, tally: _Tally) -> ClassScore:
+    def median(values: list[float]) -> float | None:
+        return round(float(np.median(values)), 3) if values else None
+
+    keypoints = len(tally.pixels)
+    return ClassScore(
+        label=name,
+        objects=tally.objects,
+        recall=round(tally.found / tally.objects, 3) if tally.objects else 0.0,
+        precision=round(tally.found / tally.claims, 3) if tally.claims else 0.0,
+        keypoint_px=median(tally.pixels),
+        keypoint_share=median(tally.shares),
+        spread=median(tally.spreads),
+        poses=round(len(tally.rotations) / keypoints, 3) if keypoints else None,
+        rotation_deg=median(tally.rotations),
+        translation_mm=median(tally.translations),
+    )

@@ -1,0 +1,97 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from asdfviz.data.result_csv import read_result_csv
+from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import Assembly, Run
+from asdfviz.errors import RunError
+
+WriteScene = Callable[..., Any]
+Read = Callable[..., Run]
+
+EYE = "1 0 0 0 1 0 0 0 1"
+TURNED = "0 -1 0 1 0 0 0 0 1"
+HEADER = "scene_id,im_id,obj_id,score,R,t,time"
+
+
+@pytest.fixture
+def read(write_scene: WriteScene, tiny: Assembly, tmp_path: Path) -> Read:
+    sequence = open_sequence(write_scene("gbot").folder, assembly=tiny)
+
+    def read_text(text: str, **options: str) -> Run:
+        file = tmp_path / "GBOTnormal.csv"
+        file.write_text(text, encoding="utf-8")
+        return read_result_csv(file, sequence=sequence, assembly=tiny, **options)
+
+    return read_text
+
+
+def test_the_gbot_evaluators_csv_reads_as_a_run(read: Read) -> None:
+    run = read(
+        f"normal,000004,base,-1,{TURNED},10.5 -20 500,12.5\n"
+        f"normal,000004,jaw,-1,{EYE},0 0 0,12.5\n"
+        f"normal,000004,mug,-1,{EYE},1 2 3,12.5\n"
+    )
+    assert (run.method, run.initial) == ("GBOTnormal", "first_frame_truth")
+    assert run.config["rows_of_unknown_objects"] == 1
+    assert [p.frame_index for p in run.predictions] == [4, 7]
+    first = run.predictions[0]
+    # A zero translation says that the part was not found.
+    assert list(first.poses) == ["base"]
+    expected = [[0, -1, 0, 0.0105], [1, 0, 0, -0.02], [0, 0, 1, 0.5], [0, 0, 0, 1]]
+    np.testing.assert_allclose(first.poses["base"].T_camera_part, expected, atol=1e-12)
+    assert first.poses["base"].score == 1.0
+    assert first.runtime == {"total": pytest.approx(0.0125)}
+    assert dict(run.predictions[1].poses) == {}
+
+
+def test_the_bop_csv_takes_numbers_seconds_and_the_best_score(read: Read) -> None:
+    run = read(
+        f"{HEADER}\n"
+        f"1,3,2,0.2,{EYE},1 0 500,0.25\n1,3,2,0.9,{EYE},2 0 500,0.25\n1,3,2,0.5,{EYE},3 0 500,0.25\n"
+        f"1,7,1,0.5,{EYE},0 0 500,-1\n",
+        method="theirs",
+    )
+    assert (run.method, run.initial) == ("theirs", "none")
+    assert [p.frame_index for p in run.predictions] == [3, 4, 7]
+    pose = run.predictions[0].poses["jaw"]
+    assert (pose.T_camera_part[0, 3], pose.score) == (pytest.approx(0.002), 0.9)
+    assert run.predictions[0].runtime == {"total": 0.25}
+    assert dict(run.predictions[2].runtime) == {}
+
+
+def test_a_scene_is_picked_from_many(read: Read) -> None:
+    rows = f"a,3,base,-1,{EYE},0 0 400,1\nb,3,base,-1,{EYE},0 0 700,1\n"
+    pose = read(rows, scene="b").predictions[0].poses["base"]
+    assert pose.T_camera_part[2, 3] == pytest.approx(0.7)
+    with pytest.raises(RunError, match="say which scene is meant; scenes: a, b"):
+        read(rows)
+    with pytest.raises(RunError, match="no scene 'c'; scenes: a, b"):
+        read(rows, scene="c")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"is empty"),
+        (f"{HEADER}\n", r"say which scene is meant; scenes: none"),
+        ("a,3,base\n", r"line 1: 3 columns"),
+        (f"a,x,base,-1,{EYE},0 0 1,1\n", r"line 1: the frame is 'x'"),
+        ("a,3,base,-1,1 2,0 0 1,1\n", r"line 1: R is '1 2', expected 9"),
+        (f"a,3,base,-1,{EYE},0 0 1,1\na,4,base,-1", r"line 2: 4 columns"),
+        (f"a,3,base,-1,{EYE},0 0 nan,1\n", r"line 1: t is '0 0 nan', expected 3 finite"),
+        (f"a,3,base,-1,{EYE},zero 0 1,1\n", r"line 1: t is 'zero 0 1', expected 3 numbers"),
+        ("a,3,base,-1,2 0 0 0 2 0 0 0 2,0 0 1,1\n", r"line 1: R is no rotation \(determinant 8"),
+        (f"a,3,nut,-1,{EYE},0 0 1,1\n", r"no pose of a known part"),
+        (f"a,5,base,-1,{EYE},0 0 1,1\n", r"frame 5, which scene does not have"),
+    ],
+)
+def test_a_broken_csv_is_refused_with_its_line(read: Read, text: str, message: str) -> None:
+    with pytest.raises(RunError, match=message):
+        read(text)

@@ -1,0 +1,318 @@
+"""Whole reports: small runs whose figures can be worked out by hand, under both protocols."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Part, PoseEstimate, Run
+from asdfviz.errors import RunError, SequenceError
+from asdfviz.evaluate.evaluate import evaluate_run
+from asdfviz.evaluate.protocols import MEAN_FIGURES, gbot_evaluated_parts
+from asdfviz.evaluate.tables import escaped, markdown_table, parts_table
+from asdfviz.geometry.transforms import rotation_about, transform_from
+
+MakeTruth = Callable[..., FrameTruth]
+MakePrediction = Callable[..., FramePrediction]
+MakeRun = Callable[..., Run]
+
+
+def placed(x: float = 0.0, y: float = 0.0, z: float = 0.5, *, turn: float = 0.0) -> np.ndarray:
+    """A pose in front of the camera, turned by `turn` degrees about its z axis."""
+    R = rotation_about(np.array([0.0, 0, 1]), np.deg2rad(turn))
+    return transform_from(R, np.array([x, y, z]))
+
+
+def all_figures(report: dict[str, Any]) -> list[float | None]:
+    """Every figure of a report, from every section."""
+    parts = [value for figures in report["parts"].values() for value in figures.values()]
+    others = [report[section].values() for section in ("mean", "state", "runtime_ms")]
+    return [*parts, *(value for values in others for value in values)]
+
+
+def test_a_perfect_run(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    poses = {"plate": placed(), "rod": placed(0.05), "block": placed(-0.05, turn=40)}
+    truth = {i: make_truth(i, poses, state=i // 2, is_error=False) for i in range(6)}
+    run = make_run(
+        [
+            make_prediction(i, poses, state=i // 2, runtime={"detector": 0.02, "total": 0.03 + i})
+            for i in range(6)
+        ]
+    )
+    report = evaluate_run(run, assembly=assembly, truth=truth)
+    assert list(report) == [
+        *("method", "sequence", "protocol", "n_frames", "parts", "mean", "state", "runtime_ms")
+    ]
+    assert (report["method"], report["sequence"], report["protocol"]) == (
+        "fake",
+        "toy_scene",
+        "strict",
+    )
+    assert report["n_frames"] == 6
+    assert set(report["parts"]) == set(assembly.parts)
+    assert report["mean"] == pytest.approx(
+        {
+            "add_s_10cm": 100,
+            "add_s_01d": 100,
+            "e_t_mm": 0,
+            "e_t_mm_median": 0,
+            "e_r_deg": 0,
+            "e_r_sym_deg": 0,
+            "e_r_sym_deg_median": 0,
+            "detection_recall": 100,
+        },
+        abs=1e-5,
+    )
+    assert report["state"] == {
+        "accuracy": 100,
+        "accuracy_tol2": 100,
+        "macro_f1": 100,
+        "error_recall": None,
+        "error_precision": None,
+    }
+    assert report["runtime_ms"] == pytest.approx(
+        {"detector": 20, "total_median": 2530, "total_mean": 2530}
+    )
+
+
+def test_strict_figures_by_hand(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    poses = {"plate": placed(), "rod": placed(0.05)}
+    truth = {
+        0: make_truth(0, poses),
+        1: make_truth(1, poses, visible={"plate": 0.2, "rod": 0.05}),
+        2: make_truth(2, poses),
+        3: make_truth(3, poses),
+    }
+    run = make_run(
+        [
+            # 5 mm off, 4 degrees turned; the rod turned about its own axis.
+            make_prediction(0, {"plate": placed(0.005, turn=4), "rod": placed(0.05, turn=70)}),
+            # The rod cannot be seen: neither found nor missed. The plate is 2 m off, no cap.
+            make_prediction(1, {"plate": placed(2.0), "rod": placed(0.3)}),
+            # The plate is missed; the block is not there at all.
+            make_prediction(2, {"rod": placed(0.05, 0.02), "block": placed()}),
+            make_prediction(3, {"plate": placed(0.0, 0.03)}),
+        ]
+    )
+    report = evaluate_run(run, assembly=assembly, truth=truth)
+    plate, rod, block = (report["parts"][name] for name in ("plate", "rod", "block"))
+    assert (plate["n_visible"], plate["n_poses"], plate["false_positives"]) == (4, 3, 0)
+    assert plate["add_s_10cm"] == 50  # frames 0 and 3 of four
+    assert plate["add_s_01d"] == 25  # d is 91.7 mm: frame 0 alone
+    assert plate["e_t_mm"] == pytest.approx((5 + 2000 + 30) / 3)
+    assert plate["e_t_mm_median"] == pytest.approx(30)
+    assert plate["e_r_deg"] == pytest.approx(4 / 3)
+    assert plate["detection_recall"] == pytest.approx(100 * 2 / 3)  # frame 1 shows only 20 %
+    assert (rod["n_visible"], rod["n_poses"]) == (3, 2)
+    assert rod["add_s_10cm"] == pytest.approx(200 / 3)
+    assert rod["add_s_01d"] == pytest.approx(100 / 3)
+    assert rod["e_t_mm"] == pytest.approx(10)
+    assert rod["e_r_deg"] == pytest.approx(35)
+    assert rod["e_r_sym_deg"] == pytest.approx(0, abs=1e-5)
+    assert rod["detection_recall"] == pytest.approx(200 / 3)
+    assert block["false_positives"] == 1
+    assert {block[key] for key in MEAN_FIGURES} == {None}
+    assert report["mean"]["add_s_10cm"] == pytest.approx((50 + 200 / 3) / 2)
+    assert report["mean"]["e_t_mm"] == pytest.approx((2035 / 3 + 10) / 2)
+    assert report["mean"]["e_r_deg"] == pytest.approx((4 / 3 + 35) / 2)
+    assert set(report["state"].values()) == {None}
+
+
+def test_gbot_figures_by_hand(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    poses = {"plate": placed(), "rod": placed(0.05), "block": placed(-0.1)}
+    truth = {i: make_truth(i, poses, state=0, visible=0.01) for i in range(4)}
+    run = make_run(
+        [
+            make_prediction(0, {"plate": placed(0.09), "rod": placed(0.05, turn=90)}, state=0),
+            # 95 mm is beyond the diameter of 91.7 mm: infinite, though below 10 cm.
+            make_prediction(1, {"plate": placed(0.095), "rod": placed(0.05, 0.06)}, state=1),
+            # 1.2 m is left out of the mean of e_t.
+            make_prediction(2, {"plate": placed(1.2, turn=30)}, state=0),
+            make_prediction(3, {}, state=0),
+        ]
+    )
+    report = evaluate_run(run, assembly=assembly, truth=truth, protocol="gbot")
+    plate, rod, block = (report["parts"][name] for name in ("plate", "rod", "block"))
+    assert plate["n_poses"] == 3
+    assert plate["add_s_10cm"] == pytest.approx(100 / 3)
+    assert plate["e_t_mm"] == pytest.approx(92.5)
+    assert plate["e_r_deg"] == pytest.approx(10)
+    assert rod["add_s_10cm"] == 50  # the second is 60 mm off, d = 51 mm
+    assert rod["e_r_deg"] == pytest.approx(45)
+    assert block["add_s_10cm"] is None
+    # The block has no estimate and adds 0; the rod is symmetric and left out of e_r.
+    assert report["mean"]["add_s_10cm"] == pytest.approx((100 / 3 + 50 + 0) / 3)
+    assert report["mean"]["e_t_mm"] == pytest.approx((92.5 + 30) / 2)
+    assert report["mean"]["e_r_deg"] == pytest.approx(10)
+    assert report["state"]["micro_f1"] == pytest.approx(200 / 3)
+    assert report["state"]["accuracy"] == 75
+
+
+def test_the_authors_parts_are_known(assembly: Assembly) -> None:
+    assert gbot_evaluated_parts(assembly) == tuple(assembly.parts)
+    part: Part = assembly.parts["plate"]
+    caliper = ("Fix", "Gear_1", "Gear_2", "Move_Bottom", "Move_Top_Vernier", "Roller")
+    parts = {f"Caliper_{name}": part for name in caliper}
+    other = Assembly("c", "C", "Caliper_Fix", parts, assembly.states, frozenset(), (), "/c")
+    assert gbot_evaluated_parts(other) == (
+        *("Caliper_Fix", "Caliper_Move_Bottom", "Caliper_Move_Top_Vernier"),
+    )
+
+
+@pytest.mark.parametrize("protocol", ["strict", "gbot"])
+@pytest.mark.parametrize("has_truth", [True, False])
+def test_an_empty_run_has_no_nan(
+    protocol: str, has_truth: bool, assembly: Assembly, make_truth: MakeTruth, make_run: MakeRun
+) -> None:
+    truth = {7: make_truth(7, {"plate": placed()}, state=0)} if has_truth else {}
+    report = evaluate_run(make_run([]), assembly=assembly, truth=truth, protocol=protocol)  # pyright: ignore[reportArgumentType]
+    assert json.loads(json.dumps(report, allow_nan=False)) == report
+    assert all(value is None or np.isfinite(value) for value in all_figures(report))
+    assert report["mean"]["e_t_mm"] is None
+    assert report["runtime_ms"] == {"total_median": None, "total_mean": None}
+    assert report["n_frames"] == int(has_truth)
+    if has_truth:
+        assert report["mean"]["add_s_10cm"] == report["state"]["accuracy"] == 0
+        assert "frame 7" in report["warnings"][0]
+    else:
+        assert "warnings" not in report
+
+
+def test_frames_of_only_one_side(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    poses = {"plate": placed()}
+    truth = {i: make_truth(i, poses, state=0) for i in (2, 4)}
+    run = make_run([make_prediction(i, poses, state=0) for i in (4, 6, 8)])
+    report = evaluate_run(run, assembly=assembly, truth=truth)
+    assert report["n_frames"] == 2
+    assert report["mean"]["add_s_10cm"] == report["state"]["accuracy"] == 50
+    assert report["parts"]["plate"]["false_positives"] == 0
+    missed, unknown = report["warnings"]
+    assert missed.startswith("1 of 2 frames with truth")
+    assert "2 frames of the run have no truth" in unknown
+
+
+def test_a_frame_that_was_given_does_not_count(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    truth = {i: make_truth(i, {"plate": placed()}, state=0) for i in range(3)}
+    run = make_run(
+        [make_prediction(i, {"plate": placed(0.01 * i)}) for i in range(3)],
+        initial="first_frame_truth",
+    )
+    report = evaluate_run(run, assembly=assembly, truth=truth)
+    assert report["n_frames"] == 2
+    assert report["mean"]["e_t_mm"] == pytest.approx(15)
+
+
+def test_truth_of_states_alone_makes_no_false_positives(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    truth = {0: make_truth(0, {}, state=1)}
+    run = make_run([make_prediction(0, {"plate": placed()}, state=1)])
+    report = evaluate_run(run, assembly=assembly, truth=truth)
+    assert report["parts"]["plate"]["false_positives"] == 0
+    assert report["state"]["accuracy"] == 100
+
+
+def test_objects_that_the_assembly_does_not_know_are_left_aside(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    truth = {0: make_truth(0, {"plate": placed(), "cup": placed()}, visible={"plate": 1.0})}
+    report = evaluate_run(
+        make_run([make_prediction(0, {"plate": placed()})]), assembly=assembly, truth=truth
+    )
+    assert report["mean"]["add_s_10cm"] == 100
+
+
+def test_a_run_that_does_not_fit(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    truth = {0: make_truth(0, {"plate": placed()})}
+    zero = FramePrediction(0, {"plate": PoseEstimate("plate", np.zeros((4, 4)), 1.0, "pnp")}, None)
+    good = make_prediction(0, {"plate": placed()})
+    cases = {
+        "'cup' is not in toy": [make_prediction(0, {"cup": placed()})],
+        "not a rigid transform": [zero],
+        "comes twice": [good, good],
+    }
+    for message, predictions in cases.items():
+        with pytest.raises(RunError, match=message):
+            evaluate_run(make_run(predictions), assembly=assembly, truth=truth)
+
+
+def test_missing_visibility_without_a_camera(
+    assembly: Assembly, make_truth: MakeTruth, make_run: MakeRun
+) -> None:
+    truth = {3: make_truth(3, {"plate": placed()}, visible=None)}
+    with pytest.raises(SequenceError, match=r"frame 3.*scene_gt_info"):
+        evaluate_run(make_run([]), assembly=assembly, truth=truth)
+
+
+def test_missing_visibility_is_rendered(
+    assembly: Assembly,
+    camera: Camera,
+    make_truth: MakeTruth,
+    make_prediction: MakePrediction,
+    make_run: MakeRun,
+) -> None:
+    # The block stands behind the plate, the rod beside it.
+    poses = {"plate": placed(z=0.3), "block": placed(z=0.5), "rod": placed(0.08, z=0.4)}
+    truth = {0: make_truth(0, poses, visible=None)}
+    run = make_run([make_prediction(0, {"plate": placed(z=0.3)})])
+    report = evaluate_run(run, assembly=assembly, truth=truth, camera=camera)
+    seen = {name: figures["n_visible"] for name, figures in report["parts"].items()}
+    assert seen == {"plate": 1, "block": 0, "rod": 1}
+
+
+def test_231_frames_of_10_parts_take_seconds(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    kinds = tuple(assembly.parts.values())
+    parts = {f"part{i}": kinds[i % 3] for i in range(10)}
+    big = Assembly("big", "Big", "part0", parts, assembly.states, frozenset(), (), "/big")
+    poses = {name: placed(0.02 * i, turn=20 * i) for i, name in enumerate(parts)}
+    found = {name: placed(0.02 * i + 0.01, turn=20 * i + 9) for i, name in enumerate(parts)}
+    truth = {i: make_truth(i, poses) for i in range(231)}
+    run = make_run([make_prediction(i, found) for i in range(231)])
+    start = time.process_time()
+    report = evaluate_run(run, assembly=big, truth=truth)
+    assert time.process_time() - start < 20
+    assert report["mean"]["e_t_mm"] == pytest.approx(10)
+
+
+def test_tables(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    truth = {i: make_truth(i, {"plate": placed()}) for i in range(2)}
+    run = make_run([make_prediction(0, {"plate": placed(0.0123)})], method="a|<b>{c}")
+    report = evaluate_run(run, assembly=assembly, truth=truth)
+    lines = markdown_table([report, report]).splitlines()
+    assert len({line.count("|") for line in lines[:4]}) == 1
+    assert lines[2] == lines[3]
+    assert "12.3" in lines[2]
+    assert "&#124;&lt;b&gt;&#123;c&#125;" in lines[2]
+    assert "nan" not in markdown_table([report]).lower()
+    assert lines[-1].startswith("- a&#124;")
+    rows = parts_table(report).splitlines()
+    assert len(rows) == 2 + len(assembly.parts) + 1
+    assert len({line.count("|") for line in rows}) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"), [("a_b-1", "a_b-1"), ("x\n| y", "x &#124; y"), ("`*[", "&#96;&#42;&#91;")]
+)
+def test_escaped(text: str, shown: str) -> None:
+    assert escaped(text) == shown

@@ -1,0 +1,138 @@
+"""Saved runs judged from disk: the run's own truth, another truth, and inputs that changed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.data.hashes import assembly_sha256, sequence_sha256
+from asdfviz.data.run_files import save_run
+from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import FramePrediction, Run
+from asdfviz.errors import InputError, SequenceError
+from asdfviz.evaluate.evaluate import evaluate_folder
+
+MakePrediction = Callable[..., FramePrediction]
+MakeRun = Callable[..., Run]
+
+POSE = np.eye(4) + np.array([[0.0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0.4], [0, 0, 0, 0]])
+SHIFTED = POSE + np.array([[0.0, 0, 0, 0.004], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]])
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, its assembly and a saved run on it."""
+
+    scene: Path
+    assembly: Path
+    run_folder: Path
+    run: Run
+
+
+def write_truth(folder: Path, *, shift_mm: float = 0.0, with_visibility: bool = True) -> None:
+    folder.mkdir(exist_ok=True)
+    R = np.eye(3).ravel().tolist()
+    entry = {"obj_id": "plate", "cam_R_m2c": R, "cam_t_m2c": [shift_mm, 0, 400]}
+    gt = {str(i): [entry] for i in range(3)}
+    states = [{"frame": i, "state": int(i == 2), "is_error": False} for i in range(3)]
+    (folder / "scene_gt.json").write_text(json.dumps(gt))
+    (folder / "states.json").write_text(json.dumps(states))
+    if with_visibility:
+        info = {str(i): [{"visib_fract": 0.9}] for i in range(3)}
+        (folder / "scene_gt_info.json").write_text(json.dumps(info))
+
+
+@pytest.fixture
+def case(tmp_path: Path, make_prediction: MakePrediction, make_run: MakeRun) -> Case:
+    models = tmp_path / "toy"
+    models.mkdir()
+    trimesh.creation.box((80, 40, 20)).export(models / "plate.ply")
+    description = {
+        "name": "toy",
+        "unit": "mm",
+        "base": "plate",
+        "parts": {"plate": {"mesh": "plate.ply"}},
+        "states": [{"name": "bare"}, {"name": "turned"}],
+    }
+    (models / "assembly.yaml").write_text(yaml.safe_dump(description))
+    scene = tmp_path / "scene"
+    for room in ("rgb", "depth"):
+        (scene / room).mkdir(parents=True)
+    for i in range(3):
+        cv2.imwrite(str(scene / "rgb" / f"{i:06d}.png"), np.full((48, 64, 3), i, dtype=np.uint8))
+        cv2.imwrite(str(scene / "depth" / f"{i:06d}.png"), np.full((48, 64), 500, dtype=np.uint16))
+    camera = {"cam_K": [60.0, 0, 31.5, 0, 60.0, 23.5, 0, 0, 1], "depth_scale": 1.0}
+    (scene / "scene_camera.json").write_text(json.dumps({str(i): camera for i in range(3)}))
+    write_truth(scene)
+    assembly = load_assembly(models)
+    run = make_run(
+        [make_prediction(i, {"plate": POSE}) for i in range(3)],
+        sequence=str(scene),
+        assembly=str(models / "assembly.yaml"),
+        hashes={"assembly": assembly_sha256(assembly), "sequence": sequence_sha256(scene)},
+    )
+    save_run(run, tmp_path / "run")
+    return Case(scene, models / "assembly.yaml", tmp_path / "run", run)
+
+
+def test_the_runs_own_truth(case: Case) -> None:
+    report = evaluate_folder(case.run_folder)
+    assert report["sequence"] == "scene"
+    assert report["n_frames"] == 3
+    assert report["mean"]["add_s_01d"] == 100
+    assert report["mean"]["e_t_mm"] == pytest.approx(0, abs=1e-9)
+    assert report["state"]["accuracy"] == 0
+    assert "warnings" not in report
+
+
+@pytest.mark.parametrize("protocol", ["strict", "gbot"])
+def test_another_truth_without_visibility(case: Case, tmp_path: Path, protocol: str) -> None:
+    write_truth(tmp_path / "corrected", shift_mm=4, with_visibility=False)
+    report = evaluate_folder(
+        case.run_folder,
+        protocol=protocol,  # pyright: ignore[reportArgumentType]
+        truth_folder=tmp_path / "corrected",
+    )
+    assert report["mean"]["e_t_mm"] == pytest.approx(4)
+    assert report["parts"]["plate"]["n_visible"] == 3
+    assert report["mean"]["detection_recall"] == 100
+
+
+def test_what_changed_since_the_run_is_said(case: Case) -> None:
+    with case.assembly.open("a") as file:
+        file.write("\ntitle: Another\n")
+    (case.scene / "rgb" / "000001.png").write_bytes(b"other")
+    changed = evaluate_folder(case.run_folder)["warnings"]
+    assert [str(case.assembly) in changed[0], str(case.scene) in changed[1]] == [True, True]
+    save_run(replace(case.run, hashes={}), case.run_folder)
+    assert "warnings" not in evaluate_folder(case.run_folder)
+
+
+def test_the_hashes_are_those_that_a_run_keeps(case: Case) -> None:
+    from asdfviz.run import input_hashes
+
+    @dataclass(frozen=True)
+    class Nothing:
+        """A config without a network."""
+
+    assembly = load_assembly(case.assembly)
+    sequence = open_sequence(case.scene, assembly=assembly)
+    assert input_hashes(sequence, assembly, Nothing()) == case.run.hashes
+
+
+def test_no_truth_and_no_run(case: Case, tmp_path: Path) -> None:
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    with pytest.raises(SequenceError, match="holds no truth"):
+        evaluate_folder(case.run_folder, truth_folder=empty)
+    with pytest.raises(InputError):
+        evaluate_folder(empty)

@@ -1,0 +1,102 @@
+"""Errors of single poses against values worked out by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly
+from asdfviz.evaluate.pose_errors import (
+    add,
+    adi,
+    e_r,
+    e_r_symmetric,
+    e_t,
+    error_model,
+    pose_error,
+)
+from asdfviz.geometry.symmetry import Axis, Symmetries
+from asdfviz.geometry.transforms import rotation_about, transform_from
+
+Z = np.array([0.0, 0, 1])
+
+
+def turned(degrees: float, axis: np.ndarray = Z, t: tuple[float, ...] = (0, 0, 0.5)) -> np.ndarray:
+    return transform_from(rotation_about(axis, np.deg2rad(degrees)), np.array(t, float))
+
+
+def test_equal_poses_have_no_error(assembly: Assembly) -> None:
+    for part in assembly.parts.values():
+        error = pose_error(turned(30), turned(30), error_model(part))
+        assert (error.add_s, error.e_t) == pytest.approx((0, 0), abs=1e-12)
+        assert (error.e_r, error.e_r_sym) == pytest.approx((0, 0), abs=1e-7)
+
+
+def test_add_of_a_shift_is_its_length() -> None:
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    T_camera_estimate, T_camera_truth = turned(0, t=(0.003, 0.004, 0.5)), turned(0)
+    assert add(T_camera_estimate, T_camera_truth, points) == pytest.approx(0.005)
+    assert e_t(T_camera_estimate, T_camera_truth) == pytest.approx(0.005)
+
+
+def test_add_of_a_half_turn_is_twice_the_distance_from_the_axis() -> None:
+    points = np.array([[0.01, 0, 0], [0, 0.03, 0.2], [0, 0, 0.7]])
+    assert add(turned(180), turned(0), points) == pytest.approx((0.02 + 0.06 + 0) / 3)
+
+
+def test_adi_asks_the_estimate_for_the_truths_points() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0]])
+    # Truth at 0 and 1, estimate at 0.9 and 1.9: nearest are 0.9 away (from 0) and 0.1 (from 1).
+    assert adi(turned(0, t=(0.9, 0, 0)), turned(0, t=(0, 0, 0)), points) == pytest.approx(0.5)
+
+
+def test_adi_equals_a_search_over_all_pairs() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(40, 3)) * 0.03
+    T_camera_estimate = turned(37, axis=rng.normal(size=3), t=(0.01, 0.0, 0.51))
+    T_camera_truth = turned(-20, axis=rng.normal(size=3))
+    estimate = points @ T_camera_estimate[:3, :3].T + T_camera_estimate[:3, 3]
+    truth = points @ T_camera_truth[:3, :3].T + T_camera_truth[:3, 3]
+    gaps = np.linalg.norm(truth[:, None] - estimate[None], axis=2)
+    found = adi(T_camera_estimate, T_camera_truth, points)
+    assert found == pytest.approx(gaps.min(axis=1).mean(), rel=1e-9)
+    assert found != pytest.approx(gaps.min(axis=0).mean(), rel=1e-3)  # the other way round
+
+
+@pytest.mark.parametrize("degrees", [0.001, 1.0, 90.0, 179.0, 180.0])
+def test_rotation_error_is_the_angle(degrees: float) -> None:
+    axis = np.array([1.0, 2, -1])
+    assert np.rad2deg(e_r(turned(degrees, axis), turned(0))) == pytest.approx(degrees, abs=1e-6)
+
+
+def test_a_turn_about_a_free_axis_is_no_error(assembly: Assembly) -> None:
+    error = pose_error(turned(123.4), turned(0), error_model(assembly.parts["rod"]))
+    assert np.rad2deg(error.e_r) == pytest.approx(123.4)
+    assert np.rad2deg(error.e_r_sym) == pytest.approx(0, abs=1e-5)
+    # The sampled surface is not turned with it: what stays is the spacing of the samples.
+    assert error.add_s < 0.0007
+
+
+def test_a_tilt_of_a_free_axis_stays_an_error() -> None:
+    symmetries = Symmetries(continuous=(Axis(Z, np.zeros(3)),))
+    T_camera_estimate = turned(10, np.array([1.0, 0, 0])) @ turned(77, t=(0, 0, 0))
+    angle = e_r_symmetric(T_camera_estimate, turned(0), symmetries)
+    assert np.rad2deg(angle) == pytest.approx(10, abs=1e-6)
+
+
+@pytest.mark.parametrize(("degrees", "expected"), [(180, 0), (170, 10), (90, 90), (20, 20)])
+def test_a_half_turn_symmetry(assembly: Assembly, degrees: float, expected: float) -> None:
+    error = pose_error(turned(degrees), turned(0), error_model(assembly.parts["block"]))
+    assert np.rad2deg(error.e_r_sym) == pytest.approx(expected, abs=1e-5)
+
+
+def test_an_unsymmetric_part_is_measured_by_add(assembly: Assembly) -> None:
+    model = error_model(assembly.parts["plate"])
+    error = pose_error(turned(180), turned(0), model)
+    assert error.add_s == pytest.approx(add(turned(180), turned(0), model.points))
+    assert error.add_s > 0.03
+
+
+def test_the_sample_is_always_the_same(assembly: Assembly) -> None:
+    part = assembly.parts["block"]
+    np.testing.assert_array_equal(error_model(part).points, error_model(part).points)

@@ -1,0 +1,117 @@
+"""State figures on sequences short enough to count by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import pytest
+
+from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
+from asdfviz.evaluate.state_scores import StateRecord, micro_f1, state_figures, state_records
+
+# Index 3 of the toy assembly is the error that follows state 1.
+WRONG = 3
+
+
+@pytest.fixture
+def records(
+    assembly: Assembly,
+    make_truth: Callable[..., FrameTruth],
+    make_prediction: Callable[..., FramePrediction],
+) -> Callable[..., tuple[StateRecord, ...]]:
+    def make(
+        true: Sequence[int | None],
+        said: Sequence[int | None],
+        errors: Sequence[bool | None] | None = None,
+    ) -> tuple[StateRecord, ...]:
+        wrong = errors or [False] * len(true)
+        truth = [
+            make_truth(i, {}, state=s, is_error=e)
+            for i, (s, e) in enumerate(zip(true, wrong, strict=True))
+        ]
+        predictions = {i: make_prediction(i, {}, state=s) for i, s in enumerate(said)}
+        return state_records(truth, predictions, assembly)
+
+    return make
+
+
+def test_no_frame_gives_no_figure() -> None:
+    assert set(state_figures(()).values()) == {None}
+    assert micro_f1(()) is None
+
+
+def test_all_right(records: Callable[..., tuple[StateRecord, ...]]) -> None:
+    figures = state_figures(records([0, 0, 1, 2], [0, 0, 1, 2]))
+    assert figures == {
+        "accuracy": 100,
+        "accuracy_tol2": 100,
+        "macro_f1": 100,
+        "error_recall": None,
+        "error_precision": None,
+    }
+
+
+def test_figures_by_hand(records: Callable[..., tuple[StateRecord, ...]]) -> None:
+    found = records([0, 0, 0, 0, 0, 0, 1, 1, 1, 1], [0, 0, 1, 0, None, 0, 0, 1, 1, 2])
+    figures = state_figures(found)
+    assert figures["accuracy"] == 60
+    # Only frame 6 is wrong within two frames of the change at 6 (4, 5, 6, 7); a frame without a
+    # state is wrong even there.
+    assert figures["accuracy_tol2"] == 70
+    # State 0: 4 right, 6 true, 5 said. State 1: 2 right, 4 true, 3 said. State 2 is not in the truth.
+    assert figures["macro_f1"] == pytest.approx(100 * (8 / 11 + 4 / 7) / 2)
+    # Without frame 0: 5 right, 8 said, 9 frames.
+    assert micro_f1(found) == pytest.approx(100 * 10 / 17)
+
+
+@pytest.mark.parametrize(
+    ("switch", "tolerant"), [(2, 90), (3, 100), (4, 100), (5, 100), (6, 100), (7, 100), (8, 90)]
+)
+def test_a_transition_may_be_two_frames_off(
+    records: Callable[..., tuple[StateRecord, ...]], switch: int, tolerant: float
+) -> None:
+    said = [0] * switch + [1] * (10 - switch)
+    found = state_figures(records([0] * 5 + [1] * 5, said))
+    assert found["accuracy"] == 100 - 10 * abs(switch - 5)
+    assert found["accuracy_tol2"] == tolerant
+
+
+def test_a_third_state_is_wrong_at_a_transition(
+    records: Callable[..., tuple[StateRecord, ...]],
+) -> None:
+    assert state_figures(records([0, 0, 1, 1], [0, 2, 2, 1]))["accuracy_tol2"] == 50
+
+
+def test_an_error_keeps_the_completed_state(
+    records: Callable[..., tuple[StateRecord, ...]],
+) -> None:
+    true = [1, 1, 1, 1, 1]
+    errors = [False, True, True, True, None]
+    figures = state_figures(records(true, [WRONG, WRONG, 1, 2, WRONG], errors))
+    assert figures["accuracy"] == 80
+    assert figures["error_recall"] == pytest.approx(100 / 3)
+    assert figures["error_precision"] == 50
+
+
+def test_frames_without_true_state_do_not_count(
+    records: Callable[..., tuple[StateRecord, ...]],
+) -> None:
+    assert len(records([None, 1, None], [0, 1, 2])) == 1
+
+
+def test_a_method_without_states_is_wrong_everywhere(
+    records: Callable[..., tuple[StateRecord, ...]],
+) -> None:
+    figures = state_figures(records([0, 1], [None, None], [False, True]))
+    assert (figures["accuracy"], figures["macro_f1"], figures["error_recall"]) == (0, 0, 0)
+    assert figures["error_precision"] is None
+
+
+def test_a_frame_that_the_run_lacks_is_wrong(
+    assembly: Assembly,
+    make_truth: Callable[..., FrameTruth],
+    make_prediction: Callable[..., FramePrediction],
+) -> None:
+    truth = [make_truth(i, {}, state=0, is_error=False) for i in (4, 8)]
+    figures = state_figures(state_records(truth, {4: make_prediction(4, {}, state=0)}, assembly))
+    assert figures["accuracy"] == 50

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from asdfviz.data.prefetch import Prefetcher
+from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import Assembly, Frame, FrameTruth, Sequence
+from asdfviz.errors import SequenceError
+from asdfviz.export.bop import export_bop
+from asdfviz.geometry.transforms import rotation_angle
+
+Truth = dict[int, FrameTruth]
+
+
+def assert_same_truth(read: Mapping[int, FrameTruth], written: Truth) -> None:
+    assert set(read) == set(written)
+    for index, expected in written.items():
+        found = read[index]
+        assert (found.state, found.is_error, found.attached) == (
+            expected.state,
+            expected.is_error,
+            expected.attached,
+        )
+        assert dict(found.visible) == dict(expected.visible)
+        assert set(found.T_camera_part) == set(expected.T_camera_part)
+        for name, T in expected.T_camera_part.items():
+            T_found = found.T_camera_part[name]
+            assert np.abs(T_found[:3, 3] - T[:3, 3]).max() < 1e-9
+            assert rotation_angle(T_found[:3, :3].T @ T[:3, :3]) < 1e-9
+
+
+def read_back(folder: Path, assembly: Assembly) -> tuple[list[Frame], Truth]:
+    sequence = open_sequence(folder, assembly=assembly)
+    truths = [sequence.truth(place) for place in range(len(sequence))]
+    return [sequence[i] for i in range(len(sequence))], {
+        t.frame_index: t for t in truths if t is not None
+    }
+
+
+def assert_same_frames(read: list[Frame], written: Sequence) -> None:
+    assert [frame.index for frame in read] == list(written.frame_indices)
+    for place, frame in enumerate(read):
+        expected = written[place]
+        np.testing.assert_array_equal(frame.rgb, expected.rgb)
+        np.testing.assert_array_equal(frame.camera.K, expected.camera.K)
+        assert (frame.depth is None) == (expected.depth is None)
+        if frame.depth is not None and expected.depth is not None:
+            np.testing.assert_allclose(frame.depth, expected.depth, atol=1e-6)
+
+
+def test_what_is_exported_reads_back(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    seen: list[tuple[int, int]] = []
+    export_bop(memory, truth, tmp_path / "out", progress=lambda *done: seen.append(done))
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    frames, found = read_back(tmp_path / "out", assembly)
+    assert_same_truth(found, truth)
+    assert_same_frames(frames, memory)
+    assert open_sequence(tmp_path / "out").format == "gbot"
+
+
+def test_an_exported_folder_exports_again_byte_by_byte(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    export_bop(memory, truth, tmp_path / "one")
+    first = open_sequence(tmp_path / "one", assembly=assembly)
+    # The prefetcher that the app holds must not hide the files behind it.
+    fetcher = Prefetcher(first)
+    export_bop(fetcher, read_back(tmp_path / "one", assembly)[1], tmp_path / "two")
+    fetcher.close()
+    for name in ("rgb/000005.png", "depth/000005.png", "scene_camera.json", "scene_gt_info.json"):
+        assert (tmp_path / "two" / name).read_bytes() == (tmp_path / "one" / name).read_bytes()
+    frames, found = read_back(tmp_path / "two", assembly)
+    assert_same_truth(found, truth)
+    assert_same_frames(frames, memory)
+    assert open_sequence(tmp_path / "two").fps == 30.0
+
+
+def test_images_whose_lens_was_undone_are_written_undistorted(
+    memory: Sequence, assembly: Assembly, tmp_path: Path
+) -> None:
+    export_bop(memory, {}, tmp_path / "one")
+    camera = json.loads((tmp_path / "one" / "camera.json").read_text())
+    camera["distortion"] = [0.3, -0.1, 0.0, 0.0, 0.0]
+    (tmp_path / "one" / "camera.json").write_text(json.dumps(camera))
+    lens = open_sequence(tmp_path / "one", assembly=assembly)
+    export_bop(lens, {}, tmp_path / "two")
+    frames, found = read_back(tmp_path / "two", assembly)
+    assert found == {}
+    assert_same_frames(frames, lens)
+    assert np.abs(frames[0].rgb.astype(int) - memory[0].rgb).max() > 20
+    # Exported before without the lens: the old image of the same number must go.
+    image = (tmp_path / "two" / "rgb" / "000000.png").read_bytes()
+    cv2.imwrite(str(tmp_path / "two" / "rgb" / "000000.jpg"), memory[0].rgb)
+    export_bop(lens, {}, tmp_path / "two")
+    assert [p.name for p in sorted((tmp_path / "two" / "rgb").iterdir())][0] == "000000.png"
+    assert (tmp_path / "two" / "rgb" / "000000.png").read_bytes() == image
+    assert len(open_sequence(tmp_path / "two")) == 3
+
+
+def test_models_info_is_in_millimetres(memory: Sequence, tmp_path: Path) -> None:
+    export_bop(memory, {}, tmp_path / "out")
+    info = json.loads((tmp_path / "out" / "models_info.json").read_text())
+    assert set(info) == {"base <1>", "jaw"}
+    jaw = info["jaw"]
+    assert jaw["diameter"] == pytest.approx(np.hypot(40, 50))
+    assert (jaw["min_x"], jaw["size_z"]) == (0.0, pytest.approx(50.0))
+    row = [-1, 0, 0, 10, 0, -1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+    assert jaw["symmetries_discrete"] == [pytest.approx(row, abs=1e-12)]
+    assert jaw["symmetries_continuous"] == [{"axis": [0, 1, 0], "offset": [0, 0, 2.0]}]
+    assert "symmetries_discrete" not in info["base <1>"]
+
+
+def test_depth_too_far_for_fine_steps_is_written_in_millimetres(
+    memory: Sequence, assembly: Assembly, tmp_path: Path
+) -> None:
+    class Far(type(memory)):  # pyright: ignore[reportUntypedBaseClass]
+        def __getitem__(self, place: int) -> Frame:
+            depth = np.full((48, 64), 9.1234, dtype=np.float32)
+            return replace(memory[place], depth=depth)
+
+    export_bop(Far(assembly), {}, tmp_path / "out")
+    depth = open_sequence(tmp_path / "out")[0].depth
+    assert depth is not None
+    np.testing.assert_allclose(depth, 9.123, atol=1e-6)
+
+
+def test_an_earlier_export_is_replaced(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    export_bop(memory, truth, tmp_path / "out")
+    changed = {5: replace(truth[5], state=0, visible={})}
+    export_bop(memory, changed, tmp_path / "out")
+    _, found = read_back(tmp_path / "out", assembly)
+    assert_same_truth(found, changed)
+
+
+def test_nothing_else_is_overwritten(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    export_bop(memory, truth, tmp_path / "data" / "one")
+    source = open_sequence(tmp_path / "data" / "one", assembly=assembly)
+    before = {p: p.read_bytes() for p in (tmp_path / "data").rglob("*") if p.is_file()}
+    (tmp_path / "link").symlink_to(tmp_path / "data" / "one")
+    for target in ("data/one", "data", "data/one/rgb", "link"):
+        with pytest.raises(SequenceError, match="lies over the sequence"):
+            export_bop(source, truth, tmp_path / target)
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("dear")
+    for target, message in (("mine", "is not empty"), ("mine/thesis.txt", "is a file")):
+        with pytest.raises(SequenceError, match=message):
+            export_bop(source, truth, tmp_path / target)
+    (tmp_path / "mine" / "sequence.json").write_text("{}")
+    with pytest.raises(SequenceError, match="no earlier export"):
+        export_bop(source, truth, tmp_path / "mine")
+    assert before == {p: p.read_bytes() for p in (tmp_path / "data").rglob("*") if p.is_file()}
+    assert sorted(p.name for p in (tmp_path / "mine").iterdir()) == ["sequence.json", "thesis.txt"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({2: FrameTruth(2, {}, 0)}, r"frame 2, which memory does not have"),
+        ({0: FrameTruth(0, {"nut": np.eye(4)}, 0)}, r"'nut' is no part of two; parts: base <1>"),
+        ({0: FrameTruth(0, {"jaw": 2 * np.eye(4)}, 0)}, r"'jaw' is no rigid transform"),
+    ],
+)
+def test_truth_that_does_not_fit_is_refused_before_anything_is_written(
+    memory: Sequence, wrong: Truth, message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(SequenceError, match=message):
+        export_bop(memory, wrong, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
