@@ -27,7 +27,7 @@ ONLY_IN = {
     "OpenGL": {"render"},
     "sqlite3": {"annotate"},
     "tyro": {"cli"},
-    "manifold3d": {"synth"},
+    "manifold3d": {"synth", "data"},
 }
 
 

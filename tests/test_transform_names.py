@@ -18,7 +18,10 @@ def frames_of(node: ast.expr) -> Pair | None:
     """Frames (a, b) of an expression that is named T_a_b, inverted or multiplied."""
     if isinstance(node, ast.Name | ast.Attribute):
         match = NAME.match(node.id if isinstance(node, ast.Name) else node.attr)
-        return (match[1], match[2]) if match else None
+        # A field's `part` stands for whichever part the object is about: base.T_camera_part.
+        if match is None or (isinstance(node, ast.Attribute) and match[2] == "part"):
+            return None
+        return (match[1], match[2])
     if isinstance(node, ast.Subscript):
         return frames_of(node.value)
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):

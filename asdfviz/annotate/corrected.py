@@ -125,11 +125,17 @@ def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, 
     """Return what the corrections start from, by frame number.
 
     Raises:
+        AnnotationError: they started from a run that was never saved.
         RunError: the run that they started from cannot be read.
         SequenceError: the sequence's truth cannot be read.
     """
     if seed.kind == "run":
-        return truth_from_run(load_run(Path(seed.run or "")), assembly)
+        if seed.run is None:
+            raise AnnotationError(
+                f"the run of '{seed.method}' that the corrections of '{sequence.name}' started "
+                "from was not saved: run the method again and start from that"
+            )
+        return truth_from_run(load_run(Path(seed.run)), assembly)
     if seed.kind == "none":
         return {}
     return _truth_of(sequence)

@@ -42,24 +42,22 @@ def image_plane(K: Intrinsics, size_wh: tuple[int, int], *, depth: float = PLANE
     return Plane(width / K[0, 0] * depth, height / K[1, 1] * depth, (float(x), float(y), depth))
 
 
-def picture_centre(size_wh: tuple[int, int]) -> tuple[float, float]:
-    """The pixel in the middle of the picture."""
-    return (size_wh[0] - 1) / 2, (size_wh[1] - 1) / 2
+def rest_centre(K: Intrinsics) -> tuple[float, float]:
+    """The pixel that the view looks through at rest: straight ahead, so that the picture is upright."""
+    return float(K[0, 2]), float(K[1, 2])
 
 
 def fit_fov(K: Intrinsics, size_wh: tuple[int, int], aspect: float) -> float:
-    """Vertical field of view (radians) that shows the whole picture, looking at its middle.
+    """Vertical field of view (radians) that shows the whole picture, looking straight ahead.
 
     Args:
+        K: intrinsics of the picture.
+        size_wh: of the picture, pixels.
         aspect: width over height of the window.
     """
-    R = look_rotation(K, picture_centre(size_wh))
     width, height = size_wh
-    u = np.array([-0.5, width - 0.5, -0.5, width - 0.5])
-    v = np.array([-0.5, -0.5, height - 0.5, height - 0.5])
-    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(4)], axis=1)
-    seen = rays @ R
-    x, y = np.abs(seen[:, 0] / seen[:, 2]).max(), np.abs(seen[:, 1] / seen[:, 2]).max()
+    x = max(K[0, 2] + 0.5, width - 0.5 - K[0, 2]) / K[0, 0]
+    y = max(K[1, 2] + 0.5, height - 0.5 - K[1, 2]) / K[1, 1]
     return float(2 * np.arctan(max(y, x / aspect)))
 
 
@@ -141,11 +139,11 @@ def zoom_about(
 ) -> tuple[float, tuple[float, float]]:
     """New zoom and new centre pixel such that what is under `ndc` stays under it.
 
-    At zoom 1 the whole picture is shown again from its middle.
+    At zoom 1 the whole picture is shown again, from straight ahead.
     """
     new = float(np.clip(zoom * factor, *ZOOM_RANGE))
     if new <= ZOOM_RANGE[0] + 1e-9:
-        return ZOOM_RANGE[0], picture_centre(window.size_wh)
+        return ZOOM_RANGE[0], rest_centre(window.K)
     point = window.pixel(centre, ndc, zoom=zoom)
     for _ in range(8):
         seen = window.pixel(centre, ndc, zoom=new)

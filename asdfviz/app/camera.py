@@ -9,7 +9,7 @@ import numpy as np
 from asdfviz.app import actions as act
 from asdfviz.app.ar import ORBIT, look_direction, pixel_at
 from asdfviz.app.drawings import T_from_wxyz
-from asdfviz.app.session import Facts, View, centre_of, window_of
+from asdfviz.app.view import Facts, View, centre_of, window_of
 from asdfviz.geometry.shapes import Vector
 
 _FREE_FOV = 0.75
@@ -36,7 +36,7 @@ def place_free(client: Any, target: Vector) -> None:
     """Stand beside the real camera and look at the scene, free to orbit."""
     camera = client.camera
     distance = max(float(np.linalg.norm(target)), 0.2)
-    eye = target + distance * np.array([0.62, -0.52, -0.72])
+    eye = target + distance * np.array([0.36, -0.42, -0.83])
     with client.atomic():
         camera.max_orbit_distance = 50.0
         camera.min_orbit_distance = 0.02

@@ -6,8 +6,8 @@ from asdfviz.app import theme, timeline
 from asdfviz.app.actions import TABS
 from asdfviz.app.hotkeys import sheet
 from asdfviz.app.markup import act, button, chip, text
-from asdfviz.app.session import SPEEDS, STEPS_MM, View
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.view import SPEEDS, STEPS_MM, View
 from asdfviz.app.workspace import JobStatus
 
 _PLAY = '<svg viewBox="0 0 16 16"><path d="M4 2.5v11l9-5.5z"/></svg>'
@@ -176,7 +176,7 @@ def _view_switch(view: View) -> str:
 def _zoom(view: View) -> str:
     if view.mode != "ar":
         return f'<div class="ax-group">{button("Reset view", act("FitView"), title="Back to the start")}</div>'
-    less = button("−", act("Zoom", factor=1 / 1.25), title="Zoom out", testid="zoom-out")
+    less = button("\u2212", act("Zoom", factor=1 / 1.25), title="Zoom out", testid="zoom-out")
     more = button("+", act("Zoom", factor=1.25), title="Zoom in", key="wheel", testid="zoom-in")
     fit = button(
         f"{100 * view.zoom:.0f} %",
@@ -210,4 +210,4 @@ def _switches(view: View) -> str:
 
 
 def _speed_name(speed: float) -> str:
-    return {0.25: "¼×", 0.5: "½×"}.get(speed, f"{speed:g}×")
+    return {0.25: "¼\u00d7", 0.5: "½\u00d7"}.get(speed, f"{speed:g}\u00d7")

@@ -19,10 +19,11 @@ from asdfviz.app.bridge import parse
 from asdfviz.app.editing import Burst, Edits, apply_edit
 from asdfviz.app.jobs import Background, truth_of
 from asdfviz.app.page import Page
-from asdfviz.app.playback import SLOTS, Pace, wait_until_shown
+from asdfviz.app.playback import DECODE_ROUNDS, SLOTS, Pace, wait_until_shown
 from asdfviz.app.scene import Scene
-from asdfviz.app.session import View, settled, update
+from asdfviz.app.session import settled, update
 from asdfviz.app.snapshot import Snapshot, take
+from asdfviz.app.view import View
 from asdfviz.app.workspace import Shown, Workspace
 from asdfviz.app.worst import WorstFrame, worst_frames
 from asdfviz.datatypes import Frame
@@ -222,6 +223,10 @@ class Controller:
         if self._drag is not None:
             held = Shown(self._drag.T_camera_part, "annotation", "annotated")
             snap.poses[self._drag.part] = held
+        if frame is not None and self._scene.load(self.view.place, frame):
+            # The page decodes it meanwhile, so that picture and poses change together.
+            for _ in range(DECODE_ROUNDS):
+                wait_until_shown(self._client)
         with self._client.atomic():
             self._scene.apply(snap)
             self._page.show(snap, self._worst_now())

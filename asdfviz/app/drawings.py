@@ -77,7 +77,7 @@ def depth_cloud(
     return points[near], frame.rgb[v, u]
 
 
-def wxyz_of(R: Rotation) -> Float64[np.ndarray, "4"]:
+def wxyz_of(R: Rotation) -> Float64[np.ndarray, 4]:
     """The unit quaternion of a rotation, real part first and not negative (Shepperd, 1978)."""
     trace = float(np.trace(R))
     squares = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])

@@ -14,7 +14,7 @@ from asdfviz.annotate.edits import nudged, part_centre, rotated
 from asdfviz.annotate.records import Edit, label_of
 from asdfviz.app import actions as act
 from asdfviz.app.ar import look_direction
-from asdfviz.app.session import STEPS_MM, View, centre_of
+from asdfviz.app.view import STEPS_MM, View, centre_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Depth, Rotation, Transform, Vector
@@ -70,8 +70,6 @@ def apply_edit(
     Raises:
         AnnotationError: it cannot be done here; the message says why and what to do.
     """
-    if isinstance(action, (act.Undo, act.Redo)):
-        return _switch(action, view, workspace)
     if isinstance(action, (act.Nudge, act.Turn)):
         burst = burst.joined(f"keys {view.selected} {view.place}", now)
         group = burst.name

@@ -14,7 +14,7 @@ from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app.controller import Controller
 from asdfviz.app.jobs import Background, start_check
 from asdfviz.app.server import start_server, stop_server
-from asdfviz.app.workspace import Message, Workspace
+from asdfviz.app.workspace import FIRST_METHOD, Message, Workspace
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import bundled_assemblies, models_folder
 from asdfviz.data.run_files import RUN, load_run
@@ -23,8 +23,6 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError, SequenceError
 from asdfviz.methods.registry import available_methods
 
-FIRST_METHOD = "asdf"
-"""Run by itself where a sequence has no run yet."""
 WEIGHTS = "weights.safetensors"
 
 

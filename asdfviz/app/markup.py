@@ -44,6 +44,12 @@ def button(
     return f'<span class="ax-btn {classes}" {action}{state}{test}{aria}{name}>{label}</span>'
 
 
+EYE = (
+    '<svg viewBox="0 0 16 16"><path d="M8 3.5C4.5 3.5 2 8 2 8s2.5 4.5 6 4.5S14 8 14 8s-2.5-4.5'
+    '-6-4.5zm0 7.5a3 3 0 110-6 3 3 0 010 6zm0-1.5a1.5 1.5 0 100-3 1.5 1.5 0 000 3z"/></svg>'
+)
+
+
 def chip(color: Rgb3, *, shape: str = "square") -> str:
     """A small patch of colour beside a name."""
     return f'<i class="ax-chip ax-{shape}" style="background:{css(color)}"></i>'
@@ -78,6 +84,7 @@ def empty(message: str) -> str:
 def number(value: float | None, *, decimals: int, unit: str = "") -> str:
     """A figure with fixed decimals; a dash where there is none, never NaN."""
     if value is None or value != value:
-        return "–"
-    shown = f"{value:.{decimals}f}".replace("-", "−")
+        return "\u2013"
+    # Adding zero turns a rounded -0.0 into 0.0.
+    shown = f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "\u2212")
     return f"{shown}<small> {text(unit)}</small>" if unit else shown

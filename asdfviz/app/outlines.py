@@ -9,8 +9,8 @@ from asdfviz.datatypes import Mesh
 
 SHARP = np.radians(28.0)
 """Faces that meet at a larger angle make a crease."""
-MOST = 4000
-"""Segments a part; more would be a scan's noise, of which the sharpest are kept."""
+MOST = 1500
+"""Segments a part; more would be a scan's noise or a fine thread, of which the sharpest are kept."""
 _GRID = 1e-6
 """Metres: vertices closer than this are one."""
 

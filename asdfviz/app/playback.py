@@ -15,6 +15,8 @@ from asdfviz.geometry.shapes import Rgb
 
 SLOTS = 5
 JPEG_QUALITY = 88
+DECODE_ROUNDS = 2
+"""Answers of the page to wait for until a picture that was just sent is decoded."""
 ACK_SECONDS = 3.0
 """Longest wait for a page; one that hangs must not stop the session."""
 
@@ -30,20 +32,25 @@ class Ring:
         self._places: list[int] = []
         self._shown = 0
 
-    def show(self, place: int, rgb: Rgb, plane: Plane) -> None:
-        """Show a frame: at once where it was sent ahead, otherwise as soon as it is decoded."""
+    def load(self, place: int, rgb: Rgb, plane: Plane) -> bool:
+        """Send a frame's picture into a hidden plane; False where it is there already."""
         if self._plane != plane or not self._handles:
             self._make(place, rgb, plane)
-        elif place in self._places:
-            target = self._places.index(place)
-            if target != self._shown:
-                self._handles[target].visible = True
-                self._handles[self._shown].visible = False
-                self._shown = target
-        else:
-            # Into the visible plane: a hidden one would flash the frame it held before.
-            self._handles[self._shown].image = rgb
-            self._places[self._shown] = place
+            return True
+        if place in self._places:
+            return False
+        slot = (self._shown + 1) % SLOTS
+        self._handles[slot].image = rgb
+        self._places[slot] = place
+        return True
+
+    def show(self, place: int) -> None:
+        """Make the plane of a loaded frame the visible one."""
+        target = self._places.index(place)
+        if target != self._shown:
+            self._handles[target].visible = True
+            self._handles[self._shown].visible = False
+            self._shown = target
 
     def send_ahead(self, frames: Mapping[int, Rgb]) -> None:
         """Put coming frames into hidden planes, keeping those that are there already."""

@@ -16,9 +16,9 @@ from asdfviz.app.ar import image_plane
 from asdfviz.app.drawings import T_from_wxyz, box_segments, depth_cloud, keypoint_dots, wxyz_of
 from asdfviz.app.outlines import feature_edges
 from asdfviz.app.playback import Ring
-from asdfviz.app.session import View
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.theme import TRUTH, Rgb3
+from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame
 from asdfviz.geometry.shapes import Transform, Vector
@@ -57,15 +57,20 @@ class Scene:
         self.ring = Ring(self._scene, "/picture")
         self._prepare()
 
+    def load(self, place: int, frame: Frame) -> bool:
+        """Send a picture ahead of what belongs over it; False where it is there already."""
+        camera = frame.camera
+        plane = image_plane(camera.K, (camera.width, camera.height))
+        return self.ring.load(place, frame.rgb, plane)
+
     def apply(self, snap: Snapshot) -> None:
-        """Show a snapshot."""
-        with self._client.atomic():
-            self._apply_picture(snap)
-            self._apply_parts(snap)
-            self._apply_layers(snap)
-            self._apply_marks(snap)
-            self._apply_cloud(snap)
-            self._apply_gizmo(snap)
+        """Show a snapshot whose picture was loaded."""
+        self._apply_picture(snap)
+        self._apply_parts(snap)
+        self._apply_layers(snap)
+        self._apply_marks(snap)
+        self._apply_cloud(snap)
+        self._apply_gizmo(snap)
 
     def middle(self, snap: Snapshot) -> Vector:
         """What the free camera looks at: the parts, or the depth, or half a metre ahead."""
@@ -81,23 +86,17 @@ class Scene:
         return np.array([0.0, 0.0, float(np.median(near)) if near.size else 0.5])
 
     def _prepare(self) -> None:
-        scene = self._scene
-        scene.set_up_direction("-y")
-        scene.world_axes.visible = False
-
         async def place(event: Any) -> None:
             x, y, z = event.ray_direction
             if z > 1e-6:
                 K = self._workspace.frames.camera.K
                 self._emit(act.PlacePart(K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]))
 
-        scene.on_click(modifier="shift")(place)
+        self._scene.on_click(modifier="shift")(place)
 
     def _apply_picture(self, snap: Snapshot) -> None:
         if snap.frame is not None:
-            camera = snap.frame.camera
-            plane = image_plane(camera.K, (camera.width, camera.height))
-            self.ring.show(snap.view.place, snap.frame.rgb, plane)
+            self.ring.show(snap.view.place)
         self.ring.set_visible(visible=snap.view.mode == "ar" and snap.frame is not None)
 
     def _apply_parts(self, snap: Snapshot) -> None:
@@ -176,7 +175,7 @@ class Scene:
         if key not in self._layers:
             number = len(self._layers)
             self._layers[key] = self._add_lines(f"/layers/{number}", self._edges[name], color)
-            self._layers[key].thickness = 2.0
+            self._layers[key].thickness = 1.6
         return self._layers[key]
 
     def _apply_marks(self, snap: Snapshot) -> None:

@@ -15,7 +15,7 @@ import io
 import ipaddress
 import secrets
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from http.cookies import SimpleCookie
 from pathlib import Path
@@ -112,7 +112,7 @@ def start_server(host: str, port: int, *, token: str | None = None) -> tuple[Any
     gate = Gate(None if wide else frozenset({*_LOOPBACK, host}), token)
     # viser prints a banner whatever `verbose` says; the command line says where the app is.
     with _guarded(gate), contextlib.redirect_stdout(io.StringIO()):
-        server = _Server(host=host, port=port, label="asdfviz", verbose=False)
+        server = _Server(host=host, port=port, verbose=False)
     bound = server.get_port()
     if port not in (0, bound):
         stop_server(server)
@@ -157,12 +157,12 @@ def _busy(port: int) -> InputError:
 
 
 @contextlib.contextmanager
-def _guarded(gate: Gate) -> Iterator[None]:
+def _guarded(gate: Gate) -> Generator[None]:
     """Put the gate before viser's own request handler while its server starts."""
     original = websocket_server.serve
 
     def serve(*args: Any, process_request: _Handler | None = None, **options: Any) -> Any:
-        inner = process_request or (lambda _connection, _request: None)
+        inner = process_request or _pass_on
         handler = functools.partial(_answer, gate, inner)
         return original(*args, process_request=handler, **options)
 
@@ -171,6 +171,11 @@ def _guarded(gate: Gate) -> Iterator[None]:
         yield
     finally:
         websocket_server.serve = original
+
+
+def _pass_on(connection: ServerConnection, request: Request) -> Response | None:
+    del connection, request
+    return None
 
 
 def _answer(

@@ -1,89 +1,18 @@
 """What one person sees, and how actions change it. Pure: no viser, no disk, tested without a browser.
 
 Selection, view, zoom and playback are each person's own and live here; poses, states and runs are
-shared and live in the workspace.
+shared and live in the workspace. Its data are in `view`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 from asdfviz.app import actions as act
-from asdfviz.app.ar import Window, clamp_centre, picture_centre, zoom_about
-from asdfviz.geometry.shapes import Intrinsics
-
-STEPS_MM = (0.2, 1.0, 5.0)
-"""Fine, normal, coarse: of a nudge in millimetres and of a turn in degrees."""
-STEP_NAMES = ("fine", "normal", "coarse")
-SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)
-TRUTH = "truth"
-"""Name of the truth's layer; runs' layers bear their ids."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Facts:
-    """What of the workspace the view's rules depend on."""
-
-    count: int
-    """Frames."""
-    parts: tuple[str, ...]
-    boundaries: tuple[int, ...]
-    """First frames of every segment of the timeline."""
-    runs: tuple[str, ...]
-    """Ids, in the order of the list."""
-    has_truth: bool
-    K: Intrinsics
-    size_wh: tuple[int, int]
-
-    @property
-    def layers(self) -> tuple[str, ...]:
-        """What a number key may show or hide, in order."""
-        return (*self.runs, TRUTH) if self.has_truth else self.runs
-
-
-@dataclass(frozen=True, slots=True)
-class View:
-    """One person's view."""
-
-    place: int = 0
-    """Of the frame shown, 0 to count - 1."""
-    playing: bool = False
-    speed: float = 1.0
-    mode: Literal["ar", "3d"] = "ar"
-    zoom: float = 1.0
-    centre: tuple[float, float] | None = None
-    """Pixel in the middle of the AR view; None for the picture's middle."""
-    turns: int = 0
-    """Counts up whenever the camera has to be placed anew."""
-    aspect: float = 1.6
-    opacity: float = 0.65
-    overlay: bool = True
-    xray: bool = False
-    boxes: bool = False
-    keypoints: bool = False
-    gizmo: bool = True
-    hidden: frozenset[str] = frozenset()
-    """Parts that are not drawn."""
-    layers: frozenset[str] = frozenset()
-    """Runs (or the truth) whose outlines are drawn as well."""
-    base: str | None = None
-    """The run (or the truth) whose poses are shown where nothing was corrected."""
-    selected: str | None = None
-    step: int = 1
-    marked: tuple[int, int] | None = None
-    """Frames that a state is set for, first to last; None for the frame shown."""
-    marking: int | None = None
-    """Where a range was begun by key."""
-    tab: act.Tab = "sequence"
-    keys: bool = False
-    welcome: bool = False
-
-    @property
-    def frames(self) -> tuple[int, int]:
-        """First and last place that a state would be set for."""
-        return self.marked or (self.place, self.place)
+from asdfviz.app.ar import clamp_centre, zoom_about
+from asdfviz.app.view import SPEEDS, STEPS_MM, TRUTH, Facts, View, centre_of, window_of
 
 
 def update(view: View, action: act.Action, facts: Facts) -> View:
@@ -96,7 +25,7 @@ def settled(view: View, facts: Facts) -> View:
     """The view after the workspace changed: what is gone is no longer shown."""
     base = view.base
     if base not in facts.layers:
-        base = facts.runs[-1] if facts.runs else (TRUTH if facts.has_truth else None)
+        base = facts.preferred or (TRUTH if facts.has_truth else None)
     return replace(
         view,
         base=base,
@@ -104,16 +33,6 @@ def settled(view: View, facts: Facts) -> View:
         selected=view.selected if view.selected in facts.parts else None,
         place=min(view.place, facts.count - 1),
     )
-
-
-def window_of(view: View, facts: Facts) -> Window:
-    """The window that the view is seen in."""
-    return Window(facts.K, facts.size_wh, view.aspect)
-
-
-def centre_of(view: View, facts: Facts) -> tuple[float, float]:
-    """The pixel in the middle of the AR view."""
-    return view.centre or picture_centre(facts.size_wh)
 
 
 def _at(view: View, place: int, facts: Facts) -> View:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from asdfviz.app import theme, timeline
-from asdfviz.app.session import TRUTH, Facts, View
+from asdfviz.app.view import TRUTH, Facts, View
 from asdfviz.app.workspace import ANNOTATION, Shown, Workspace
 from asdfviz.datatypes import Frame, FramePrediction
 

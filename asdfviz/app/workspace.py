@@ -16,14 +16,16 @@ import numpy as np
 from asdfviz.annotate.records import Seed, StateLabel
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import theme, timeline
-from asdfviz.app.session import TRUTH, Facts
+from asdfviz.app.view import TRUTH, Facts
 from asdfviz.data.prefetch import Prefetcher
-from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, Run, Stage
+from asdfviz.datatypes import Assembly, FramePrediction, Run, Stage
 from asdfviz.datatypes import Sequence as FrameSequence
 from asdfviz.evaluate.health import Finding
 from asdfviz.geometry.shapes import Transform
 
 ANNOTATION = "annotation"
+FIRST_METHOD = "asdf"
+"""Its run is drawn first; it is run by itself where a sequence has no run yet."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,9 +171,11 @@ class Workspace:
             return {name: Shown(T, TRUTH, "truth") for name, T in true.items()}
         run = self.run(base)
         prediction = None if run is None else run.by_place[place]
+        if prediction is None:
+            return {}
         return {
             name: Shown(pose.T_camera_part, str(base), pose.stage, pose.score)
-            for name, pose in (prediction.poses if prediction else {}).items()
+            for name, pose in prediction.poses.items()
         }
 
     def seed_of(self, base: str | None) -> Seed:
@@ -194,8 +198,9 @@ class Workspace:
         run = self.run(layer)
         if run is not None:
             prediction = run.by_place[place]
-            found = prediction.poses if prediction else {}
-            return {name: pose.T_camera_part for name, pose in found.items()}
+            if prediction is None:
+                return {}
+            return {name: pose.T_camera_part for name, pose in prediction.poses.items()}
         truth = self.truths[place]
         return dict(truth.T_camera_part) if truth else {}
 
@@ -210,11 +215,14 @@ class Workspace:
     def facts(self) -> Facts:
         """What the view's rules depend on."""
         camera = self.frames.camera
+        runs = [run.id for run in self.runs]
+        favourites = [run.id for run in self.runs if run.run.method == FIRST_METHOD]
         return Facts(
             count=len(self.indices),
             parts=tuple(self.assembly.parts),
             boundaries=timeline.boundaries(self.rows()),
-            runs=tuple(run.id for run in self.runs),
+            runs=tuple(runs),
+            preferred=next(reversed(favourites or runs), None),
             has_truth=self.has_truth,
             K=camera.K,
             size_wh=(camera.width, camera.height),

@@ -83,10 +83,12 @@ class Export:
 
     def __call__(self) -> None:
         """Export what the annotation holds."""
-        from asdfviz.annotate.corrected import export_annotation
+        from asdfviz.annotate.corrected import annotation_truth
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
+        from asdfviz.export.bop import export_bop
 
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
-        print(export_annotation(sequence, self.out, annotations=self.annotations))
+        export_bop(sequence, annotation_truth(sequence, annotations=self.annotations), self.out)
+        print(self.out)

@@ -12,13 +12,13 @@ from typing import Any, cast
 import numpy as np
 import yaml
 
-from asdfviz.data.meshes import METRES_PER_UNIT, read_mesh
+from asdfviz.data.meshes import METRES_PER_UNIT, default_keypoints, read_mesh
 from asdfviz.data.resources import bundled_assemblies
 from asdfviz.data.states_section import parse_states
 from asdfviz.data.yaml_fields import Fields
 from asdfviz.datatypes import KEYPOINTS, Assembly, Mesh, Part
 from asdfviz.errors import AssemblyError
-from asdfviz.geometry.sampling import diameter, farthest_points
+from asdfviz.geometry.sampling import diameter
 from asdfviz.geometry.shapes import Points
 from asdfviz.geometry.symmetry import Axis, Symmetries
 
@@ -136,7 +136,7 @@ def _parse_part(name: str, fields: Fields, file: Path, unit: str, place: int) ->
 def _keypoints(fields: Fields, file: Path, mesh: Mesh) -> Points:
     given = fields.text("keypoints", default="")
     if not given:
-        return farthest_points(mesh.vertices, KEYPOINTS)
+        return default_keypoints(mesh)
     path = file.parent / given
     try:
         points = np.loadtxt(path, dtype=np.float64, ndmin=2)

@@ -9,11 +9,11 @@ import numpy as np
 import yaml
 
 from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.data.meshes import default_keypoints
 from asdfviz.data.ply import ply_bytes
 from asdfviz.data.states_section import default_transitions, state_class_name
-from asdfviz.datatypes import KEYPOINTS, Assembly, Joint, Part, State
+from asdfviz.datatypes import Assembly, Joint, Part, State
 from asdfviz.errors import AssemblyError
-from asdfviz.geometry.sampling import farthest_points
 from asdfviz.geometry.shapes import Transform
 
 _MM = 1e3
@@ -187,5 +187,4 @@ def _keypoints_path(part: Part) -> str:
 
 
 def _has_own_keypoints(part: Part) -> bool:
-    found = farthest_points(part.mesh.vertices, KEYPOINTS)
-    return found.shape != part.keypoints.shape or bool(np.abs(found - part.keypoints).max() > 1e-6)
+    return bool(np.abs(default_keypoints(part.mesh) - part.keypoints).max() > 1e-6)

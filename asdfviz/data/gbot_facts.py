@@ -63,18 +63,24 @@ class Facts:
 
 _BLUE, _BLACK, _GREY, _WHITE = (20, 90, 170), (25, 25, 28), (132, 132, 132), (235, 235, 232)
 
-_BALL = Freedom("ball", (-1, 0, 0), (-86.55, -0.7, 20.0), turn_deg=(-20, 20))
+_BALL = Freedom("ball", (-1.0, 0.0, 0.0), (-86.55, -0.7, 20.0), turn_deg=(-20.0, 20.0))
 _CLAMP_AXIS = (0.0, -0.9, 20.0)
-_JAW = Freedom("prismatic", (0, 0, 1), (0, 0, 0), slide_mm=(-20.0, 50.0))
+_JAW = Freedom("prismatic", (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), slide_mm=(-20.0, 50.0))
 
 CORNER_CLAMP = Facts(
     name="gbot_cornerclamp",
     title="GBOT corner clamp",
     symmetries={"Corner_Clamp_Bolt": Turns("z")},
     joints={
-        "Corner_Clamp_Jaw": Freedom("prismatic", (1, 0, 0), (0, 0.13, 0.19), slide_mm=(-20, 20)),
+        "Corner_Clamp_Jaw": Freedom(
+            "prismatic", (1.0, 0.0, 0.0), (0.0, 0.13, 0.19), slide_mm=(-20.0, 20.0)
+        ),
         "Corner_Clamp_Bolt": Freedom(
-            "cylindrical", (1, 0, 0), (0, 0.13, 0.19), slide_mm=(-20, 20), turn_deg=(-180, 180)
+            "cylindrical",
+            (1.0, 0.0, 0.0),
+            (0.0, 0.13, 0.19),
+            slide_mm=(-20.0, 20.0),
+            turn_deg=(-180.0, 180.0),
         ),
     },
     mistakes=(
@@ -103,13 +109,25 @@ NANO_VISE = Facts(
     joints={
         # Screw and head plate share axis and travel: they move as one.
         "NanoViseV2_CLAMP_SCREW": Freedom(
-            "cylindrical", (1, 0, 0), _CLAMP_AXIS, slide_mm=(-25, 20), turn_deg=(-180, 180)
+            "cylindrical",
+            (1.0, 0.0, 0.0),
+            _CLAMP_AXIS,
+            slide_mm=(-25.0, 20.0),
+            turn_deg=(-180.0, 180.0),
         ),
         "NanoViseV2_CLAMP_HEADPLATE": Freedom(
-            "cylindrical", (1, 0, 0), _CLAMP_AXIS, slide_mm=(-25, 20), turn_deg=(-180, 180)
+            "cylindrical",
+            (1.0, 0.0, 0.0),
+            _CLAMP_AXIS,
+            slide_mm=(-25.0, 20.0),
+            turn_deg=(-180.0, 180.0),
         ),
         "NanoViseV2_CLAMP_NUT": Freedom(
-            "cylindrical", (1, 0, 0), _CLAMP_AXIS, slide_mm=(-2, 2), turn_deg=(-180, 180)
+            "cylindrical",
+            (1.0, 0.0, 0.0),
+            _CLAMP_AXIS,
+            slide_mm=(-2.0, 2.0),
+            turn_deg=(-180.0, 180.0),
         ),
         # Everything on the ball turns with it.
         "NanoViseV2_CLAMP_BALLJOINT": _BALL,
@@ -160,11 +178,19 @@ GEARED_CALIPER = Facts(
         "Caliper_Roller": Turns("z", 15),
     },
     joints={
-        "Caliper_Fix": Freedom("prismatic", (1, 0, 0), (0, 0, 0), slide_mm=(-40, 28)),
+        "Caliper_Fix": Freedom(
+            "prismatic", (1.0, 0.0, 0.0), (0.0, 0.0, 0.0), slide_mm=(-40.0, 28.0)
+        ),
         # The roller sits on the shaft of gear 1.
-        "Caliper_Gear_1": Freedom("revolute", (0, 0, 1), (-9.66, 15.8, 0), turn_deg=(-180, 180)),
-        "Caliper_Roller": Freedom("revolute", (0, 0, 1), (-9.66, 15.8, 0), turn_deg=(-180, 180)),
-        "Caliper_Gear_2": Freedom("revolute", (0, 0, 1), (16.07, 15.83, 0), turn_deg=(-180, 180)),
+        "Caliper_Gear_1": Freedom(
+            "revolute", (0.0, 0.0, 1.0), (-9.66, 15.8, 0.0), turn_deg=(-180.0, 180.0)
+        ),
+        "Caliper_Roller": Freedom(
+            "revolute", (0.0, 0.0, 1.0), (-9.66, 15.8, 0.0), turn_deg=(-180.0, 180.0)
+        ),
+        "Caliper_Gear_2": Freedom(
+            "revolute", (0.0, 0.0, 1.0), (16.07, 15.83, 0.0), turn_deg=(-180.0, 180.0)
+        ),
     },
     mistakes=(
         Mistake("fix_before_gears", ("Caliper_Move_Bottom", "Caliper_Fix")),
@@ -190,10 +216,18 @@ SCREW_CLAMP = Facts(
         "HS_Thread2": Turns("y", 2),
     },
     joints={
-        "HS_Pad": Freedom("revolute", (0, 1, 0), (-79.27, 0, 16.97), turn_deg=(-45, 39)),
-        "HS_Pin": Freedom("revolute", (0, 1, 0), (-79.27, 0, 16.97), turn_deg=(-180, 180)),
-        "HS_Knob1": Freedom("revolute", (0, 0, 1), (-2.02, 0, 0), turn_deg=(-180, 180)),
-        "HS_Knob2": Freedom("revolute", (0, 0, 1), (71.64, 0, 0), turn_deg=(-180, 180)),
+        "HS_Pad": Freedom(
+            "revolute", (0.0, 1.0, 0.0), (-79.27, 0.0, 16.97), turn_deg=(-45.0, 39.0)
+        ),
+        "HS_Pin": Freedom(
+            "revolute", (0.0, 1.0, 0.0), (-79.27, 0.0, 16.97), turn_deg=(-180.0, 180.0)
+        ),
+        "HS_Knob1": Freedom(
+            "revolute", (0.0, 0.0, 1.0), (-2.02, 0.0, 0.0), turn_deg=(-180.0, 180.0)
+        ),
+        "HS_Knob2": Freedom(
+            "revolute", (0.0, 0.0, 1.0), (71.64, 0.0, 0.0), turn_deg=(-180.0, 180.0)
+        ),
         # The second jaw and all that hangs on it move with the spindles.
         "HS_Thread1": _JAW,
         "HS_Thread2": _JAW,

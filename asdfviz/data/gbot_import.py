@@ -170,19 +170,19 @@ def _base_poses(
     }
     replaced = {child for _, child in official}
     links = {pair: T for pair, T in links.items() if pair[1] not in replaced} | official
-    T_base_part: dict[str, Transform] = {base: np.eye(4)}
-    open_links = dict(links)
-    while open_links:
-        ready = [pair for pair in open_links if pair[0] in T_base_part]
+    # By part, its pose in the base's frame.
+    chained: dict[str, Transform] = {base: np.eye(4)}
+    while links:
+        ready = [pair for pair in links if pair[0] in chained]
         if not ready:
-            raise AssemblyError(f"links without a way to '{base}': {sorted(open_links)}")
+            raise AssemblyError(f"links without a way to '{base}': {sorted(links)}")
         for parent, child in ready:
-            T_parent_child = orthonormalized(open_links.pop((parent, child)))
-            T_base_part[child] = T_base_part[parent] @ T_parent_child
-    missing = set(parts) - set(T_base_part)
+            T_parent_child = orthonormalized(links.pop((parent, child)))
+            chained[child] = chained[parent] @ T_parent_child
+    missing = set(parts) - set(chained)
     if missing:
         raise AssemblyError(f"no relative pose of {', '.join(sorted(missing))}")
-    return T_base_part
+    return chained
 
 
 def _steps(
@@ -229,12 +229,11 @@ def _mistake(
 ) -> tuple[str, dict[str, Transform]]:
     poses: dict[str, Transform] = {}
     for name in mistake.joined:
-        T = T_base_part[name]
+        pose = T_base_part[name].copy()
         if name in mistake.flipped:
-            T = T @ _half_turn(parts[name].mesh, mistake.flipped[name])
-        T = T.copy()
-        T[:3, 3] += np.array(mistake.shifted_mm.get(name, (0.0, 0.0, 0.0))) * _MM
-        poses[name] = T
+            pose = pose @ _half_turn(parts[name].mesh, mistake.flipped[name])
+        pose[:3, 3] += np.array(mistake.shifted_mm.get(name, (0.0, 0.0, 0.0))) * _MM
+        poses[name] = pose
     return mistake.name, poses
 
 

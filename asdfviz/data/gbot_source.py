@@ -20,10 +20,9 @@ from jaxtyping import UInt8
 from manifold3d import Error, Manifold
 from manifold3d import Mesh as ManifoldMesh
 
-from asdfviz.data.meshes import read_mesh
+from asdfviz.data.meshes import default_keypoints, load_any, read_mesh
 from asdfviz.datatypes import KEYPOINTS, Mesh
 from asdfviz.errors import AssemblyError
-from asdfviz.geometry.sampling import farthest_points
 from asdfviz.geometry.shapes import Points, Transform
 from asdfviz.geometry.transforms import is_rigid, orthonormalized
 
@@ -84,7 +83,7 @@ class GbotSource:
     def color(self, part: str) -> UInt8[np.ndarray, 3] | None:
         """Median of the mesh's vertex colours, kept off pure black and white; None if it has none."""
         path = next(self.files[n] for n in _mesh_names(part) if n in self.files)
-        visual = trimesh.load(path, force="mesh", process=False).visual
+        visual = load_any(path).visual
         if visual.kind != "vertex":
             return None
         median = np.median(np.asarray(visual.vertex_colors)[:, :3], axis=0)
@@ -98,7 +97,7 @@ class GbotSource:
         """
         path = self.files.get(f"{part}_kps.txt")
         if path is None:
-            return farthest_points(mesh.vertices, KEYPOINTS)
+            return default_keypoints(mesh)
         try:
             points = np.loadtxt(path, dtype=np.float64, ndmin=2)
         except (OSError, ValueError) as error:
@@ -163,7 +162,7 @@ def decimated(mesh: Mesh) -> Mesh:
     )
     # A mesh with open edges has no volume to keep; it goes on as it is.
     if solid.status() == Error.NoError:
-        merged = solid.simplify(0.2).to_mesh()
+        merged: Any = solid.simplify(0.2).to_mesh()
         surface = trimesh.Trimesh(merged.vert_properties[:, :3], merged.tri_verts, process=False)
     if len(surface.faces) > MAX_FACES:
         surface = surface.simplify_quadric_decimation(face_count=MAX_FACES, aggression=5)

@@ -16,14 +16,6 @@ def file_sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def folder_sha256(folder: Path) -> str:
-    """SHA-256 over the relative names and contents of every file below a folder."""
-    digest = hashlib.sha256()
-    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
-        digest.update(f"{path.relative_to(folder).as_posix()}\0{file_sha256(path)}\n".encode())
-    return digest.hexdigest()
-
-
 def assembly_sha256(assembly: Assembly) -> str:
     """SHA-256 over the assembly.yaml and the meshes and keypoints of its parts."""
     digest = hashlib.sha256(Path(assembly.path).read_bytes())

@@ -1,16 +1,25 @@
-"""Reads the mesh of one part, in metres, and refuses what cannot be one."""
+"""Reads the mesh of one part, in metres, refuses what cannot be one, and spreads keypoints on it."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import trimesh
 
-from asdfviz.datatypes import Mesh
+from asdfviz.datatypes import KEYPOINTS, Mesh
 from asdfviz.errors import AssemblyError
+from asdfviz.geometry.sampling import farthest_points, surface_points
+from asdfviz.geometry.shapes import Points
 
+_SURFACE_POINTS = 2000
 METRES_PER_UNIT = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+
+
+def load_any(path: Path) -> Any:
+    """Load a mesh file as trimesh has it, corners as in the file; its stubs know no mesh."""
+    return cast(Any, trimesh).load(path, force="mesh", process=False)
 
 
 def read_mesh(path: Path, *, unit: str, part: str) -> Mesh:
@@ -22,7 +31,7 @@ def read_mesh(path: Path, *, unit: str, part: str) -> Mesh:
     if not path.is_file():
         raise AssemblyError(f"part '{part}': mesh {path} does not exist")
     try:
-        loaded = trimesh.load(path, force="mesh", process=False)
+        loaded = load_any(path)
     except Exception as error:
         raise AssemblyError(f"part '{part}': {path} cannot be read as a mesh: {error}") from error
     vertices = np.array(loaded.vertices, dtype=np.float64) * METRES_PER_UNIT[unit]
@@ -34,3 +43,15 @@ def read_mesh(path: Path, *, unit: str, part: str) -> Mesh:
     vertices.flags.writeable = False
     faces.flags.writeable = False
     return Mesh(vertices, faces)
+
+
+def default_keypoints(mesh: Mesh) -> Points:
+    """The 17 keypoints (metres) of a part whose description names none: farthest vertices.
+
+    A mesh of fewer corners, a plain box say, takes points of its faces too.
+    """
+    vertices = mesh.vertices
+    if len(np.unique(vertices, axis=0)) >= KEYPOINTS:
+        return farthest_points(vertices, KEYPOINTS)
+    spread = surface_points(vertices, mesh.faces, _SURFACE_POINTS)
+    return farthest_points(np.concatenate([vertices, spread]), KEYPOINTS)

@@ -147,9 +147,9 @@ def _fps(about: Json | None) -> float:
     if field is None:
         return DEFAULT_FPS
     fps = field.number()
-    if fps <= 0:
-        raise field.fail("frames per second, above 0")
-    return fps
+    if fps < 0:
+        raise field.fail("frames per second, or 0 for single images")
+    return fps or DEFAULT_FPS
 
 
 def _named_assembly(folder: Path, about: Json | None) -> tuple[Assembly | None, str | None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import cast
 
 import numpy as np
@@ -144,7 +145,7 @@ def _transitions(fields: Fields, states: list[State]) -> frozenset[tuple[int, in
 def default_transitions(states: Sequence[State]) -> frozenset[tuple[int, int]]:
     """Each step to the next, and each error to and from the step that it follows."""
     steps = [s for s in states if not s.is_error]
-    pairs = {(a.index, b.index) for a, b in zip(steps, steps[1:], strict=False)}
+    pairs = {(a.index, b.index) for a, b in pairwise(steps)}
     for error in states:
         if error.after is not None:
             pairs |= {(error.after, error.index), (error.index, error.after)}

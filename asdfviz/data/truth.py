@@ -18,7 +18,7 @@ STATES = "states.json"
 class StateTruth:
     """One entry of states.json."""
 
-    state: int
+    state: int | None
     is_error: bool | None
     attached: tuple[str, ...] | None
 
@@ -42,7 +42,8 @@ def read_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
 def read_states(folder: Path, assembly: Assembly) -> dict[int, StateTruth]:
     """Read states.json: a list of {"frame", "state", "is_error", "attached"}; other keys are ignored.
 
-    `state` is the index of the last correctly completed state, also while `is_error` is true.
+    `state` is the index of the last correctly completed state, also while `is_error` is true; null
+    where nobody knows it.
 
     Raises:
         SequenceError: a frame twice, a state or a part that the assembly does not have.
@@ -60,6 +61,17 @@ def read_states(folder: Path, assembly: Assembly) -> dict[int, StateTruth]:
 
 
 def _parse_state(entry: Json, assembly: Assembly) -> StateTruth:
+    is_error, attached = entry.find("is_error"), entry.find("attached")
+    return StateTruth(
+        state=_state_index(entry, assembly),
+        is_error=None if is_error is None else is_error.boolean(),
+        attached=None if attached is None else _parse_attached(attached, assembly.parts),
+    )
+
+
+def _state_index(entry: Json, assembly: Assembly) -> int | None:
+    if "state" in entry.items() and entry.find("state") is None:
+        return None
     field = entry.get("state")
     state = field.integer()
     steps = assembly.steps
@@ -68,12 +80,7 @@ def _parse_state(entry: Json, assembly: Assembly) -> StateTruth:
             f"{field.where} is {state}, but {assembly.name} has the correct states 0 to "
             f"{len(steps) - 1}; during an error give the last correct one and is_error"
         )
-    is_error, attached = entry.find("is_error"), entry.find("attached")
-    return StateTruth(
-        state=state,
-        is_error=None if is_error is None else is_error.boolean(),
-        attached=None if attached is None else _parse_attached(attached, assembly.parts),
-    )
+    return state
 
 
 def _parse_attached(field: Json, parts: Iterable[str]) -> tuple[str, ...]:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from jaxtyping import Float64
 
 from asdfviz.errors import AssemblyError
-from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.geometry.transforms import is_rigid, orthonormalized
 
 
@@ -70,11 +69,11 @@ class Fields:
 
     def numbers(
         self, key: str, count: int, *, default: Sequence[float | int] | None = None
-    ) -> Float64[np.ndarray, count]:
+    ) -> Scores:
         """A list of finite numbers of a given length."""
         return self._numbers(self._get(key, default), count, f"'{key}'")
 
-    def _numbers(self, value: object, count: int, what: str) -> Float64[np.ndarray, count]:
+    def _numbers(self, value: object, count: int, what: str) -> Scores:
         try:
             array = np.asarray(value, dtype=np.float64).reshape(-1)
         except (TypeError, ValueError) as error:

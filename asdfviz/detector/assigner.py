@@ -13,6 +13,8 @@ import torch
 from jaxtyping import Bool, Float, Int64
 from torch import Tensor
 
+from asdfviz.detector.head import AnchorValues
+
 
 @dataclass(frozen=True, slots=True)
 class AssignerConfig:
@@ -77,7 +79,7 @@ def assign(
     scores: Float[Tensor, "b a classes"],
     boxes: Float[Tensor, "b a 4"],
     anchors: Float[Tensor, "a 2"],
-    strides: Float[Tensor, a],
+    strides: AnchorValues,
     targets: Targets,
     *,
     config: AssignerConfig,

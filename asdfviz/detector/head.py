@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import cast
+from typing import TypeAlias, cast
 
 import torch
 from jaxtyping import Float
@@ -18,6 +18,10 @@ from asdfviz.detector.blocks import Conv
 
 BINS = 16
 """Bins of the distribution of each box side, in strides."""
+
+
+AnchorValues: TypeAlias = Float[Tensor, "a"]
+"""One number an anchor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +36,7 @@ class RawOutput:
     """x, y, visibility logit of each keypoint."""
     anchors: Float[Tensor, "a 2"]
     """Cell centres in stride units (integer + 0.5)."""
-    strides: Float[Tensor, a]
+    strides: AnchorValues
     """Pixels a cell."""
     features: tuple[Tensor, ...] = ()
     """Last hidden features of the keypoint branch by level, for auxiliary losses in training."""
@@ -123,7 +127,7 @@ def _bias(branch: nn.Module) -> Tensor:
 
 def anchor_points(
     maps: list[Tensor], strides: tuple[int, ...]
-) -> tuple[Float[Tensor, "a 2"], Float[Tensor, a]]:
+) -> tuple[Float[Tensor, "a 2"], AnchorValues]:
     """Return the cell centres of all levels in stride units, and each one's stride in pixels."""
     centres: list[Tensor] = []
     sizes: list[Tensor] = []

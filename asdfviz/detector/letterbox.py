@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, UInt8
 
 from asdfviz.geometry.shapes import Rgb
 
@@ -69,7 +69,7 @@ def plan_letterbox(width: int, height: int, *, image_size: int, stride: int) -> 
     )
 
 
-def letterbox(rgb: Rgb, plan: Letterbox) -> Rgb:
+def letterbox(rgb: Rgb, plan: Letterbox) -> UInt8[np.ndarray, "out_h out_w 3"]:
     """Return the network's input picture; what is outside the frame is grey."""
     inner = rgb
     if rgb.shape[:2] != (plan.inner_height, plan.inner_width):

@@ -7,15 +7,18 @@ for which the published 17-point loss takes an assembly part.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import torch
-from jaxtyping import Float, Int64
+from jaxtyping import Float
 from torch import Tensor
 from torch.nn import functional
 
 from asdfviz.detector.assigner import AssignerConfig, Assignment, Targets, assign, ciou
 from asdfviz.detector.head import BINS, RawOutput, decode_boxes, decode_keypoints
+
+PositiveValues: TypeAlias = Float[Tensor, "p"]
+"""One number a positive anchor."""
 
 COCO_SIGMAS = tuple(
     s / 10
@@ -136,14 +139,14 @@ class _Picked:
     boxes: Float[Tensor, "p 4"]
     points: Float[Tensor, "p k 2"]
     visible: Float[Tensor, "p k"]
-    weights: Float[Tensor, p]
+    weights: PositiveValues
     target_boxes: Float[Tensor, "p 4"]
     target_points: Float[Tensor, "p k 3"]
 
 
 def _pick(raw: RawOutput, boxes: Tensor, targets: Targets, assignment: Assignment) -> _Picked:
     image, anchor = assignment.positive.nonzero(as_tuple=True)
-    row: Int64[Tensor, p] = assignment.objects[image, anchor]
+    row = assignment.objects[image, anchor]
     stride = raw.strides[anchor]
     points, visible = decode_keypoints(raw)
     target_points = targets.keypoints[image, row].clone()

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 from jaxtyping import Float64, Int64
 
 from asdfviz.geometry.shapes import Scores
+
+Labels: TypeAlias = Int64[np.ndarray, "n"]
+Places: TypeAlias = Int64[np.ndarray, "k"]
 
 
 def iou_matrix(
@@ -24,11 +29,11 @@ def iou_matrix(
 def suppress(
     boxes: Float64[np.ndarray, "n 4"],
     scores: Scores,
-    labels: Int64[np.ndarray, n],
+    labels: Labels,
     *,
     iou: float,
     limit: int,
-) -> Int64[np.ndarray, k]:
+) -> Places:
     """Return the places of the boxes to keep, best first, by greedy suppression in each class."""
     order = np.argsort(-scores, kind="stable")
     overlaps = iou_matrix(boxes, boxes)

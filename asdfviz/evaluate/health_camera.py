@@ -15,6 +15,8 @@ SQUARE = 0.1
 """Largest difference of fx and fy, as a share."""
 OFF_CENTER = 0.15
 """Largest distance of the principal point from the image's centre, as a share of its size."""
+SMALLEST_SHARE = 0.03
+"""Size of the largest part as a share of what the camera sees across: below, it is a few pixels."""
 RESIZES = (0.25, 1 / 3, 0.375, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
 """By how much images are usually resized without their intrinsics."""
 
@@ -93,7 +95,7 @@ def check_part_sizes(
     if distance is not None:
         seen = distance * camera.width / camera.K[0, 0]
         share = sizes[largest] / seen
-        if not 0.02 <= share <= 2.0:
+        if not SMALLEST_SHARE <= share <= 2.0:
             yield Finding(
                 "mesh_unit",
                 "error",

@@ -16,7 +16,7 @@ NEAREST, FARTHEST = 0.1, 10.0
 """Metres. RGB-D cameras measure neither nearer nor, at a table, farther."""
 LIKELY = (0.2, 3.0)
 """Metres within which a table-top scene lies; used to guess the right unit."""
-MUCH_MISSING = 0.25
+MUCH_MISSING = 0.35
 
 
 def median_depth(frames: Rows[Frame]) -> float | None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32, Float64, Int64
 
 from asdfviz.datatypes import Frame
 from asdfviz.evaluate.health_edges import (
@@ -42,7 +42,7 @@ class ShiftConfig:
     """Depth edge points used."""
     least_points: int = 150
     """Fewer depth edge points than these in all frames say nothing."""
-    least_gain: float = 0.1
+    least_gain: float = 0.06
     """Share of the mean edge distance that moving the depth must save to count as a shift."""
     least_match: float = 0.15
     """Share by which the best place must beat the median of all places tried; else nothing fits."""
@@ -67,7 +67,7 @@ class _View:
     """One frame: depth edge points about the principal point, and distances to colour edges."""
 
     offsets: Pixels
-    center: Pixels
+    center: Float64[np.ndarray, "2"]
     bins: Int64[np.ndarray, " n"]
     distances: Float32[np.ndarray, "d h w"]
 
@@ -102,7 +102,7 @@ def _view(frame: Frame, config: ShiftConfig) -> _View | None:
     edges = thinned(depth_edges(frame.depth), config.points_a_frame)
     if len(edges.pixels) == 0:
         return None
-    center = frame.camera.K[:2, 2][None]
+    center = frame.camera.K[:2, 2]
     bins = np.minimum(edges.angles / np.pi * config.directions, config.directions - 1)
     return _View(
         offsets=edges.pixels - center,

@@ -21,7 +21,11 @@ from asdfviz.geometry.shapes import Depth, Pixels, Points, Scores
 from asdfviz.geometry.transforms import apply
 
 _LEAST_VISIBLE = 0.3
+_LEAST_FIT = 0.4
+"""Share of the surface that must lie on measured depth before another camera is believed."""
 _LEAST_POINTS = 200
+_LEAST_GAIN = 1.25
+"""How much larger that share must become."""
 _POINTS_A_PART = 1500
 _MESH_FACTORS = (1e-3, 1e-2, 0.0254, 0.1, 10.0, 1 / 0.0254, 1e2, 1e3)
 
@@ -68,10 +72,11 @@ def check_against_truth(posed: Rows[Posed], assembly: Assembly) -> Iterator[Find
             ratio,
         )
         return
-    meshes = list(_mesh_findings(seen, surfaces))
-    yield from meshes
-    if not meshes:
-        yield from _camera_findings(sights)
+    cameras = list(_camera_findings(sights))
+    yield from cameras
+    # A wrong camera makes tiny meshes fit better, too: they hide within the parts' outlines.
+    if not cameras:
+        yield from _mesh_findings(seen, surfaces, assembly)
 
 
 def posed_parts(frames: Rows[tuple[Frame, FrameTruth | None]]) -> tuple[Posed, ...]:
@@ -105,13 +110,22 @@ def _giants(posed: Rows[Posed], assembly: Assembly) -> Iterator[Finding]:
             )
 
 
-def _mesh_findings(posed: Rows[Posed], surfaces: dict[str, Points]) -> Iterator[Finding]:
+def _mesh_findings(
+    posed: Rows[Posed], surfaces: dict[str, Points], assembly: Assembly
+) -> Iterator[Finding]:
     for name in dict.fromkeys(p.part for p in posed):
         of_part = [p for p in posed if p.part == name][:6]
         share = _share_of_mesh(of_part, surfaces[name])
         if share is None or share > 0.4:
             continue
-        scaled = {f: _share_of_mesh(of_part, f * surfaces[name]) or 0.0 for f in _MESH_FACTORS}
+        scaled = {
+            factor: _share_of_mesh(of_part, factor * surfaces[name]) or 0.0
+            for factor in _MESH_FACTORS
+            # A mesh shrunk to a point fits whatever surface lies at its origin.
+            if 0.005 < factor * assembly.parts[name].diameter < 1.5
+        }
+        if not scaled:
+            continue
         best = max(scaled, key=lambda f: scaled[f])
         if scaled[best] > max(0.5, 2.5 * share):
             yield Finding(
@@ -126,20 +140,17 @@ def _mesh_findings(posed: Rows[Posed], surfaces: dict[str, Points]) -> Iterator[
 
 def _camera_findings(sights: Rows[_Sight]) -> Iterator[Finding]:
     sights = _thinned(sights)
-    now = _share(sights, scale=1.0, shift=np.zeros(2))
     width = max(sight.camera.width for sight in sights)
-    scales = np.geomspace(0.5, 2.0, 94)
-    by_scale = [_share(sights, scale=float(s), shift=np.zeros(2)) for s in scales]
-    scale = float(scales[int(np.argmax(by_scale))])
-    steps = np.arange(-0.1, 0.1001, 0.01) * width
-    shifts = np.array([(x, y) for x in steps for y in steps])
-    by_shift = [_share(sights, scale=1.0, shift=s) for s in shifts]
-    shift = shifts[int(np.argmax(by_shift))]
-    best = max(*by_scale, *by_shift)
-    if best < 0.5 or best < 1.25 * now:
+    now = _share(sights, scale=1.0, shift=np.zeros(2))
+    if now * _LEAST_GAIN > 1.0:
+        return
+    scale, by_scale = _best_scale(sights)
+    shift, by_shift = _best_shift(sights, reach=0.1 * width)
+    best = max(by_scale, by_shift)
+    if best < _LEAST_FIT or best < _LEAST_GAIN * now:
         return
     gain = f"({100 * best:.0f} % of the parts' surface fits, now {100 * now:.0f} %)"
-    if max(by_scale) >= max(by_shift):
+    if by_scale >= by_shift:
         if abs(scale - 1.0) > 0.03:
             yield Finding(
                 "intrinsics",
@@ -156,6 +167,26 @@ def _camera_findings(sights: Rows[_Sight]) -> Iterator[Finding]:
             f"({shift[0]:.0f}, {shift[1]:.0f}) px {gain}: wrong intrinsics. Check cx and cy.",
             float(np.linalg.norm(shift)),
         )
+
+
+def _best_scale(sights: Rows[_Sight]) -> tuple[float, float]:
+    """The factor on the focal length that fits best, and the share that fits with it."""
+    scales = np.geomspace(0.5, 2.0, 94)
+    shares = [_share(sights, scale=float(s), shift=np.zeros(2)) for s in scales]
+    return float(scales[int(np.argmax(shares))]), max(shares)
+
+
+def _best_shift(sights: Rows[_Sight], *, reach: float) -> tuple[np.ndarray, float]:
+    """The move of the principal point (px) that fits best, and its share: a grid, then finer."""
+    center, step = np.zeros(2), reach / 10.0
+    steps = np.arange(-10, 11)
+    while True:
+        moves = np.array([center + step * np.array([x, y]) for x in steps for y in steps])
+        shares = [_share(sights, scale=1.0, shift=move) for move in moves]
+        center = moves[int(np.argmax(shares))]
+        if step < 1.0:
+            return center, max(shares)
+        step, steps = step / 2.0, np.arange(-1, 2)
 
 
 def _sight(posed: Posed, surface: Points) -> _Sight | None:
@@ -229,7 +260,7 @@ def _share_of_mesh(posed: Rows[Posed], surface: Points) -> float | None:
     return _share(sights, scale=1.0, shift=np.zeros(2))
 
 
-def _thinned(sights: Rows[_Sight], most: int = 4000) -> list[_Sight]:
+def _thinned(sights: Rows[_Sight], most: int = 2500) -> list[_Sight]:
     every = max(1, -(-sum(len(sight.z) for sight in sights) // most))
     return [_Sight(s.pixels[::every], s.z[::every], s.depth, s.camera) for s in sights]
 

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box, Points
+from asdfviz.geometry.shapes import Box
 from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
 from asdfviz.methods.part_poses import (
-    part_surfaces,
+    PartShape,
+    part_shapes,
     poses_fitted_to_boxes,
     poses_from_keypoints,
     poses_refined_by_depth,
@@ -55,7 +56,7 @@ class _Scene:
 
     assembly: Assembly
     detector: Detects
-    surfaces: dict[str, Points]
+    shapes: dict[str, PartShape]
     pose2state: Pose2State
 
 
@@ -84,7 +85,7 @@ class Asdf:
         self._scene = _Scene(
             assembly=assembly,
             detector=self._given_detector or load_detector(self._config.detector, assembly),
-            surfaces=part_surfaces(assembly, count=self._config.translation.surface_points),
+            shapes=part_shapes(assembly, surface_points=self._config.translation.surface_points),
             pose2state=Pose2State(assembly, config=self._config.fusion),
         )
 
@@ -93,16 +94,16 @@ class Asdf:
         if self._scene is None:
             raise MethodError("asdf: reset() must come before step()")
         config, scene, timed = self._config, self._scene, StageTimer()
-        assembly, surfaces = scene.assembly, scene.surfaces
+        assembly, shapes = scene.assembly, scene.shapes
         with timed("detect"):
             detections = scene.detector.detect(frame.rgb)
         with timed("pnp"):
             found = assign_detections(detections, assembly, previous=self._boxes)
             self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
             poses = poses_from_keypoints(found, frame, assembly, config=config.pnp)
-            poses = poses_fitted_to_boxes(poses, found, surfaces, frame, config=config.box_fit)
+            poses = poses_fitted_to_boxes(poses, found, shapes, frame, config=config.box_fit)
         with timed("refine"):
-            poses = poses_refined_by_depth(poses, found, surfaces, frame, config=config.translation)
+            poses = poses_refined_by_depth(poses, found, shapes, frame, config=config.translation)
         with timed("state"):
             looks = appearance_probabilities(detections, assembly, config=config.appearance)
             places = relative_pose_probabilities(poses, assembly, config=config.relative_pose)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from asdfviz.datatypes import Assembly, Detection
 from asdfviz.errors import WeightsError
@@ -14,6 +14,7 @@ WEIGHTS = "weights.safetensors"
 """File beside assembly.yaml that methods use unless told otherwise."""
 
 
+@runtime_checkable
 class Detects(Protocol):
     """Anything that finds labelled boxes with keypoints in a picture."""
 

@@ -3,19 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
-from asdfviz.geometry.sampling import surface_points
-from asdfviz.geometry.shapes import Points
-from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box
+from asdfviz.geometry.sampling import surface_points as sample_surface
+from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box, hull_corners
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
 from asdfviz.pose.translation import TranslationConfig, refine_translation
 
 
-def part_surfaces(assembly: Assembly, *, count: int) -> dict[str, Points]:
-    """Points spread evenly over every part's surface, metres, in its frame."""
+@dataclass(frozen=True, slots=True, eq=False)
+class PartShape:
+    """Points that stand for a part's mesh, metres, in the part's frame."""
+
+    surface: Float64[np.ndarray, "surface 3"]
+    """Spread evenly over the surface."""
+    corners: Float64[np.ndarray, "corners 3"]
+    """Spanning the outline from every side."""
+
+
+def part_shapes(assembly: Assembly, *, surface_points: int) -> dict[str, PartShape]:
+    """Every part's shape, with so many points on its surface."""
     return {
-        name: surface_points(part.mesh.vertices, part.mesh.faces, count)
+        name: PartShape(
+            sample_surface(part.mesh.vertices, part.mesh.faces, surface_points),
+            hull_corners(part.mesh.vertices),
+        )
         for name, part in assembly.parts.items()
     }
 
@@ -51,7 +67,7 @@ def poses_from_keypoints(
 def poses_fitted_to_boxes(
     poses: Mapping[str, PoseEstimate],
     found: Mapping[str, Detection],
-    surfaces: Mapping[str, Points],
+    shapes: Mapping[str, PartShape],
     frame: Frame,
     *,
     config: BoxFitConfig,
@@ -62,7 +78,7 @@ def poses_fitted_to_boxes(
             name,
             fit_to_box(
                 pose.T_camera_part,
-                surfaces[name],
+                shapes[name].corners,
                 box_xyxy=found[name].box_xyxy,
                 K=frame.camera.K,
                 size_wh=(frame.camera.width, frame.camera.height),
@@ -78,7 +94,7 @@ def poses_fitted_to_boxes(
 def poses_refined_by_depth(
     poses: Mapping[str, PoseEstimate],
     found: Mapping[str, Detection],
-    surfaces: Mapping[str, Points],
+    shapes: Mapping[str, PartShape],
     frame: Frame,
     *,
     config: TranslationConfig,
@@ -88,7 +104,7 @@ def poses_refined_by_depth(
     for name, pose in poses.items():
         T_camera_part = refine_translation(
             pose.T_camera_part,
-            surfaces[name],
+            shapes[name].surface,
             box_xyxy=found[name].box_xyxy,
             depth=frame.depth,
             K=frame.camera.K,

@@ -16,13 +16,14 @@ under the entry-point group `asdfviz.methods`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, Protocol, TypeAlias, runtime_checkable
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction
 
 Initial: TypeAlias = Literal["none", "first_frame_truth"]
 
 
+@runtime_checkable
 class Method(Protocol):
     """Sees frames in order and says what is in them; never sees truth but the initial pose."""
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64
 
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Transform
@@ -23,7 +24,7 @@ class BoxFitConfig:
 
     enabled: bool = True
     """Paper: no such step. Here: on for `asdf`, because shrunken keypoints cost metres."""
-    tolerance: float = 0.3
+    tolerance: float = 0.2
     """Relative difference between projected extent and box above which the distance is changed."""
     border_px: float = 3.0
     """A box that comes this near to the image border is cut off and says nothing of size, pixels."""
@@ -31,7 +32,7 @@ class BoxFitConfig:
 
 def fit_to_box(
     T_camera_part: Transform,
-    points_part: Points,
+    corners_part: Points,
     *,
     box_xyxy: Box,
     K: Intrinsics,
@@ -40,26 +41,45 @@ def fit_to_box(
 ) -> Transform:
     """Slide the part along the ray through its middle until it is as large as its box.
 
+    Args:
+        T_camera_part: the pose to correct; its rotation stays.
+        corners_part: points that span the part's outline from every side, as `hull_corners` gives
+            them, metres. Points sampled on the surface miss the tips and make parts too small.
+        box_xyxy: the detected box, pixels.
+        K: intrinsics of the undistorted image.
+        size_wh: width and height of the image, pixels.
+        config: when the box overrules the distance.
+
     Returns:
         The same pose where the sizes agree within the tolerance or the box is cut off.
     """
     if not config.enabled or _is_cut_off(box_xyxy, size_wh, config.border_px):
         return T_camera_part
-    ratio = _size_ratio(T_camera_part, points_part, box_xyxy, K)
+    ratio = _size_ratio(T_camera_part, corners_part, box_xyxy, K)
     if ratio is None or abs(np.log(ratio)) <= np.log1p(config.tolerance):
         return T_camera_part
     moved = T_camera_part
     for _ in range(3):  # extent is only nearly proportional to 1 / distance
-        middle = apply(moved, points_part).mean(axis=0)
+        corners_camera = apply(moved, corners_part)
+        middle = (corners_camera.min(axis=0) + corners_camera.max(axis=0)) / 2
         moved = moved.copy()
         moved[:3, 3] += (ratio - 1) * middle
-        again = _size_ratio(moved, points_part, box_xyxy, K)
+        again = _size_ratio(moved, corners_part, box_xyxy, K)
         if again is None:
             return T_camera_part
         if abs(again - 1) < 0.01:
             break
         ratio = again
     return moved
+
+
+def hull_corners(vertices: Points) -> Float64[np.ndarray, "corners 3"]:
+    """The vertices that lie farthest out in 512 even directions: enough for a part's extent."""
+    place = np.arange(512) + 0.5
+    polar, azimuth = np.arccos(1 - place / 256), np.pi * (1 + 5**0.5) * place
+    ring = np.sin(polar)
+    directions = np.stack([np.cos(azimuth) * ring, np.sin(azimuth) * ring, np.cos(polar)])
+    return vertices[np.unique((vertices @ directions).argmax(axis=0))]
 
 
 def _is_cut_off(box_xyxy: Box, size_wh: tuple[int, int], border_px: float) -> bool:
@@ -70,10 +90,10 @@ def _is_cut_off(box_xyxy: Box, size_wh: tuple[int, int], border_px: float) -> bo
 
 
 def _size_ratio(
-    T_camera_part: Transform, points_part: Points, box_xyxy: Box, K: Intrinsics
+    T_camera_part: Transform, corners_part: Points, box_xyxy: Box, K: Intrinsics
 ) -> float | None:
     """Projected diagonal over the box's; above 1 the part is too near."""
-    pixels = project(apply(T_camera_part, points_part), K)
+    pixels = project(apply(T_camera_part, corners_part), K)
     if not np.isfinite(pixels).all():
         return None
     projected = float(np.linalg.norm(np.ptp(pixels, axis=0)))

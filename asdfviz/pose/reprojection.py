@@ -7,13 +7,18 @@ so that trying the mirrored twin of every pose costs little more than trying one
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Intrinsics, Pixels, Points, Scores, Transform, Transforms
+from asdfviz.geometry.shapes import Intrinsics, Pixels, Points, Scores, Transform
 from asdfviz.geometry.transforms import orthonormalized
 
+Poses: TypeAlias = Float64[np.ndarray, "b 4 4"]
+"""A batch of T_camera_part."""
+Costs: TypeAlias = Float64[np.ndarray, "b"]
+"""One number a pose."""
 ITERATIONS = 10
 NEAREST = 0.01
 """Points nearer to the camera plane than this, metres, make a pose impossible."""
@@ -64,14 +69,14 @@ class _Problem:
         self.points, self.pixels, self.K = points, pixels, K
         self.weights, self.scale = weights, scale
 
-    def cost(self, Ts_camera_part: Transforms) -> Scores:
+    def cost(self, Ts_camera_part: Poses) -> Costs:
         residual, points_camera, _ = self._residuals(Ts_camera_part)
         squared = (residual**2).sum(axis=2) / self.scale**2
         cost = (self.weights * np.log1p(squared)).sum(axis=1)
         possible = points_camera[..., 2].min(axis=1) > NEAREST
         return np.where(possible & np.isfinite(cost), cost, np.inf)
 
-    def stepped(self, Ts_camera_part: Transforms, damping: Scores) -> Transforms:
+    def stepped(self, Ts_camera_part: Poses, damping: Costs) -> Poses:
         """One damped Gauss-Newton step of every pose."""
         residual, points_camera, rotated = self._residuals(Ts_camera_part)
         squared = (residual**2).sum(axis=2) / self.scale**2
@@ -85,7 +90,7 @@ class _Problem:
         return _moved(Ts_camera_part, _solved(damped, -g))
 
     def _residuals(
-        self, Ts_camera_part: Transforms
+        self, Ts_camera_part: Poses
     ) -> tuple[
         Float64[np.ndarray, "b n 2"], Float64[np.ndarray, "b n 3"], Float64[np.ndarray, "b n 3"]
     ]:
@@ -116,7 +121,7 @@ def _solved(
     return np.linalg.solve(matrices, right)
 
 
-def _moved(Ts_camera_part: Transforms, delta: Float64[np.ndarray, "n 6 1"]) -> Transforms:
+def _moved(Ts_camera_part: Poses, delta: Float64[np.ndarray, "b 6 1"]) -> Poses:
     """Turn by Cayley's map, which is a rotation for any argument and the turn itself for small ones."""
     half = np.zeros((len(delta), 3, 3))
     x, y, z = np.clip(delta[:, :3, 0], -0.7, 0.7).T / 2

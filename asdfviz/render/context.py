@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import os
 from collections import Counter, OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import trimesh
@@ -20,6 +20,7 @@ from asdfviz.render.gl_thread import Pyrender, load_pyrender, no_opengl
 
 NEAR, FAR = 0.02, 20.0
 """Clipping planes, metres; 24 bits of depth then resolve 3 um at 1 m."""
+_trimesh = cast(Any, trimesh)
 _KEPT_MESHES = 64
 _SMOOTH_SAMPLES = 4
 _CREASE_ANGLE = np.deg2rad(32.0)
@@ -82,10 +83,9 @@ class Context:
 
         The display is left alone: all contexts share it, and ending it would end them too.
         """
-        egl = importlib_egl()
         self._platform.make_current()
         self._renderer.delete()
-        egl.eglDestroyContext(self._platform._egl_display, self._platform._egl_context)
+        self._gl.egl.egl.eglDestroyContext(self._platform._egl_display, self._platform._egl_context)
         self._platform._egl_context = None
         self._platform._egl_display = None
         self._nodes.clear()
@@ -94,7 +94,7 @@ class Context:
         # Fixed to the camera: a key from upper left behind it and a weak fill from the right.
         for direction, strength in (((-0.5, 0.8, 1.0), 2.1), ((0.9, -0.1, 0.5), 0.7)):
             pose = np.eye(4)
-            pose[:3, :3] = trimesh.geometry.align_vectors([0, 0, 1], direction)[:3, :3]
+            pose[:3, :3] = _trimesh.geometry.align_vectors([0, 0, 1], direction)[:3, :3]
             light = self._gl.pyrender.DirectionalLight(color=np.ones(3), intensity=strength)
             self._scene.add(light, pose=pose)
 
@@ -127,10 +127,10 @@ class Context:
         return self._nodes[key][1]
 
     def _upload(self, mesh: Mesh, color: bytes) -> Any:
-        surface = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+        surface = _trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
         smooth = bool(color)
         if smooth:
-            surface = trimesh.graph.smooth_shade(surface, angle=_CREASE_ANGLE)
+            surface = _trimesh.graph.smooth_shade(surface, angle=_CREASE_ANGLE)
         linear = (np.frombuffer(color, dtype=np.uint8) / 255.0) ** 2.2 if color else np.ones(3)
         material = self._gl.pyrender.MetallicRoughnessMaterial(
             baseColorFactor=[*linear, 1.0],
@@ -155,23 +155,18 @@ class Context:
 
 
 @contextmanager
-def _samples(module: Any, count: int) -> Iterator[None]:
+def _samples(module: Any, count: int) -> Generator[None]:
     """Make pyrender's buffers with `count` samples a pixel; it always asks for four.
 
     Samples blur depth and ids at every edge. Only the render thread gets here.
     """
     original = module.glRenderbufferStorageMultisample
-    module.glRenderbufferStorageMultisample = lambda target, _, form, width, height: original(
-        target, count, form, width, height
-    )
+
+    def storage(target: Any, _asked: Any, form: Any, width: Any, height: Any) -> None:
+        original(target, count, form, width, height)
+
+    module.glRenderbufferStorageMultisample = storage
     try:
         yield
     finally:
         module.glRenderbufferStorageMultisample = original
-
-
-def importlib_egl() -> Any:
-    """PyOpenGL's EGL functions; pyrender has loaded them by now."""
-    import OpenGL.EGL as egl
-
-    return egl

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -59,7 +60,7 @@ def draw_outlines(rgb: Rgb, ids: Ids, colors: Sequence[np.ndarray], *, width_px:
     result = np.ascontiguousarray(rgb.copy())
     for place, color in enumerate(colors):
         region = (ids == place).astype(np.uint8)
-        contours, _ = cv2.findContours(region, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+        contours, _ = cast(Any, cv2).findContours(region, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         bright = np.round(0.65 * np.asarray(color, dtype=float) + 0.35 * 255).tolist()
         cv2.drawContours(result, contours, -1, bright, width_px, cv2.LINE_AA)
     return result

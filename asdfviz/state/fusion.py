@@ -3,18 +3,21 @@
 Our reading, in the paper's symbols, for state s of frame f (index t in time):
 
     (3)  S_f(s)     = w_DL * S_DL(s) + w_P * S_P(s)
-    (4)  S_{f-1}(s) = P(s_{t-1} = s) + n * sum over neighbours r of s of P(s_{t-1} = r)
+    (4)  S_{f-1}(s) = (1 - 2 n) P(s_{t-1} = s) + n P(s_{t-1} = s - 1) + n P(s_{t-1} = s + 1)
     (5)  P(s_t = s) = w_f * S_f(s) + w_{f-1} * S_{f-1}(s)
 
-each brought to sum 1. The paper gives none of the weights. P(s_{t-1}) is the fused result of the
-previous frame, so the average is recursive: it has inertia and never vetoes.
+(3) and (5) divided by the sum of their weights, so that all sum to 1. The paper gives none of the
+weights. P(s_{t-1}) is the fused result of the previous frame, so the average is recursive: it has
+inertia and never vetoes.
 
 What the paper leaves open, and what is done here:
 
 - t = 0: there is no previous frame; P = S_f. No state is favoured at the start.
-- First and last state: the neighbour that does not exist adds nothing.
-- Neighbours of an error state: the states that `Assembly.transitions` links it with, either way
-  round; it is their neighbour in turn. Correct states have s - 1 and s + 1.
+- First and last state: the share of the neighbour that does not exist stays with the state itself,
+  or both ends would slowly lose to the middle when nothing speaks.
+- Error states: their neighbours are the states that `Assembly.transitions` links them with, either
+  way round, and they are neighbours of those in turn; correct states have s - 1 and s + 1. A state
+  with k neighbours gives n to each and keeps 1 - k n (n is lowered where k n would exceed a half).
 - No base part (S_P is None): S_f is S_DL alone. No state box and no base, or no state classes (S_DL
   is None): S_f is S_P alone.
 - Neither term: nothing was seen; the previous result is kept as it is, and before any evidence the
@@ -49,8 +52,8 @@ class FusionConfig:
     """w_f, equation 5: weight of this frame."""
     w_previous: float = 0.65
     """w_{f-1}, equation 5: weight of the previous frame."""
-    neighbour: float = 0.15
-    """n, equation 4: what a neighbour's probability counts against the state's own."""
+    neighbour: float = 0.1
+    """n, equation 4: share of each neighbour's previous probability."""
 
 
 class Pose2State:
@@ -58,7 +61,7 @@ class Pose2State:
 
     def __init__(self, assembly: Assembly, *, config: FusionConfig | None = None) -> None:
         self._config = config or FusionConfig()
-        self._adjacency = neighbours(assembly)
+        self._carry = _carry_matrix(neighbours(assembly), self._config.neighbour)
         self._previous: Scores | None = None
 
     def reset(self) -> None:
@@ -98,7 +101,7 @@ class Pose2State:
 
     def _carried(self, previous: Scores) -> Scores:
         """Equation 4."""
-        return _normalized(previous + self._config.neighbour * (self._adjacency @ previous))
+        return self._carry @ previous
 
     def _fused(self, current: Scores | None, carried: Scores | None) -> Scores | None:
         """Equation 5."""
@@ -120,6 +123,15 @@ def neighbours(assembly: Assembly) -> Float64[np.ndarray, "n n"]:
         if a != b and (a in errors or b in errors):
             adjacency[a, b] = adjacency[b, a] = 1.0
     return adjacency
+
+
+def _carry_matrix(
+    adjacency: Float64[np.ndarray, "n n"], share: float
+) -> Float64[np.ndarray, "n n"]:
+    """Equation 4 as a matrix; rows and columns sum to 1."""
+    links = adjacency.sum(axis=1)
+    share = min(share, 0.5 / max(float(links.max()), 1.0))
+    return share * adjacency + np.diag(1 - share * links)
 
 
 def _normalized(scores: Scores) -> Scores:

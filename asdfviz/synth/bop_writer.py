@@ -11,7 +11,7 @@ import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -56,7 +56,9 @@ class SceneFolder:
 
     def merge(self, *, sequence: Mapping[str, object], camera: Camera) -> int:
         """Gather all records into the BOP files; returns how many frames there are."""
-        records = [json.loads(p.read_text()) for p in sorted((self.folder / "records").glob("*.json"))]
+        records = [
+            json.loads(p.read_text()) for p in sorted((self.folder / "records").glob("*.json"))
+        ]
         files: dict[str, object] = {
             "scene_gt.json": {str(r["frame"]): r["gt"] for r in records},
             "scene_gt_info.json": {str(r["frame"]): r["info"] for r in records},
@@ -111,7 +113,8 @@ def frame_record(frame: int, true_scene: TrueScene, picture: Picture) -> dict[st
     return {
         "frame": frame,
         "gt": [
-            _pose(scene.placed[i].name, scene.T_camera_world @ scene.placed[i].T_world_mesh) for i in order
+            _pose(scene.placed[i].name, scene.T_camera_world @ scene.placed[i].T_world_mesh)
+            for i in order
         ],
         "info": [_info(i, picture) for i in order],
         "camera": {"cam_K": [float(x) for x in scene.camera.K.reshape(-1)], "depth_scale": 1.0},
@@ -167,12 +170,12 @@ def _info(index: int, picture: Picture) -> dict[str, Any]:
 
 def _dump(content: object) -> str:
     """JSON with one line an entry, for files that people read and compare."""
-    if isinstance(content, dict) and content and isinstance(next(iter(content.values())), (list, dict)):
-        rows = [f"  {json.dumps(k)}: {json.dumps(v)}" for k, v in content.items()]
+    if isinstance(content, dict):
+        named = cast(dict[str, object], content)
+        rows = [f"  {json.dumps(key)}: {json.dumps(value)}" for key, value in named.items()]
         return "{\n" + ",\n".join(rows) + "\n}\n"
-    if isinstance(content, list):
-        return "[\n" + ",\n".join(f"  {json.dumps(x)}" for x in content) + "\n]\n"
-    return json.dumps(content, indent=2) + "\n"
+    rows = [f"  {json.dumps(entry)}" for entry in cast(list[object], content)]
+    return "[\n" + ",\n".join(rows) + "\n]\n"
 
 
 def _write_image(path: Path, image: np.ndarray, options: Sequence[int]) -> None:

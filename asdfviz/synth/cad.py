@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from manifold3d import Manifold
 
 from asdfviz.data.assembly_writer import write_assembly
+from asdfviz.data.meshes import default_keypoints
 from asdfviz.data.states_section import default_transitions, state_class_name
-from asdfviz.datatypes import KEYPOINTS, Assembly, Joint, Mesh, Part, State
+from asdfviz.datatypes import Assembly, Joint, Mesh, Part, State
 from asdfviz.errors import AssemblyError
-from asdfviz.geometry.sampling import diameter, farthest_points
+from asdfviz.geometry.sampling import diameter
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import Axis, Symmetries
 from asdfviz.synth import own_corner_clamp
@@ -131,7 +133,7 @@ def _part(
     return Part(
         name=name,
         mesh=mesh,
-        keypoints=farthest_points(mesh.vertices, KEYPOINTS),
+        keypoints=default_keypoints(mesh),
         symmetries=symmetries or Symmetries(),
         diameter=diameter(mesh.vertices),
         color=np.array(color, dtype=np.uint8),
@@ -152,7 +154,7 @@ def solid_mesh(solid: Manifold, *, name: str) -> Mesh:
             f"part '{name}' is {pieces} pieces of {solid.volume():.1f} mm3 in all, "
             "expected one piece with a volume"
         )
-    surface = solid.to_mesh()
+    surface: Any = solid.to_mesh()
     vertices_mm = np.round(np.asarray(surface.vert_properties, dtype=np.float64)[:, :3], 4)
     return Mesh(vertices_mm * _METRE, np.array(surface.tri_verts, dtype=np.int32))
 

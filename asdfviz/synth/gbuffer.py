@@ -15,7 +15,15 @@ from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.synth.description import Ground, Scene
 from asdfviz.synth.mesh_bank import MeshBank, Triangles
 from asdfviz.synth.raster import Projected, corner_weights, rasterize
-from asdfviz.synth.textures import BLURS_PX, MACRO_SIZE, MICRO_PIXELS, MICRO_SIZE, macro_map, micro_map
+from asdfviz.synth.tensors import length, to_tensor
+from asdfviz.synth.textures import (
+    BLURS_PX,
+    MACRO_SIZE,
+    MICRO_PIXELS,
+    MICRO_SIZE,
+    macro_map,
+    micro_map,
+)
 
 FAR = 12.0
 """Depth given to rays that hit nothing, metres."""
@@ -53,10 +61,13 @@ class Views:
         """The cameras of scenes of one image size, resampled by `scale`."""
         camera = scenes[0].camera
         height, width = round(camera.height * scale), round(camera.width * scale)
-        Ks = [scaled_intrinsics(s.camera.K, width / camera.width, height / camera.height) for s in scenes]
+        Ks = [
+            scaled_intrinsics(s.camera.K, width / camera.width, height / camera.height)
+            for s in scenes
+        ]
         Ts = np.stack([s.T_camera_world for s in scenes]).astype(np.float32)
-        K = torch.from_numpy(np.stack(Ks).astype(np.float32)).to(device)
-        T = torch.from_numpy(Ts).to(device)
+        K = to_tensor(np.stack(Ks), device, dtype=torch.float32)
+        T = to_tensor(Ts, device)
         return cls(K, T[:, :3, :3], T[:, :3, 3], height, width)
 
     def rays(self) -> Float32[Tensor, "b h w 3"]:
@@ -93,12 +104,10 @@ def place_all(scenes: Sequence[Scene], bank: MeshBank) -> Triangles:
     image = torch.tensor([i for i, _ in placed], dtype=torch.int64, device=device)
     mesh = torch.tensor([p.mesh for _, p in placed], dtype=torch.int64, device=device)
     T = np.stack([p.T_world_mesh for _, p in placed]) if placed else np.zeros((0, 4, 4))
-    return bank.place(mesh, torch.from_numpy(T).to(device), image=image)
+    return bank.place(mesh, to_tensor(T, device), image=image)
 
 
-def build_gbuffer(
-    scenes: Sequence[Scene], triangles: Triangles, views: Views
-) -> GBuffer:
+def build_gbuffer(scenes: Sequence[Scene], triangles: Triangles, views: Views) -> GBuffer:
     """Rasterise the meshes, put the grounds behind them and look up all materials."""
     rays, centers = views.rays(), views.centers()
     buffer = _ground_buffer(scenes, rays, centers)
@@ -120,7 +129,14 @@ def _ground_buffer(scenes: Sequence[Scene], rays: Tensor, centers: Tensor) -> GB
     position = centers[:, None, None] + rays * depth[..., None]
     owner = torch.full_like(depth, -1, dtype=torch.int64)
     return GBuffer(
-        depth, position, normal, -normalize(rays, dim=3), albedo, roughness, torch.zeros_like(depth), owner
+        depth,
+        position,
+        normal,
+        -normalize(rays, dim=3),
+        albedo,
+        roughness,
+        torch.zeros_like(depth),
+        owner,
     )
 
 
@@ -134,15 +150,17 @@ def _lay(
     roughness: Float32[Tensor, "h w"],
 ) -> None:
     """Write one ground over what lies behind it."""
-    reach = (ground.height - center[2]) / torch.where(rays[:, :, 2].abs() < 1e-4, -1e-4, rays[:, :, 2])
+    reach = (ground.height - center[2]) / torch.where(
+        rays[:, :, 2].abs() < 1e-4, -1e-4, rays[:, :, 2]
+    )
     x, y = center[0] + rays[:, :, 0] * reach, center[1] + rays[:, :, 1] * reach
     mask = ground_mask(ground, x, y) & (reach > 0) & (reach < FAR)
     if not bool(mask.any()):
         return
     x, y, reach = x[mask], y[mask], reach[mask]
-    footprint = float(reach.mean()) * float((rays[0, 1] - rays[0, 0]).norm())
+    footprint = float(reach.mean()) * float(length(rays[0, 1] - rays[0, 0]))
     weights = _texels(ground, x, y, footprint)
-    colors = torch.from_numpy(ground.colors.astype(np.float32)).to(rays.device)
+    colors = to_tensor(ground.colors, rays.device, dtype=torch.float32)
     w1, w2 = weights[0, :, None], weights[1, :, None]
     color = (colors[0] * (1 - w1) + colors[1] * w1) * (1 - w2) + colors[2] * w2
     c, s = float(np.cos(ground.angle)), float(np.sin(ground.angle))
@@ -202,7 +220,11 @@ def _texels(
 
 
 def _paint_meshes(
-    scenes: Sequence[Scene], triangles: Triangles, projected: Projected, buffer: GBuffer, rays: Tensor
+    scenes: Sequence[Scene],
+    triangles: Triangles,
+    projected: Projected,
+    buffer: GBuffer,
+    rays: Tensor,
 ) -> None:
     """Write the meshes' pixels over the grounds."""
     count, height, width = buffer.depth.shape
@@ -220,8 +242,12 @@ def _paint_meshes(
     local = (triangles.local[triangles.faces[face]] * weights[:, :, None]).sum(1)
     view = buffer.view.view(-1, 3)[hit]
     normal = torch.where((normal * view).sum(1, keepdim=True) < 0, -normal, normal)
-    color, normal = _decorate(finish, local, normal, depth * float((rays[0, 0, 1] - rays[0, 0, 0]).norm()))
-    buffer.position.view(-1, 3)[hit] += (depth - buffer.depth.view(-1)[hit])[:, None] * rays.reshape(-1, 3)[hit]
+    color, normal = _decorate(
+        finish, local, normal, depth * float(length(rays[0, 0, 1] - rays[0, 0, 0]))
+    )
+    buffer.position.view(-1, 3)[hit] += (depth - buffer.depth.view(-1)[hit])[
+        :, None
+    ] * rays.reshape(-1, 3)[hit]
     buffer.depth.view(-1)[hit] = depth
     buffer.normal.view(-1, 3)[hit] = normal
     buffer.albedo.view(-1, 3)[hit] = color.clamp(0.002, 0.95)

@@ -72,13 +72,17 @@ class HandMesh:
 Cone = tuple[Vector, Vector, float, float]
 
 
-def _finger(base: Vector, lengths: tuple[float, ...], radius: float, bend: float, side: float) -> list[Cone]:
+def _finger(
+    base: Vector, lengths: tuple[float, ...], radius: float, bend: float, side: float
+) -> list[Cone]:
     shares = (0.42, 0.36, 0.22)
     angle, start = 0.0, base
     cones: list[Cone] = []
     for k, (length, share) in enumerate(zip(lengths, shares, strict=True)):
         angle += bend * share
-        direction = np.array([np.sin(side) * np.cos(angle), np.cos(side) * np.cos(angle), -np.sin(angle)])
+        direction = np.array(
+            [np.sin(side) * np.cos(angle), np.cos(side) * np.cos(angle), -np.sin(angle)]
+        )
         end = start + length * direction
         cones.append((start, end, radius * (1 - 0.09 * k), radius * (0.91 - 0.09 * k)))
         start = end
@@ -94,7 +98,7 @@ def _thumb(target: Vector) -> list[Cone]:
     outwards = np.array([1.0, -0.1, -0.25])
     outwards -= towards * (outwards @ towards)
     outwards /= np.linalg.norm(outwards)
-    low, high = 0.0, 1.4
+    low, high, angles = 0.0, 1.4, np.zeros(3)
     for _ in range(40):
         bow = (low + high) / 2
         angles = np.array([bow, 0.0, -bow * 1.2])
@@ -102,7 +106,6 @@ def _thumb(target: Vector) -> list[Cone]:
         low, high = (bow, high) if span > distance else (low, bow)
     start, cones = _THUMB_BASE, list[Cone]()
     radii = (0.0135, 0.0112, 0.0100, 0.0085)
-    tilt = 0.0
     points = [start]
     for length, angle in zip(_THUMB_LENGTHS, angles, strict=True):
         points.append(points[-1] + length * (np.cos(angle) * towards + np.sin(angle) * outwards))
@@ -124,7 +127,8 @@ def _skeleton(grasp: Grasp) -> tuple[list[Cone], Vector]:
         cones += finger
         tips.append(finger[-1][1])
         knuckle = np.array(base)
-        cones.append((knuckle, _WRIST + [base[0] * 0.55, 0.012, 0.0], 0.0115, 0.0145))
+        root = _WRIST + np.array([base[0] * 0.55, 0.012, 0.0])
+        cones.append((knuckle, root, 0.0115, 0.0145))
     if grasp.gap >= 0:
         # The thumb meets the fingertip from the palm's side, a gap away.
         away = np.array([0.35, -0.75, -0.35])
@@ -135,14 +139,14 @@ def _skeleton(grasp: Grasp) -> tuple[list[Cone], Vector]:
         origin = tips[1]
     thumb = _thumb(target)
     cones += thumb
-    cones.append((_THUMB_BASE, _WRIST + [0.012, 0.006, 0.0], 0.0135, 0.016))
+    cones.append((_THUMB_BASE, _WRIST + np.array([0.012, 0.006, 0.0]), 0.0135, 0.016))
     cones.append((thumb[0][1], np.array([0.018, -0.02, -0.002]), 0.0105, 0.010))
     bend = np.array([0.0, -np.cos(grasp.wrist), np.sin(grasp.wrist)])
     for side in (-1.0, 1.0):
-        wrist = _WRIST + [0.013 * side, 0.0, 0.0]
-        cones.append((wrist, wrist + 0.25 * bend + [0.012 * side, 0, 0], 0.0175, 0.034))
-        elbow = wrist + 0.25 * bend + [0.012 * side, 0, 0]
-        cones.append((elbow, elbow + [0.0, -0.3, 0.12], 0.034, 0.045))
+        wrist = _WRIST + np.array([0.013 * side, 0.0, 0.0])
+        middle = wrist + 0.25 * bend + np.array([0.010 * side, 0.0, 0.0])
+        cones.append((wrist, middle, 0.0175, 0.034))
+        cones.append((middle, middle + 0.3 * bend, 0.034, 0.042))
     return cones, origin
 
 
@@ -150,7 +154,9 @@ def _round_cone(points: Points, cone: Cone) -> Float64[np.ndarray, "n"]:
     a, b, radius_a, radius_b = cone
     axis = b - a
     t = np.clip((points - a) @ axis / (axis @ axis), 0, 1)
-    return np.linalg.norm(points - a - t[:, None] * axis, axis=1) - (radius_a + t * (radius_b - radius_a))
+    return np.linalg.norm(points - a - t[:, None] * axis, axis=1) - (
+        radius_a + t * (radius_b - radius_a)
+    )
 
 
 @cache

@@ -88,9 +88,14 @@ def _write_one(
     depth = None
     if isinstance(config, SceneConfig):
         depth = measure_depth(
-            picture.depth, picture.albedo, sensor=random_depth_sensor(rng, shifted=rng.random() < 0.3), rng=rng
+            picture.depth,
+            picture.albedo,
+            sensor=random_depth_sensor(rng, shifted=rng.random() < 0.3),
+            rng=rng,
         )
-    output.write_frame(index, true_scene, picture, rgb=rgb, depth=depth, jpeg_quality=setting.jpeg_quality)
+    output.write_frame(
+        index, true_scene, picture, rgb=rgb, depth=depth, jpeg_quality=setting.jpeg_quality
+    )
 
 
 def draw_picture(
@@ -101,13 +106,14 @@ def draw_picture(
     if isinstance(config, PackConfig):
         pack = make_pack(assets, rng=rng, config=config)
         return pack, render([pack.scene], assets.bank, rng=rng, supersampling=supersampling)[0]
-    for attempt in range(3):
+    attempt = 0
+    while True:
         true_scene = make_scene(assets, rng=rng, config=config, hands=attempt < 2)
         picture = render([true_scene.scene], assets.bank, rng=rng, supersampling=supersampling)[0]
+        attempt += 1
         seen = int((picture.ids == 0).sum())
-        if seen >= LEAST_VISIBLE * max(int(picture.silhouette_px[0]), 1):
-            break
-    return true_scene, picture
+        if attempt == 3 or seen >= LEAST_VISIBLE * max(int(picture.silhouette_px[0]), 1):
+            return true_scene, picture
 
 
 def _hand_blur(true_scene: TrueScene, picture: Picture, rng: np.random.Generator) -> np.ndarray:

@@ -11,7 +11,9 @@ from asdfviz.datatypes import Mesh
 from asdfviz.geometry.shapes import Points, Vector
 
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (_CORNERS[a] ^ _CORNERS[b]).sum() == 1]
+_EDGES = [
+    (a, b) for a in range(8) for b in range(a + 1, 8) if (_CORNERS[a] ^ _CORNERS[b]).sum() == 1
+]
 
 
 def mesh_implicit(
@@ -30,11 +32,14 @@ def mesh_implicit(
         step: cell size, metres.
     """
     shape = np.ceil((high - low) / step).astype(int) + 1
-    grid = np.stack(np.meshgrid(*(np.arange(n) for n in shape), indexing="ij"), axis=-1)
-    values = distance(low + step * grid.reshape(-1, 3)).reshape(shape)
+    grid = np.indices(tuple(shape)).reshape(3, -1).T
+    values = distance(low + step * grid).reshape(tuple(shape))
     cells = shape - 1
     corner_values = np.stack(
-        [values[c[0] : c[0] + cells[0], c[1] : c[1] + cells[1], c[2] : c[2] + cells[2]] for c in _CORNERS]
+        [
+            values[c[0] : c[0] + cells[0], c[1] : c[1] + cells[1], c[2] : c[2] + cells[2]]
+            for c in _CORNERS
+        ]
     )
     inside = corner_values < 0
     mixed = inside.any(axis=0) & ~inside.all(axis=0)

@@ -12,7 +12,7 @@ from asdfviz.datatypes import Assembly, State
 from asdfviz.geometry.shapes import Intrinsics, Points, Rotation, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
 from asdfviz.synth.assets import SLEEVE_CUTS, Assets
-from asdfviz.synth.description import Placed
+from asdfviz.synth.description import Finish, Placed
 from asdfviz.synth.hands import HOLDING
 from asdfviz.synth.looks import plastic, random_hue, skin, sleeve
 from asdfviz.synth.resting import RestingFace, footprint, overlap, resting_faces
@@ -62,9 +62,7 @@ def group_points(assembly: Assembly, T_base_part: Mapping[str, Transform]) -> Po
     return np.concatenate(meshes)
 
 
-def rest(
-    points: Points, faces: Sequence[RestingFace], rng: np.random.Generator
-) -> Transform:
+def rest(points: Points, faces: Sequence[RestingFace], rng: np.random.Generator) -> Transform:
     """A pose that stands on one of the faces at a random turn; lowest point at z = 0, centred in x and y."""
     if not faces:
         return lowered(points, random_rotation(rng))
@@ -102,12 +100,24 @@ class Table:
         return eye - ray * (eye[2] / min(ray[2], -1e-6))
 
     def find_place(
-        self, outline: Float64[np.ndarray, "k 2"], rng: np.random.Generator, *, gap: float = 0.004
+        self,
+        outline: Float64[np.ndarray, "k 2"],
+        rng: np.random.Generator,
+        *,
+        gap: float = 0.004,
+        border: tuple[float, float] = (0.05, 0.05),
     ) -> Float64[np.ndarray, "2"] | None:
-        """A free place for a footprint given about its own middle; None if thirty tries fail."""
+        """A free place for a footprint given about its own middle; None if sixty tries fail.
+
+        Args:
+            outline: convex, metres, about (0, 0).
+            rng: throws.
+            gap: least distance to other footprints, metres.
+            border: shares of width and height at each side of the image that stay free.
+        """
         middle = self.on_table(self.width / 2, self.height / 2)[:2]
-        for _ in range(30):
-            u, v = rng.uniform(0.05, 0.95, 2) * [self.width, self.height]
+        for _ in range(60):
+            u, v = rng.uniform(border, 1 - np.asarray(border)) * [self.width, self.height]
             spot = self.on_table(u, v)[:2]
             if np.linalg.norm(spot - middle) > self.reach:
                 continue
@@ -119,23 +129,28 @@ class Table:
 
 
 def place_group(
-    assets: Assets, T_base_part: Mapping[str, Transform], table: Table, rng: np.random.Generator, *, held: bool
+    assets: Assets,
+    T_base_part: Mapping[str, Transform],
+    table: Table,
+    rng: np.random.Generator,
+    *,
+    held: bool,
 ) -> Transform:
     """T_world_base of the joined group: at rest, or in the air at any orientation."""
     points = group_points(assets.assembly, T_base_part)
     if held:
-        T = lowered(points, random_rotation(rng))
+        standing = lowered(points, random_rotation(rng))
         eye = inverse(table.T_camera_world)[2, 3]
-        size = float(np.ptp(apply(T, points)[:, 2]))
+        size = float(np.ptp(apply(standing, points)[:, 2]))
         lift = max(0.0, min(rng.uniform(0.0, 0.22), eye - 0.28 - size))
     else:
         faces = (
             assets.resting[assets.assembly.base] if len(T_base_part) == 1 else resting_faces(points)
         )
-        T, lift = rest(points, faces, rng), 0.0
+        standing, lift = rest(points, faces, rng), 0.0
     u, v = rng.uniform(0.28, 0.72, 2) * [table.width, table.height]
     spot = table.on_table(u, v)
-    T = transform_from(T[:3, :3], T[:3, 3] + [spot[0], spot[1], lift])
+    T = transform_from(standing[:3, :3], standing[:3, 3] + np.array([spot[0], spot[1], lift]))
     table.outlines.append(footprint(apply(T, points)))
     return T
 
@@ -145,30 +160,24 @@ def place_loose(
 ) -> Transform | None:
     """T_world_part of a loose part, or None if there is no room."""
     points = assets.assembly.parts[name].mesh.vertices
-    if tilted:
-        T = lowered(points, random_rotation(rng))
-        T[2, 3] += rng.uniform(0, 0.05) if rng.random() < 0.4 else 0.0
-    else:
-        T = rest(points, assets.resting[name], rng)
+    T = lowered(points, random_rotation(rng)) if tilted else rest(points, assets.resting[name], rng)
+    lift = rng.uniform(0, 0.05) if tilted and rng.random() < 0.4 else 0.0
     spot = table.find_place(footprint(apply(T, points)), rng)
     if spot is None:
         return None
-    return transform_from(T[:3, :3], T[:3, 3] + [spot[0], spot[1], 0.0])
+    return transform_from(T[:3, :3], T[:3, 3] + np.array([spot[0], spot[1], lift]))
 
 
-def place_distractor(
-    assets: Assets, table: Table, rng: np.random.Generator
-) -> Placed | None:
+def place_distractor(assets: Assets, table: Table, rng: np.random.Generator) -> Placed | None:
     """Some solid, stretched to a size of 1 to 12 cm."""
     kind = int(rng.integers(len(assets.distractors)))
-    size = np.exp(rng.uniform(np.log(0.012), np.log(0.07))) * np.exp(rng.normal(size=3) * 0.45)
+    size = float(np.exp(rng.uniform(-4.4, -2.66))) * np.exp(rng.normal(size=3) * 0.45)
     size = np.minimum(size, 0.13)
     points = assets.distractor_points[kind] * size
     upright = rng.random() < 0.5
-    R = turn_z(rng.random() * 2 * np.pi) if upright else random_rotation(rng)
-    if not upright and rng.random() < 0.7:
-        R = R @ rotation_about(np.array([1.0, 0.0, 0.0]), np.pi / 2)
-    T = lowered(points, R)
+    lying = rotation_about(np.array([1.0, 0.0, 0.0]), np.pi / 2)
+    fallen = lying if rng.random() < 0.7 else random_rotation(rng)
+    T = lowered(points, turn_z(rng.random() * 2 * np.pi) @ (np.eye(3) if upright else fallen))
     spot = table.find_place(footprint(apply(T, points)), rng)
     if spot is None:
         return None
@@ -196,23 +205,63 @@ def hand_at(
         grasp: index into GRASPS; random among the holding ones by default.
     """
     index = int(rng.integers(HOLDING)) if grasp is None else grasp
-    y = np.array([-away[0], -away[1], -rng.uniform(0.05, 0.55)])
-    y /= np.linalg.norm(y)
-    x = np.cross(y, np.array([0.0, 0.0, 1.0]))
-    x /= np.linalg.norm(x)
-    R = np.stack([x, y, np.cross(x, y)], axis=1)
-    mirrored = bool(rng.random() < 0.5)
-    roll = rng.normal() * 0.3 + (0.35 if mirrored else -0.35)
-    R = R @ rotation_about(np.array([0.0, 1.0, 0.0]), roll)
-    scale = rng.uniform(0.9, 1.08) * np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
-    T = transform_from(R @ np.diag(scale), point)
+    outfit = dress(rng, grasp=index)
+    T = outfit.pose(
+        point, away, pitch=float(rng.uniform(0.05, 0.55)), roll=float(rng.normal() * 0.3)
+    )
+    return outfit.place(assets, T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outfit:
+    """One person's hand: shape, side, size, skin and perhaps a sleeve."""
+
+    grasp: int
+    """Index into GRASPS."""
+    mirrored: bool
+    """A left hand."""
+    size: float
+    skin: Finish
+    sleeve: tuple[int, Finish] | None
+    """Index into SLEEVE_CUTS and the cloth."""
+
+    def pose(self, point: Vector, away: Vector, *, pitch: float, roll: float) -> Transform:
+        """T_world_hand with the grasp point at `point` and the arm leaving towards `away`.
+
+        Args:
+            point: world, metres.
+            away: horizontal unit vector towards the elbow.
+            pitch: how far fingers point down, radians.
+            roll: turn about the forearm beyond the usual inward turn, radians.
+        """
+        y = np.array([-away[0] * np.cos(pitch), -away[1] * np.cos(pitch), -np.sin(pitch)])
+        x = np.cross(y, np.array([0.0, 0.0, 1.0]))
+        x /= np.linalg.norm(x)
+        inward = 0.35 if self.mirrored else -0.35
+        R = np.stack([x, y, np.cross(x, y)], axis=1) @ rotation_about(
+            np.array([0.0, 1.0, 0.0]), roll + inward
+        )
+        side = -1.0 if self.mirrored else 1.0
+        return transform_from(R @ np.diag([side * self.size, self.size, self.size]), point)
+
+    def place(self, assets: Assets, T_world_hand: Transform) -> list[Placed]:
+        """The hand and its sleeve as placed meshes."""
+        placed = [Placed(assets.hands[self.grasp], T_world_hand, self.skin, "hand")]
+        if self.sleeve is not None:
+            cut, cloth = self.sleeve
+            mesh = assets.sleeves[self.grasp * len(SLEEVE_CUTS) + cut]
+            placed.append(Placed(mesh, T_world_hand, cloth, "hand"))
+        return placed
+
+
+def dress(rng: np.random.Generator, *, grasp: int) -> Outfit:
+    """Draw one person's hand; gloved hands always end in a sleeve."""
+    mirrored, size = bool(rng.random() < 0.5), float(rng.uniform(0.9, 1.08))
     bare = skin(rng)
-    placed = [Placed(assets.hands[index], T, bare, "hand")]
+    cloth = None
     if rng.random() < 0.45 or bare.translucency == 0:
-        cut = int(rng.integers(len(SLEEVE_CUTS)))
-        mesh = assets.sleeves[index * len(SLEEVE_CUTS) + cut]
-        placed.append(Placed(mesh, T, sleeve(rng), "hand"))
-    return placed
+        cloth = (int(rng.integers(len(SLEEVE_CUTS))), sleeve(rng))
+    return Outfit(grasp, mirrored, size, bare, cloth)
 
 
 def holding_hand(assets: Assets, points_world: Points, rng: np.random.Generator) -> list[Placed]:
@@ -239,6 +288,6 @@ def passing_hand(assets: Assets, table: Table, rng: np.random.Generator) -> list
     middle = table.on_table(table.width / 2, table.height / 2)
     away = (spot - middle)[:2]
     away = np.array([*(away / (np.linalg.norm(away) + 1e-6)), 0.0])
-    point = spot + [0, 0, rng.uniform(0.025, 0.14)]
+    point = spot + np.array([0, 0, rng.uniform(0.025, 0.14)])
     grasp = int(rng.integers(len(assets.hands)))
     return hand_at(assets, point, turn_z(rng.normal() * 0.4) @ away, rng, grasp=grasp)

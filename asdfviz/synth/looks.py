@@ -15,7 +15,14 @@ from asdfviz.synth.textures import MACRO_KINDS, MICRO_KINDS
 
 FLOOR = -0.72
 """Height of the floor below the table's top, metres."""
-FILAMENTS = ((28, 56, 190), (22, 22, 24), (235, 235, 228), (160, 158, 152), (210, 40, 30), (250, 120, 20))
+FILAMENTS = (
+    (28, 56, 190),
+    (22, 22, 24),
+    (235, 235, 228),
+    (160, 158, 152),
+    (210, 40, 30),
+    (250, 120, 20),
+)
 """Usual colours of printed plastic, sRGB."""
 SKINS = ((236, 196, 170), (222, 170, 138), (196, 140, 106), (150, 98, 68), (98, 62, 44))
 GLOVES = ((60, 110, 190), (25, 25, 28), (235, 235, 235), (120, 80, 170))
@@ -33,24 +40,33 @@ def random_hue(
     value: tuple[float, float] = (0.12, 0.88),
 ) -> Vector:
     """A colour with any hue, linear RGB."""
-    hsv = np.array([[[rng.random() * 360, rng.uniform(*saturation), rng.uniform(*value)]]], np.float32)
+    hsv = np.array(
+        [[[rng.random() * 360, rng.uniform(*saturation), rng.uniform(*value)]]], np.float32
+    )
     return (cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[0, 0].astype(np.float64)) ** 2.2
 
 
-def part_colors(assembly: Assembly, rng: np.random.Generator, *, true_share: float) -> Mapping[str, Vector]:
+def part_colors(
+    assembly: Assembly, rng: np.random.Generator, *, true_share: float
+) -> Mapping[str, Vector]:
     """A colour for each part: the real ones with small changes, or random ones."""
     kind = rng.random()
     if kind < true_share:
-        jitter = {n: np.exp(rng.normal(size=3) * 0.06 + rng.normal() * 0.14) for n in assembly.parts}
+        jitter = {
+            n: np.exp(rng.normal(size=3) * 0.06 + rng.normal() * 0.14) for n in assembly.parts
+        }
         return {
-            n: np.clip(linear(p.color) * jitter[n] + 0.004, 0.004, 0.85) for n, p in assembly.parts.items()
+            n: np.clip(linear(p.color) * jitter[n] + 0.004, 0.004, 0.85)
+            for n, p in assembly.parts.items()
         }
     if kind < true_share + 0.25 * (1 - true_share):
         one = random_hue(rng)
         return {n: np.clip(one * np.exp(rng.normal() * 0.1), 0.003, 0.85) for n in assembly.parts}
     colors: dict[str, Vector] = {}
     for name in assembly.parts:
-        filament = linear(FILAMENTS[int(rng.integers(len(FILAMENTS)))]) * np.exp(rng.normal() * 0.15)
+        filament = linear(FILAMENTS[int(rng.integers(len(FILAMENTS)))]) * np.exp(
+            rng.normal() * 0.15
+        )
         colors[name] = np.clip(filament if rng.random() < 0.5 else random_hue(rng), 0.003, 0.85)
     return colors
 
@@ -139,7 +155,13 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
     blue = linear((118, 172, 214)) * np.exp(rng.normal(size=3) * 0.06 + rng.normal() * 0.1)
     drape_edges, drape_circle = _outline(points, rng)
     cloth = _plane(
-        rng, 0.0, "drape", micro="fine", colors=np.stack([blue] * 3), edges=drape_edges, circle=drape_circle
+        rng,
+        0.0,
+        "drape",
+        micro="fine",
+        colors=np.stack([blue] * 3),
+        edges=drape_edges,
+        circle=drape_circle,
     )
     center = points.mean(axis=0)
     radius = float(np.linalg.norm(points - center, axis=1).max()) + rng.uniform(0.05, 0.2)

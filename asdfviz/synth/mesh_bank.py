@@ -11,6 +11,7 @@ from jaxtyping import Float32, Float64, Int64
 from torch import Tensor
 
 from asdfviz.datatypes import Mesh
+from asdfviz.synth.tensors import invert, to_tensor
 
 CREASE = np.deg2rad(34.0)
 """Faces that meet at a larger angle (radians) keep their own normals: no pillow shading."""
@@ -79,11 +80,11 @@ class MeshBank:
         counts = np.array([[len(m.vertices), len(m.faces)] for m in meshes])
         starts = np.cumsum(counts, axis=0) - counts
         return cls(
-            torch.from_numpy(np.concatenate([m.vertices for m in meshes])).float().to(device),
-            torch.from_numpy(np.concatenate([m.faces for m in meshes])).long().to(device),
-            torch.from_numpy(np.concatenate([corner_normals(m) for m in meshes])).to(device),
-            torch.from_numpy(np.stack([starts[:, 0], counts[:, 0]], axis=1)).to(device),
-            torch.from_numpy(np.stack([starts[:, 1], counts[:, 1]], axis=1)).to(device),
+            to_tensor(np.concatenate([m.vertices for m in meshes]), device, dtype=torch.float32),
+            to_tensor(np.concatenate([m.faces for m in meshes]), device, dtype=torch.int64),
+            to_tensor(np.concatenate([corner_normals(m) for m in meshes]), device),
+            to_tensor(np.stack([starts[:, 0], counts[:, 0]], axis=1), device),
+            to_tensor(np.stack([starts[:, 1], counts[:, 1]], axis=1), device),
         )
 
     def place(
@@ -110,8 +111,8 @@ class MeshBank:
         offset = v_count.cumsum(0) - v_count
         faces = self.faces[f_source] + offset[f_owner][:, None]
         # Normals turn with the inverse transpose, which is the rotation itself when rigid.
-        M = torch.linalg.inv(T_world_mesh[:, :3, :3]).transpose(1, 2).float()
-        normals = self.normals[f_source] @ M[f_owner].transpose(1, 2)
+        inverse = invert(T_world_mesh[:, :3, :3]).float()
+        normals = self.normals[f_source] @ inverse[f_owner]
         normals = torch.nn.functional.normalize(normals, dim=2)
         return Triangles(vertices, local, faces, normals, f_owner, image[f_owner], image[v_owner])
 

@@ -8,6 +8,7 @@ and a lever that no turn maps onto themselves, so that their orientation shows f
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
@@ -15,6 +16,9 @@ from manifold3d import CrossSection, Manifold
 
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
+
+Length: TypeAlias = float | int
+Pair: TypeAlias = tuple[Length, Length]
 
 PLATE = 8.0
 """Thickness of the base plate."""
@@ -56,9 +60,7 @@ def bolt_pose() -> Transform:
     return transform_from(R, DIAGONAL * BOLT_TIP + [0.0, 0.0, AXIS_HEIGHT])
 
 
-def _columns(
-    x: Float64[np.ndarray, 3], z: Float64[np.ndarray, 3]
-) -> Float64[np.ndarray, "3 3"]:
+def _columns(x: Float64[np.ndarray, 3], z: Float64[np.ndarray, 3]) -> Float64[np.ndarray, "3 3"]:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
@@ -109,20 +111,16 @@ def bolt_solid() -> Manifold:
     return tip + shaft + _cylinder(9, 50, 57) + (knurl ^ chamfer).translate((0, 0, 56)) + head
 
 
-def _box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Manifold:
+def _box(x: Pair, y: Pair, z: Pair) -> Manifold:
     low, high = np.array([x, y, z], dtype=float).T
     return Manifold.cube(tuple(high - low)).translate(tuple(low))
 
 
-def _cylinder(
-    radius: float, bottom: float, top: float, *, at: tuple[float, float] = (0.0, 0.0)
-) -> Manifold:
+def _cylinder(radius: Length, bottom: Length, top: Length, *, at: Pair = (0.0, 0.0)) -> Manifold:
     return Manifold.cylinder(top - bottom, radius, radius, 24).translate((*at, bottom))
 
 
-def _prism(
-    outline: Sequence[tuple[float, float]] | Float64[np.ndarray, "n 2"], height: float
-) -> Manifold:
+def _prism(outline: Sequence[Pair] | Float64[np.ndarray, "n 2"], height: Length) -> Manifold:
     points = np.array(outline, dtype=float)
     x, y = points.T
     # manifold3d turns a clockwise outline into nothing, without a word.
@@ -135,7 +133,7 @@ def _on_diagonal(solid: Manifold) -> Manifold:
     return solid.rotate((0, 0, 45))
 
 
-def _thread(radius: float, *, start: float, length: float) -> Manifold:
+def _thread(radius: Length, *, start: Length, length: Length) -> Manifold:
     """A V-thread of pitch 4: a cross-section whose radius falls and rises once a turn, twisted."""
     angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     reach = radius - 1.1 * np.abs(angle / np.pi - 1)

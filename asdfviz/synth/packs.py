@@ -73,12 +73,20 @@ def make_pack(assets: Assets, *, rng: np.random.Generator, config: PackConfig) -
         angle = rng.random() * 2 * np.pi
         away = np.array([np.cos(angle), np.sin(angle), 0.0])
         grasp = int(rng.integers(len(assets.hands)))
-        placed += hand_at(assets, anchor + [0, 0, 0.02], away, rng, grasp=grasp)
+        placed += hand_at(assets, anchor + np.array([0, 0, 0.02]), away, rng, grasp=grasp)
     lights, sky, tint = random_lights(rng)
     grounds = any_grounds(rng.uniform(-1.2, 1.2, size=(6, 2)), rng)
     target = np.array([0.0, 0.0, config.farthest * 0.5])
     scene = Scene(
-        camera, T_camera_world, tuple(placed), grounds, lights, sky, tint, target, config.farthest * 0.6
+        camera,
+        T_camera_world,
+        tuple(placed),
+        grounds,
+        lights,
+        sky,
+        tint,
+        target,
+        config.farthest * 0.6,
     )
     return TrueScene(scene, tuple(groups), None)
 
@@ -95,7 +103,8 @@ def _objects(
         T_base_part, state = _draw(assets.assembly, rng, config)
         points = _points(assets.assembly, T_base_part)
         R = random_rotation(rng)
-        size_px = float(np.exp(rng.uniform(*np.log(config.sizes_px))))
+        smallest, largest = config.sizes_px
+        size_px = smallest * (largest / smallest) ** float(rng.random())
         size_px *= 1.5 if len(T_base_part) > 1 else 1.0
         turned = points @ R.T
         low, high = turned.min(axis=0), turned.max(axis=0)
@@ -103,7 +112,9 @@ def _objects(
         z = float(np.clip(K[0, 0] * extent / size_px, config.nearest, config.farthest * 0.85))
         radius = 0.5 * K[0, 0] * extent / z * 0.82
         spots = rng.uniform(-0.02, 1.02, size=(30, 2)) * [config.width, config.height]
-        gaps = np.linalg.norm(spots[:, None] - circles[None, :, :2], axis=2) - circles[:, 2] - radius
+        gaps = (
+            np.linalg.norm(spots[:, None] - circles[None, :, :2], axis=2) - circles[:, 2] - radius
+        )
         free = np.nonzero((gaps > 0).all(axis=1))[0]
         if len(free) == 0:
             failures += 1
@@ -127,7 +138,9 @@ def _draw(
 
 
 def _points(assembly: Assembly, T_base_part: Mapping[str, Transform]) -> Points:
-    return np.concatenate([apply(T, assembly.parts[n].mesh.vertices) for n, T in T_base_part.items()])
+    return np.concatenate(
+        [apply(T, assembly.parts[n].mesh.vertices) for n, T in T_base_part.items()]
+    )
 
 
 def _occluder(assets: Assets, anchor: Placed, eye: np.ndarray, rng: np.random.Generator) -> Placed:

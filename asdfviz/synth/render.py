@@ -56,7 +56,9 @@ def render(
     device = str(bank.vertices.device)
     triangles = place_all(scenes, bank)
     with torch.inference_mode():
-        fine = build_gbuffer(scenes, triangles, Views.of(scenes, scale=supersampling, device=device))
+        fine = build_gbuffer(
+            scenes, triangles, Views.of(scenes, scale=supersampling, device=device)
+        )
         radiance = shade(scenes, triangles, fine, rng=rng, config=shading or ShadingConfig())
         camera = scenes[0].camera
         radiance = torch.nn.functional.interpolate(
@@ -112,7 +114,10 @@ def _with_grounds(scenes: Sequence[Scene], views: Views, depth: torch.Tensor) ->
         for ground in scene.grounds:
             down = torch.where(rays[i, :, :, 2].abs() < 1e-4, -1e-4, rays[i, :, :, 2])
             reach = (ground.height - centers[i, 2]) / down
-            x, y = centers[i, 0] + rays[i, :, :, 0] * reach, centers[i, 1] + rays[i, :, :, 1] * reach
+            x, y = (
+                centers[i, 0] + rays[i, :, :, 0] * reach,
+                centers[i, 1] + rays[i, :, :, 1] * reach,
+            )
             mask = ground_mask(ground, x, y) & (reach > 0)
             depth[i] = torch.where(mask & (reach < depth[i]), reach, depth[i])
     return depth

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull  # pyright: ignore[reportMissingTypeStubs] - scipy has none
 
 from asdfviz.geometry.shapes import Points, Rotation
 from asdfviz.geometry.transforms import rotation_about
@@ -33,10 +33,11 @@ def resting_faces(points: Points) -> tuple[RestingFace, ...]:
     """
     hull = ConvexHull(points)
     corners = points[hull.simplices]
-    center, equations = _centroid(points, hull), hull.equations
+    center, equations = _centroid(points, hull), np.asarray(hull.equations, np.float64)
     groups: dict[tuple[int, ...], list[int]] = {}
     for k, plane in enumerate(equations):
-        key = tuple(np.round(plane * [40, 40, 40, 2500]).astype(int))
+        rounded = np.round(plane * np.array([40, 40, 40, 2500]))
+        key = tuple(int(x) for x in rounded.tolist())
         groups.setdefault(key, []).append(k)
     found: list[RestingFace] = []
     for members in groups.values():

@@ -89,8 +89,7 @@ class TrueScene:
 def camera_for(width: int, height: int, *, zoom: float = 1.0) -> Camera:
     """The paper's camera at another image size (same field of view at zoom 1)."""
     K = scaled_intrinsics(KINECT.K, width / KINECT.width, height / KINECT.height)
-    K = K @ np.diag([zoom, zoom, 1.0])
-    return Camera(K, width, height)
+    return Camera(K @ np.diag([zoom, zoom, 1.0]), width, height)
 
 
 def random_view(
@@ -124,9 +123,7 @@ def make_scene(
     T_base_part = joined_poses(state, rng)
     held = bool(rng.random() < config.held)
     T_world_base = place_group(assets, T_base_part, table, rng, held=held)
-    placed = [
-        _part(assets, name, T_world_base @ T, colors, rng) for name, T in T_base_part.items()
-    ]
+    placed = [_part(assets, name, T_world_base @ T, colors, rng) for name, T in T_base_part.items()]
     group = Group(state, tuple(range(len(placed))))
     placed += _loose_parts(assets, state, table, colors, rng, config)
     for _ in range(int(rng.integers(config.distractors + 1))):
@@ -137,7 +134,15 @@ def make_scene(
     lights, sky, tint = random_lights(rng)
     target = table.on_table(camera.width / 2, camera.height / 2)
     scene = Scene(
-        camera, T_camera_world, tuple(placed), grounds, lights, sky, tint, target, max(reach + 0.25, 0.5)
+        camera,
+        T_camera_world,
+        tuple(placed),
+        grounds,
+        lights,
+        sky,
+        tint,
+        target,
+        max(reach + 0.25, 0.5),
     )
     return TrueScene(scene, (group,), 0)
 
@@ -163,10 +168,15 @@ def _loose_parts(
 ) -> list[Placed]:
     """The parts that are not joined yet, and some second copies."""
     names = [
-        n for n in assets.assembly.parts if n not in state.T_base_part and rng.random() < config.present
+        n
+        for n in assets.assembly.parts
+        if n not in state.T_base_part and rng.random() < config.present
     ]
     every = list(assets.assembly.parts)
-    names += [every[int(rng.integers(len(every)))] for _ in range(int(rng.integers(config.duplicates + 1)))]
+    names += [
+        every[int(rng.integers(len(every)))]
+        for _ in range(int(rng.integers(config.duplicates + 1)))
+    ]
     placed: list[Placed] = []
     for name in names:
         T = place_loose(assets, name, table, rng, tilted=bool(rng.random() < config.tilted))
@@ -203,4 +213,3 @@ def _hands(
 def T_camera_parts(scene: Scene) -> Mapping[int, Transform]:
     """Pose in the camera's frame of every placed thing that belongs to the truth, by place."""
     return {i: scene.T_camera_world @ p.T_world_mesh for i, p in enumerate(scene.placed) if p.truth}
-

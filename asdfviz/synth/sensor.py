@@ -112,9 +112,7 @@ def motion_kernel(dx: float, dy: float) -> Plane:
     return kernel / kernel.sum()
 
 
-def blur_moving(
-    radiance: Linear, mask: Mask, motion_px: tuple[float, float]
-) -> Linear:
+def blur_moving(radiance: Linear, mask: Mask, motion_px: tuple[float, float]) -> Linear:
     """Smear what moves (`mask`) along its motion over what stands still."""
     kernel = motion_kernel(*motion_px)
     weight = cv2.filter2D(mask.astype(np.float32), -1, kernel)
@@ -126,15 +124,14 @@ def blur_moving(
     filled = cv2.GaussianBlur(still, (0, 0), spread) / np.maximum(around, 1e-3)[:, :, None]
     background = np.where((mask & (around > 0.02))[:, :, None], filled, still)
     background = np.where((mask & (around <= 0.02))[:, :, None], radiance, background)
-    result = moved + background * (1 - weight)[:, :, None]
-    return result.astype(np.float32)
+    return np.asarray(moved + background * (1 - weight)[:, :, None], np.float32)
 
 
 def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator) -> Rgb:
     """Turn radiance into the 8-bit image that the camera would deliver."""
     height, width = radiance.shape[:2]
     scale = width / 1280
-    image = radiance * np.array(sensor.white_balance, np.float32)
+    image: np.ndarray = radiance * np.array(sensor.white_balance, np.float32)
     middle, bright = np.percentile(image.mean(axis=2)[::4, ::4], [80, 98])
     level = max(float(middle), 0.45 * float(bright))
     image = image * np.float32(sensor.exposure / max(level, 1e-4))

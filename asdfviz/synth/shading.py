@@ -17,6 +17,7 @@ from asdfviz.synth.description import Light, Scene
 from asdfviz.synth.gbuffer import GBuffer
 from asdfviz.synth.mesh_bank import Triangles
 from asdfviz.synth.raster import Projected, depth_map
+from asdfviz.synth.tensors import length, to_tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,13 +59,16 @@ def shade(
         lights = [s.lights[min(k, len(s.lights) - 1)] for s in scenes]
         on = torch.tensor([float(k < len(s.lights)) for s in scenes], device=device)
         visible = _visibility(scenes, lights, triangles, buffer, rng, config)
-        color = _tensor([light.color for light in lights], device)[:, None, None] * on[:, None, None, None]
+        color = (
+            _tensor([light.color for light in lights], device)[:, None, None]
+            * on[:, None, None, None]
+        )
         total += color * _reflect(buffer, lights) * visible[..., None]
     return total + _ambient(scenes, buffer)
 
 
 def _tensor(rows: Sequence[Vector], device: torch.device) -> Tensor:
-    return torch.from_numpy(np.stack(rows).astype(np.float32)).to(device)
+    return to_tensor(np.stack(rows), device, dtype=torch.float32)
 
 
 def _visibility(
@@ -80,7 +84,7 @@ def _visibility(
     side = config.shadow_pixels
     count, height, width = buffer.depth.shape
     lifted = (buffer.position + buffer.normal * config.bias).view(count, -1, 3).transpose(1, 2)
-    noise = torch.from_numpy((rng.random((2, 9973)).astype(np.float32) - 0.5) * 1.6).to(device)
+    noise = to_tensor((rng.random((2, 9973)) - 0.5) * 1.6, device, dtype=torch.float32)
     pixels = height * width
     noise = noise.repeat(1, pixels // 9973 + 1)[:, :pixels] + side / 2
     visible = torch.zeros(count, pixels, device=device)
@@ -90,7 +94,9 @@ def _visibility(
         index = triangles.vertex_image
         p = (M[index, :, :3] @ triangles.vertices[:, :, None])[:, :, 0] + M[index, :, 3]
         z = p[:, 2].clamp(min=1e-3)
-        cast = Projected(p[:, :2] / z[:, None] + side / 2, p[:, 2], triangles.faces, triangles.image)
+        cast = Projected(
+            p[:, :2] / z[:, None] + side / 2, p[:, 2], triangles.faces, triangles.image
+        )
         blocked = depth_map(cast, (count, side, side)).view(-1)
         q = M[:, :, :3] @ lifted + M[:, :, 3:]
         texel = (q[:, :2] / q[:, 2:] + noise).round_().clamp_(0, side - 1).long()
@@ -122,8 +128,8 @@ def _reflect(buffer: GBuffer, lights: Sequence[Light]) -> Float32[Tensor, "b h w
     """Lambert plus the GGX lobe of a dielectric, for unit irradiance from each light's centre."""
     position = _tensor([light.position for light in lights], buffer.depth.device)
     towards = position[:, None, None] - buffer.position
-    distance = towards.norm(dim=3, keepdim=True)
-    fall = (position.norm(dim=1)[:, None, None, None] / distance).square()
+    distance = length(towards)
+    fall = (length(position)[:, None, None] / distance).square()
     direction = towards / distance
     cosine = (buffer.normal * direction).sum(3)
     wrap = buffer.translucency

@@ -11,9 +11,10 @@ from functools import cache
 
 import cv2
 import numpy as np
-import torch
 from jaxtyping import Float32
 from torch import Tensor
+
+from asdfviz.synth.tensors import to_tensor
 
 MACRO_SIZE = 2.4
 """Metres that a large map covers."""
@@ -86,11 +87,13 @@ def _cloth(rng: np.random.Generator, n: int) -> Map:
 
 
 def _wood(rng: np.random.Generator, n: int) -> Map:
-    x, y = _axes(n)
+    _, y = _axes(n)
     boards = np.floor(y * rng.integers(3, 18)) if rng.random() < 0.6 else np.zeros_like(y)
     warp = fractal(rng, n, base=2, octaves=4) * 0.02 + boards * 0.37
     stretched = cv2.resize(
-        fractal(rng, n, base=64, octaves=3)[:, : n // 16].copy(), (n, n), interpolation=cv2.INTER_CUBIC
+        fractal(rng, n, base=64, octaves=3)[:, : n // 16].copy(),
+        (n, n),
+        interpolation=cv2.INTER_CUBIC,
     )
     rings = 0.5 + 0.5 * np.sin(2 * np.pi * ((y + warp) * 40 + 0.25 * stretched))
     tone = np.sin(boards * 12.9) * 0.08
@@ -124,7 +127,8 @@ def _plaid(rng: np.random.Generator, n: int) -> Map:
             stripe = ((axis + rng.random()) % pitch) / pitch < rng.uniform(0.05, 0.5)
             weights[int(rng.integers(2)) if rng.random() < 0.4 else i] += 0.45 * stripe
     height = 0.0012 * fractal(rng, n, base=5, octaves=4, gain=0.45)
-    return _stack(*np.clip(weights, 0, 1), 1.0, height.astype(np.float32))
+    first, second = np.clip(weights, 0, 1)
+    return _stack(first, second, 1.0, height.astype(np.float32))
 
 
 def _brick(rng: np.random.Generator, n: int) -> Map:
@@ -200,7 +204,7 @@ def macro_map(kind: str, variant: int, device: str) -> Float32[Tensor, "5 n n"]:
     """A large map; the same kind and variant always give the same map."""
     rng = np.random.default_rng([MACRO_KINDS.index(kind), variant, 71])
     made = _with_slopes(_MACRO[kind](rng, MACRO_PIXELS), MACRO_SIZE, mirrored=True)
-    return torch.from_numpy(made).to(device)
+    return to_tensor(made, device)
 
 
 @cache
@@ -212,7 +216,7 @@ def micro_map(kind: str, variant: int, blur: int, device: str) -> Float32[Tensor
         pad = np.pad(made, ((0, 0), (16, 16), (16, 16)), mode="wrap").transpose(1, 2, 0)
         soft = cv2.GaussianBlur(pad, (0, 0), BLURS_PX[blur])
         made = np.ascontiguousarray(soft[16:-16, 16:-16].transpose(2, 0, 1))
-    return torch.from_numpy(made).to(device)
+    return to_tensor(made, device)
 
 
 def _with_slopes(made: Map, size: float, *, mirrored: bool) -> Float32[np.ndarray, "5 n n"]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import no_type_check
+from typing import TypeAlias, no_type_check
 
 import numpy as np
 from jaxtyping import Float32
@@ -10,6 +10,8 @@ from jaxtyping import Float32
 from asdfviz.track.jit import kernel
 from asdfviz.track.region_kernels import place
 from asdfviz.track.visibility import id_at, occluded
+
+ColorTable: TypeAlias = Float32[np.ndarray, "colors"]
 
 
 class ColorHistograms:
@@ -20,7 +22,7 @@ class ColorHistograms:
         colors = 1 << (3 * self.bits)
         self.counts = np.zeros((colors, 2), np.float32)
         self._frequencies = np.zeros((colors, 2), np.float32)
-        self.table: Float32[np.ndarray, "colors"] = np.full(colors, 0.5, np.float32)
+        self.table: ColorTable = np.full(colors, 0.5, np.float32)
 
     def learn(self, rate: float) -> None:
         """Blend `counts` in and empty them; a side that saw no pixel keeps what it has."""
@@ -30,7 +32,7 @@ class ColorHistograms:
 @kernel
 @no_type_check
 def blend(counts, frequencies, rate, table):
-    """frequency <- (1 - rate) frequency + rate counts / sum, then table <- f / (f + b)."""
+    """Blend frequency <- (1 - rate) frequency + rate counts / sum, then table <- f / (f + b)."""
     for side in range(2):
         total = 0.0
         for i in range(len(counts)):

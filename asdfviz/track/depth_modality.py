@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Depth, Transform
-from asdfviz.track import depth_kernels
+from asdfviz.geometry.shapes import Transform
+from asdfviz.track import depth_kernels, view_choice
 from asdfviz.track.region_modality import at_iteration, nearest_radius
-from asdfviz.track.viewpoint_model import ViewpointModel
-from asdfviz.track.visibility import NO_SILHOUETTES, Silhouettes
+from asdfviz.track.viewpoint_model import ViewpointModel, Views
+from asdfviz.track.visibility import NO_SILHOUETTES, MaybeDepth, Silhouettes
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,40 +60,39 @@ class DepthModality:
         self._column = nearest_radius(model, config.occlusion_radius)
         self._search = np.array([config.considered_distances[0], config.stride])
         self._sigma = config.sigmas[0]
+        self._points = np.zeros((config.points, model.surfaces.shape[2]), np.float32)
+        self._offsets = np.zeros(config.points, np.float32)
         self._matches = np.zeros((config.points, depth_kernels.MATCH_COLUMNS))
 
     def calculate_correspondences(
         self,
-        depth: Depth,
+        depth: MaybeDepth,
         T_camera_centre: Transform,
         *,
-        view: int,
+        views: Views,
         iteration: int,
         hide: bool = False,
         silhouettes: Silhouettes = NO_SILHOUETTES,
         number: int = 0,
     ) -> None:
-        """Find the measured point that belongs to each surface point.
+        """Find the measured point that belongs to each surface point of the pose's `views`.
 
-        Args:
-            view: the model's closest view.
-            hide: whether measured occlusion is asked for.
-            silhouettes: ask for the test whether the part itself shows there.
-            number: the part's own id in them.
+        `hide` asks for the test of measured occlusion; silhouettes, in which the part has id
+        `number`, for the test whether the part itself shows there.
         """
-        self.wanted = self._points(view)
+        self.wanted = self._gather(views)
         self._search[0] = at_iteration(self.config.considered_distances, iteration)
         self._sigma = at_iteration(self.config.sigmas, iteration)
         self.count = depth_kernels.find_matches(
             depth,
-            self.model.surfaces[view],
+            self._points,
             self.wanted,
             T_camera_centre,
             self._lens,
             self._search,
             self.config.scale_by_depth,
             hide,
-            self.model.surface_offsets[view, :, self._column],
+            self._offsets,
             self._occlusion,
             silhouettes.ids,
             silhouettes.crop,
@@ -113,12 +112,18 @@ class DepthModality:
             self._matches, self.count, T_camera_centre, self._sigma, gradient, hessian
         )
 
-    def _points(self, view: int) -> int:
-        """How many surface points the view is worth."""
-        areas = self.model.surface_areas
-        if areas[view] <= 0:
-            return 0
-        most = min(self.config.points, self.model.surfaces.shape[1])
-        if not self.config.adaptive_coverage:
-            return most
-        return int(most * areas[view] / areas.max())
+    def _gather(self, views: Views) -> int:
+        """Collect the surface points of the views; return how many."""
+        model = self.model
+        return view_choice.gather(
+            model.surfaces,
+            model.surface_offsets,
+            self._column,
+            model.surface_areas,
+            views.indices,
+            views.shares,
+            self.config.points,
+            self.config.adaptive_coverage,
+            self._points,
+            self._offsets,
+        )

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, cast
 
 from numba import njit
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 # Sums may be reordered and multiplied-added in one step; infinities and NaN keep their meaning.
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
-def kernel(function: Function) -> Function:
+def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function of arrays and numbers on its first call.
 
     Put it above `@no_type_check`: the compiler needs the bare function, which shape checking at
@@ -21,4 +19,4 @@ def kernel(function: Function) -> Function:
     kernel calls only kernels of its own file, or such as hardly change.
     """
     compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)(function)
-    return cast(Function, compiled)
+    return cast(Callable[..., Any], compiled)

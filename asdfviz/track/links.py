@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Joint
-from asdfviz.geometry.shapes import Rotation, Transform, Vector
+from asdfviz.geometry.shapes import Rotation, Scores, Transform, Vector
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 
 
@@ -46,7 +46,7 @@ class Link:
             found.append(np.concatenate([np.zeros(3), joint.axis]))
         return found
 
-    def move(self, step: Float64[np.ndarray, "d"]) -> None:
+    def move(self, step: Scores) -> None:
         """Add a step of the joint's freedoms, in the order of `screws`, held to its range."""
         joint = self.joint
         if joint is None:

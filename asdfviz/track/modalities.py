@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Depth, Rgb, Transform
+from asdfviz.geometry.shapes import Rgb, Transform
 from asdfviz.track.depth_modality import DepthModality
 from asdfviz.track.presets import TrackerConfig
-from asdfviz.track.region_modality import NO_DEPTH, RegionModality
+from asdfviz.track.region_modality import RegionModality
 from asdfviz.track.viewpoint_model import ViewpointModel
-from asdfviz.track.visibility import Silhouettes
+from asdfviz.track.visibility import NO_DEPTH, MaybeDepth, Silhouettes
 
 
 class Modalities:
@@ -35,33 +35,35 @@ class Modalities:
     def calculate_correspondences(
         self,
         rgb: Rgb,
-        depth: Depth,
+        depth: MaybeDepth,
         T_camera_centre: Transform,
         *,
         iteration: int,
         silhouettes: Silhouettes,
         number: int,
+        region: int,
     ) -> None:
         """Let every modality find its correspondences at a pose."""
-        view = self.model.closest_view(T_camera_centre)
+        views = self.model.views(T_camera_centre)
         if self.region is not None:
             self.region.calculate_correspondences(
                 rgb,
                 T_camera_centre,
-                view=view,
+                views=views,
                 iteration=iteration,
                 depth=self._occluders(depth),
                 silhouettes=silhouettes,
-                number=number,
+                region=region,
             )
         if self.depth is not None:
             config = self.depth.config
             self.depth.calculate_correspondences(
                 depth,
                 T_camera_centre,
-                view=view,
+                views=views,
                 iteration=iteration,
-                hide=config.occlusion_radius is not None and self.frames >= config.unoccluded_frames,
+                hide=config.occlusion_radius is not None
+                and self.frames >= config.unoccluded_frames,
                 silhouettes=silhouettes,
                 number=number,
             )
@@ -87,26 +89,26 @@ class Modalities:
     def learn(
         self,
         rgb: Rgb,
-        depth: Depth,
+        depth: MaybeDepth,
         T_camera_centre: Transform,
         *,
         silhouettes: Silhouettes,
-        number: int,
+        region: int,
     ) -> None:
         """Take the colours of the pose that a frame ended with."""
         if self.region is not None:
             self.region.learn(
                 rgb,
                 T_camera_centre,
-                view=self.model.closest_view(T_camera_centre),
+                views=self.model.views(T_camera_centre),
                 rate=self.region.config.histogram_rate,
                 depth=self._occluders(depth),
                 silhouettes=silhouettes,
-                number=number,
+                region=region,
             )
         self.frames += 1
 
-    def _occluders(self, depth: Depth) -> Depth:
+    def _occluders(self, depth: MaybeDepth) -> MaybeDepth:
         """The depth image if the region modality is to ask it for occluders by now."""
         if self.region is None or self.region.config.occlusion_radius is None:
             return NO_DEPTH

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Transform, Transforms
+from asdfviz.geometry.shapes import Transforms
 from asdfviz.track.jit import kernel
 from asdfviz.track.links import Link
 
@@ -39,7 +39,7 @@ class Group:
         self._links = tuple(links)
         self._Ts_root_member: Transforms = np.stack([np.eye(4), *(k.T_root_member for k in links)])
         screws = [(place, s) for place, link in enumerate(links, 1) for s in link.screws()]
-        self._owners: Int64[np.ndarray, "d"] = np.array([place for place, _ in screws], np.int64)
+        self._owners = np.array([place for place, _ in screws], np.int64)
         self._screws: Float64[np.ndarray, "d 6"] = np.array(
             [s for _, s in screws], np.float64
         ).reshape(-1, 6)
@@ -106,7 +106,11 @@ def move(T, theta):
     a = np.sin(angle) / angle if angle > 1e-6 else 1.0 - square / 6.0
     b = (1.0 - np.cos(angle)) / square if angle > 1e-6 else 0.5
     D = np.empty((3, 3))
-    D[0, 0], D[1, 1], D[2, 2] = 1 - b * (y * y + z * z), 1 - b * (x * x + z * z), 1 - b * (x * x + y * y)
+    D[0, 0], D[1, 1], D[2, 2] = (
+        1 - b * (y * y + z * z),
+        1 - b * (x * x + z * z),
+        1 - b * (x * x + y * y),
+    )
     D[0, 1], D[1, 0] = b * x * y - a * z, b * x * y + a * z
     D[0, 2], D[2, 0] = b * x * z + a * y, b * x * z - a * y
     D[1, 2], D[2, 1] = b * y * z - a * x, b * y * z + a * x
@@ -144,34 +148,69 @@ def adjoint(T, out):
 
 @kernel
 @no_type_check
-def solve_lower(A, b, x):
-    """Solve A x = b by Cholesky from A's lower half, which is overwritten; False if impossible."""
-    n = len(b)
-    for j in range(n):
-        for i in range(j, n):
+def factorise(A):
+    """Overwrite A's lower half with its Cholesky factor; False where A is not positive definite."""
+    for j in range(len(A)):
+        for i in range(j, len(A)):
             total = A[i, j]
             for k in range(j):
                 total -= A[i, k] * A[j, k]
-            if i == j:
-                if not total > 0.0:
-                    return False
-                A[j, j] = np.sqrt(total)
-            else:
-                A[i, j] = total / A[j, j]
-    for i in range(n):
-        total = b[i]
-        for k in range(i):
-            total -= A[i, k] * x[k]
-        x[i] = total / A[i, i]
-    for i in range(n - 1, -1, -1):
-        total = x[i]
-        for k in range(i + 1, n):
-            total -= A[k, i] * x[k]
-        x[i] = total / A[i, i]
-    for i in range(n):
-        if not np.isfinite(x[i]):
-            return False
+            if i == j and not total > 0.0:
+                return False
+            A[i, j] = np.sqrt(total) if i == j else total / A[j, j]
     return True
+
+
+@kernel
+@no_type_check
+def substitute(L, b, x):
+    """Fill x from L L^T x = b; False where it is no number."""
+    n = len(b)
+    for i in range(n):
+        x[i] = b[i]
+        for k in range(i):
+            x[i] -= L[i, k] * x[k]
+        x[i] /= L[i, i]
+    total = 0.0
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            x[i] -= L[k, i] * x[k]
+        x[i] /= L[i, i]
+        total += x[i]
+    return np.isfinite(total)
+
+
+@kernel
+@no_type_check
+def jacobian(T_root_member, place, owners, screws, J):
+    """Fill J (6,n) = Ad(T_member_root) [1 | the member's own screws, 0 for those of others]."""
+    Ad = np.empty((6, 6))
+    adjoint(T_root_member, Ad)
+    for i in range(6):
+        for c in range(6):
+            J[i, c] = Ad[i, c]
+        for d in range(len(owners)):
+            J[i, 6 + d] = 0.0
+            if owners[d] == place:
+                for k in range(6):
+                    J[i, 6 + d] += Ad[i, k] * screws[d, k]
+
+
+@kernel
+@no_type_check
+def add_member(gradient, hessian, J, A, b):
+    """A += J^T H J and b += J^T g, with the lower halves of H and A alone."""
+    n = J.shape[1]
+    column = np.empty(6)
+    for c in range(n):
+        for i in range(6):
+            column[i] = 0.0
+            for k in range(6):
+                column[i] += hessian[max(i, k), min(i, k)] * J[k, c]
+        for i in range(6):
+            b[c] += J[i, c] * gradient[i]
+            for r in range(c, n):
+                A[r, c] += J[i, r] * column[i]
 
 
 @kernel
@@ -179,30 +218,14 @@ def solve_lower(A, b, x):
 def newton_step(gradients, hessians, Ts_root_member, owners, screws, regularisation, A, theta):
     """Fill theta from (sum J^T H J + regularisation) theta = sum J^T g; False if it has none.
 
-    J of a member is Ad(T_member_root) [1 | its own screws]; A is working space.
+    A is working space; `owners` (d,) says whose each of the screws (d,6) is.
     """
     n = len(regularisation)
-    J, HJ, Ad = np.zeros((6, n)), np.zeros((6, n)), np.empty((6, 6))
-    b = np.zeros(n)
-    A[:] = 0.0
-    for p in range(len(gradients)):
-        adjoint(Ts_root_member[p], Ad)
-        J[:, :6] = Ad
-        for d in range(len(owners)):
-            for i in range(6):
-                J[i, 6 + d] = 0.0
-                for k in range(6):
-                    J[i, 6 + d] += Ad[i, k] * screws[d, k] if owners[d] == p else 0.0
-        for i in range(6):
-            for c in range(n):
-                HJ[i, c] = 0.0
-                for k in range(6):
-                    HJ[i, c] += hessians[p, max(i, k), min(i, k)] * J[k, c]
-        for r in range(n):
-            for i in range(6):
-                b[r] += J[i, r] * gradients[p, i]
-                for c in range(r + 1):
-                    A[r, c] += J[i, r] * HJ[i, c]
+    J, b = np.zeros((6, n)), np.zeros(n)
     for r in range(n):
-        A[r, r] += regularisation[r]
-    return solve_lower(A, b, theta)
+        for c in range(n):
+            A[r, c] = regularisation[r] if r == c else 0.0
+    for p in range(len(gradients)):
+        jacobian(Ts_root_member[p], p, owners, screws, J)
+        add_member(gradients[p], hessians[p], J, A, b)
+    return factorise(A) and substitute(A, b, theta)

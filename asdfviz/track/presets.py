@@ -22,11 +22,10 @@ class TrackerConfig:
     update_iterations: int = 2
     """After each search for correspondences."""
     silhouettes: bool = False
-    """Draw all parts and leave out what another part hides, and contours that parts share."""
+    """Draw all parts before every search, and leave out what another part hides and contours
+    between parts of like colour."""
     silhouette_px: int = 200
     """Largest side of that drawing."""
-    silhouette_iterations: tuple[int, ...] = (0,)
-    """Correspondence iterations at which it is drawn anew."""
     like_colors: float = 40.0
     """Parts whose colours (sRGB, 0 to 255) are nearer than this show no contour between them."""
 

@@ -20,7 +20,9 @@ NEAR = 1e-3
 """Triangles that come nearer than this (metres) are left out."""
 
 
-def new_buffers(width: int, height: int) -> tuple[Float32[np.ndarray, "h w"], Int32[np.ndarray, "h w"]]:
+def new_buffers(
+    width: int, height: int
+) -> tuple[Float32[np.ndarray, "h w"], Int32[np.ndarray, "h w"]]:
     """Return an empty image of inverse depth (1 / m) and one of ids (-1 = background)."""
     return np.zeros((height, width), np.float32), np.full((height, width), -1, np.int32)
 
@@ -36,8 +38,7 @@ def draw(
 ) -> None:
     """Draw a mesh into both buffers, in place, wherever it is nearer than what is there.
 
-    Args:
-        number: what to write into `ids`; None writes each triangle's own index.
+    `number` is what `ids` gets; None gives each triangle's own index.
     """
     triangles(
         mesh.vertices,

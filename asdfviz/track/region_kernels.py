@@ -93,7 +93,11 @@ def segments(image, table, bits, at, scale, count, foreground):
         f, b = 1.0, 1.0
         for _ in range(scale):
             c = int(np.floor(cross + (a - main) * slope + 0.5))
-            p = posterior(image, table, bits, c, a) if steep else posterior(image, table, bits, a, c)
+            p = (
+                posterior(image, table, bits, c, a)
+                if steep
+                else posterior(image, table, bits, a, c)
+            )
             f *= p
             b *= 1.0 - p
             a += step

@@ -13,15 +13,13 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.errors import InputError
-from asdfviz.geometry.shapes import Depth, Rgb, Transform
-from asdfviz.track import color_histograms, region_kernels
+from asdfviz.geometry.shapes import Rgb, Scores, Transform
+from asdfviz.track import color_histograms, region_kernels, view_choice
 from asdfviz.track.color_histograms import ColorHistograms
-from asdfviz.track.viewpoint_model import ViewpointModel
-from asdfviz.track.visibility import NO_SILHOUETTES, Silhouettes
+from asdfviz.track.viewpoint_model import ViewpointModel, Views
+from asdfviz.track.visibility import NO_DEPTH, NO_SILHOUETTES, MaybeDepth, Silhouettes
 
 Value = TypeVar("Value")
-
-NO_DEPTH = np.zeros((0, 0), np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +72,7 @@ class RegionConfig:
             raise InputError(f"a line has at most {region_kernels.MAX_SEGMENTS} segments")
 
 
-def step_function(config: RegionConfig) -> Float64[np.ndarray, "l"]:
+def step_function(config: RegionConfig) -> Scores:
     """Smoothed step h_f(x) = 1/2 - a tanh(x / 2s), inside first (SRT3D, eq. 11)."""
     x = np.arange(config.function_length) - (config.function_length - 1) / 2
     if config.slope == 0:
@@ -110,38 +108,41 @@ class RegionModality:
         self._lines = np.zeros((config.lines, region_kernels.LINE_COLUMNS))
         self._probabilities = np.zeros((config.lines, config.distribution_length))
         self._spread = np.array([self._shape[1], config.sigmas_px[0]])
+        self._points = np.zeros((config.lines, model.contours.shape[2]), np.float32)
+        self._offsets = np.zeros(config.lines, np.float32)
 
     def start(self, rgb: Rgb, T_camera_centre: Transform) -> None:
         """Learn the histograms from scratch at a pose that is known."""
         self.histograms = ColorHistograms(self.config.histogram_bins)
-        self.learn(rgb, T_camera_centre, view=self.model.closest_view(T_camera_centre), rate=1.0)
+        self.learn(rgb, T_camera_centre, views=self.model.views(T_camera_centre), rate=1.0)
 
     def learn(
         self,
         rgb: Rgb,
         T_camera_centre: Transform,
         *,
-        view: int,
+        views: Views,
         rate: float,
-        depth: Depth = NO_DEPTH,
+        depth: MaybeDepth = NO_DEPTH,
         silhouettes: Silhouettes = NO_SILHOUETTES,
-        number: int = 0,
+        region: int = 0,
     ) -> None:
         """Blend in the colours on both sides of the contour."""
+        count = self._gather(views)
         color_histograms.count_colors(
             rgb,
             self.histograms.bits,
-            self.model.contours[view],
-            self._points(view),
+            self._points,
+            count,
             T_camera_centre,
             self._lens,
             self._lengths,
             depth,
-            self.model.contour_offsets[view, :, self._column],
+            self._offsets,
             self._occlusion,
-            silhouettes.ids,
+            silhouettes.regions,
             silhouettes.crop,
-            number,
+            region,
             self.histograms.counts,
         )
         self.histograms.learn(rate)
@@ -151,28 +152,25 @@ class RegionModality:
         rgb: Rgb,
         T_camera_centre: Transform,
         *,
-        view: int,
+        views: Views,
         iteration: int,
-        depth: Depth = NO_DEPTH,
+        depth: MaybeDepth = NO_DEPTH,
         silhouettes: Silhouettes = NO_SILHOUETTES,
-        number: int = 0,
+        region: int = 0,
     ) -> None:
-        """Lay lines across the contour and read where each sees it.
+        """Lay lines across the contour of the pose's `views` and read where each sees it.
 
-        Args:
-            view: the model's closest view.
-            depth: asks for the test of measured occlusion; empty = not asked.
-            silhouettes: ask for the test of hidden and shared contours.
-            number: the part's own id in them.
+        A depth image that is not empty asks for the test of measured occlusion; silhouettes, in
+        which the part has the number `region`, for the test of hidden and shared contours.
         """
         config = self.config
-        self.wanted = self._points(view)
+        self.wanted = self._gather(views)
         self._spread[1] = at_iteration(config.sigmas_px, iteration)
         self.count = region_kernels.find_lines(
             rgb,
             self.histograms.table,
             self.histograms.bits,
-            self.model.contours[view],
+            self._points,
             self.wanted,
             T_camera_centre,
             self._lens,
@@ -180,11 +178,11 @@ class RegionModality:
             self._shape,
             self._step,
             depth,
-            self.model.contour_offsets[view, :, self._column],
+            self._offsets,
             self._occlusion,
-            silhouettes.ids,
+            silhouettes.regions,
             silhouettes.crop,
-            number,
+            region,
             self._lines,
             self._probabilities,
         )
@@ -211,15 +209,21 @@ class RegionModality:
             hessian,
         )
 
-    def _points(self, view: int) -> int:
-        """How many contour points the view is worth."""
-        lengths = self.model.contour_lengths
-        if lengths[view] <= 0:
-            return 0
-        most = min(self.config.lines, self.model.contours.shape[1])
-        if not self.config.adaptive_coverage:
-            return most
-        return int(most * lengths[view] / lengths.max())
+    def _gather(self, views: Views) -> int:
+        """Collect the contour points of the views; return how many."""
+        model = self.model
+        return view_choice.gather(
+            model.contours,
+            model.contour_offsets,
+            self._column,
+            model.contour_lengths,
+            views.indices,
+            views.shares,
+            self.config.lines,
+            self.config.adaptive_coverage,
+            self._points,
+            self._offsets,
+        )
 
 
 def at_iteration(values: tuple[Value, ...], iteration: int) -> Value:

@@ -15,15 +15,20 @@ from jaxtyping import UInt8
 
 from asdfviz.datatypes import Camera, Frame, Joint, Mesh, Part, State
 from asdfviz.errors import InputError
-from asdfviz.geometry.shapes import Depth, Rgb, Transform, Transforms, Vector
+from asdfviz.geometry.shapes import Rgb, Transform, Transforms, Vector
 from asdfviz.geometry.transforms import inverse, transform_from
 from asdfviz.track.links import Link
 from asdfviz.track.modalities import Modalities
 from asdfviz.track.optimizer import Group
 from asdfviz.track.presets import TrackerConfig
-from asdfviz.track.region_modality import NO_DEPTH
 from asdfviz.track.viewpoint_model import ViewpointModel
-from asdfviz.track.visibility import NO_SILHOUETTES, Silhouettes, render_silhouettes
+from asdfviz.track.visibility import (
+    NO_DEPTH,
+    NO_SILHOUETTES,
+    MaybeDepth,
+    like_regions,
+    render_silhouettes,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +62,7 @@ class Tracker:
         self._groups: list[Group] = []
         self._Ts_camera_centre: Transforms = np.zeros((0, 4, 4))
         self._meshes: list[Mesh] = []
+        self._regions: list[int] = []
         self._silhouettes = NO_SILHOUETTES
 
     @property
@@ -81,8 +87,12 @@ class Tracker:
         self._Ts_camera_centre = np.stack(
             [np.eye(4), *(poses[n] @ _shift(self._bodies[n].model.centre) for n in self.names)]
         )[1:].copy()
-        self._tracked = [Modalities(self._bodies[n].model, self._lens, self.config) for n in self.names]
+        self._tracked = [
+            Modalities(self._bodies[n].model, self._lens, self.config) for n in self.names
+        ]
         self._meshes = [_centred(self._bodies[n]) for n in self.names]
+        colors = [self._bodies[n].color for n in self.names]
+        self._regions = like_regions(colors, nearer_than=self.config.like_colors)
         self._silhouettes = NO_SILHOUETTES
         self.release()
         for i, tracked in enumerate(self._tracked):
@@ -135,7 +145,7 @@ class Tracker:
         """
         rgb, depth = self._images(frame)
         for iteration in range(self.config.correspondence_iterations):
-            if self.config.silhouettes and iteration in self.config.silhouette_iterations:
+            if self.config.silhouettes:
                 self._draw_silhouettes()
             self._correspond(rgb, depth, iteration)
             for update in range(self.config.update_iterations):
@@ -143,7 +153,7 @@ class Tracker:
         self._learn(rgb, depth)
         return self.poses
 
-    def _images(self, frame: Frame) -> tuple[Rgb, Depth]:
+    def _images(self, frame: Frame) -> tuple[Rgb, MaybeDepth]:
         """The frame's images as the kernels want them."""
         shape = (self._camera.height, self._camera.width)
         if frame.rgb.shape[:2] != shape:
@@ -178,11 +188,14 @@ class Tracker:
 
     def _draw_silhouettes(self) -> None:
         drawn = render_silhouettes(
-            self._meshes, list(self._Ts_camera_centre), self._camera.K, size=self.config.silhouette_px
+            self._meshes,
+            list(self._Ts_camera_centre),
+            self._camera.K,
+            size=self.config.silhouette_px,
         )
         self._silhouettes = drawn or NO_SILHOUETTES
 
-    def _correspond(self, rgb: Rgb, depth: Depth, iteration: int) -> None:
+    def _correspond(self, rgb: Rgb, depth: MaybeDepth, iteration: int) -> None:
         for i, tracked in enumerate(self._tracked):
             tracked.calculate_correspondences(
                 rgb,
@@ -191,6 +204,7 @@ class Tracker:
                 iteration=iteration,
                 silhouettes=self._silhouettes,
                 number=i,
+                region=self._regions[i],
             )
 
     def _step(self, update: int) -> None:
@@ -206,10 +220,14 @@ class Tracker:
                 )
             group.step(self._Ts_camera_centre, gradients, hessians)
 
-    def _learn(self, rgb: Rgb, depth: Depth) -> None:
+    def _learn(self, rgb: Rgb, depth: MaybeDepth) -> None:
         for i, tracked in enumerate(self._tracked):
             tracked.learn(
-                rgb, depth, self._Ts_camera_centre[i], silhouettes=self._silhouettes, number=i
+                rgb,
+                depth,
+                self._Ts_camera_centre[i],
+                silhouettes=self._silhouettes,
+                region=self._regions[i],
             )
 
 

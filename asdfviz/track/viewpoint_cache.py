@@ -11,27 +11,27 @@ import hashlib
 import io
 import os
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import astuple
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from jaxtyping import Float32
 
 from asdfviz.data.atomic import write_bytes
-from asdfviz.datatypes import Assembly, Mesh, Part
+from asdfviz.datatypes import Assembly, Mesh
 from asdfviz.track.viewpoint_model import (
     ViewpointConfig,
     ViewpointModel,
     build_viewpoint_model,
-    sphere_directions,
 )
 
 VERSION = 1
 """Of the file's layout and of how a view is sampled; part of the name."""
 FOLDER = ".viewpoints"
 _STEPS = 32767.0
-_WIDEST = 60000.0
-"""Greatest stored width, micrometres times ten: 0.6 m."""
+_OFFSET_STEP = np.float32(0.0005)
+"""Step of a stored depth offset, metres; they end at 0.13 m."""
 
 
 def load_viewpoint_models(
@@ -43,25 +43,121 @@ def load_viewpoint_models(
 ) -> dict[str, ViewpointModel]:
     """Return the model of every part, made where no cache has it; equal meshes share one.
 
-    Args:
-        progress: told (views done, views) over all parts that have to be made.
+    `progress` is told (views done, views) over all parts that have to be made.
 
     Raises:
         Stopped: `stop` said so; models finished by then stay cached.
     """
     config = config or ViewpointConfig()
-    views = len(sphere_directions(config.subdivisions))
-    files = {name: _name(part.mesh, config) for name, part in assembly.parts.items()}
-    ready = {file: _read_any(file, assembly, config) for file in files.values()}
+    files = {name: _file_name(part.mesh, config) for name, part in assembly.parts.items()}
+    parts = {files[name]: part for name, part in assembly.parts.items()}
+    ready = {file: _read_any(_places(assembly, file)) for file in parts}
     missing = [file for file, model in ready.items() if model is None]
+    views = 10 * 4**config.subdivisions + 2
     for done, file in enumerate(missing):
-        part = next(assembly.parts[name] for name in files if files[name] == file)
-        ready[file] = build_viewpoint_model(
-            part.mesh,
-            config=config,
-            progress=progress
-            and (lambda k, _, done=done: progress(done * views + k, len(missing) * views)),
-            stop=stop,
+
+        def tell(k: int, _: int, before: int = done * views) -> None:
+            if progress is not None:
+                progress(before + k, len(missing) * views)
+
+        model = build_viewpoint_model(parts[file].mesh, config=config, progress=tell, stop=stop)
+        _keep(model, _places(assembly, file))
+        ready[file] = model
+    return {name: model for name, file in files.items() if (model := ready[file]) is not None}
+
+
+def save_viewpoint_model(model: ViewpointModel, path: Path) -> None:
+    """Write a model to an .npz file in one step.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+    reach = float(max(np.abs(model.contours[..., :3]).max(), np.abs(model.surfaces[..., :3]).max()))
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        centre=model.centre,
+        reach=np.array(reach),
+        directions=model.directions,
+        contours=_coded(model.contours[..., :6], reach),
+        widths=np.minimum(model.contours[..., 6:] * 1e3, 6e4).astype(np.float16),
+        contour_lengths=model.contour_lengths,
+        contour_offsets=_coded_offsets(model.contour_offsets),
+        surfaces=_coded(model.surfaces, reach),
+        surface_areas=model.surface_areas,
+        surface_offsets=_coded_offsets(model.surface_offsets),
+        occlusion_radii=np.array(model.occlusion_radii),
+    )
+    write_bytes(path, buffer.getvalue())
+
+
+def read_viewpoint_model(path: Path) -> ViewpointModel | None:
+    """Read a model back; None where there is none, or a file that is not one."""
+    try:
+        # In memory, because NumPy leaves a file open that turns out to be none of its own.
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
+            held = {key: file[key] for key in file.files}
+        reach = float(held["reach"])
+        widths = held["widths"].astype(np.float32) / 1e3
+        return ViewpointModel(
+            centre=held["centre"],
+            directions=held["directions"],
+            contours=np.concatenate([_decoded(held["contours"], reach), widths], axis=2),
+            contour_lengths=held["contour_lengths"],
+            contour_offsets=held["contour_offsets"].astype(np.float32) * _OFFSET_STEP,
+            surfaces=_decoded(held["surfaces"], reach),
+            surface_areas=held["surface_areas"],
+            surface_offsets=held["surface_offsets"].astype(np.float32) * _OFFSET_STEP,
+            occlusion_radii=tuple(held["occlusion_radii"].tolist()),
         )
-        _keep(ready[file], file, assembly)
-    return {name: ready[file] for name, file in files.items()}
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+        return None
+
+
+def user_cache_folder() -> Path:
+    """Where models go whose assembly's folder cannot be written."""
+    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "asdfviz" / "viewpoints"
+
+
+def _file_name(mesh: Mesh, config: ViewpointConfig) -> str:
+    """The name says all that the content depends on."""
+    digest = hashlib.sha256(f"{VERSION} {astuple(config)}".encode())
+    digest.update(np.ascontiguousarray(mesh.vertices).tobytes())
+    digest.update(np.ascontiguousarray(mesh.faces).tobytes())
+    return f"{digest.hexdigest()[:24]}.npz"
+
+
+def _places(assembly: Assembly, file: str) -> tuple[Path, Path]:
+    return Path(assembly.path).parent / FOLDER / file, user_cache_folder() / file
+
+
+def _read_any(places: tuple[Path, ...]) -> ViewpointModel | None:
+    found = (read_viewpoint_model(place) for place in places)
+    return next((model for model in found if model is not None), None)
+
+
+def _keep(model: ViewpointModel, places: tuple[Path, ...]) -> None:
+    """Write to the first place that can be written; a cache that cannot be kept is no error."""
+    for place in places:
+        try:
+            save_viewpoint_model(model, place)
+        except OSError:
+            continue
+        return
+
+
+def _coded(points: Float32[np.ndarray, "v n 6"], reach: float) -> np.ndarray:
+    """Positions in steps of the part's size, then normals: 16 bits each."""
+    steps = points[..., :3] * (_STEPS / reach)
+    return np.concatenate([steps, points[..., 3:] * _STEPS], axis=2).round().astype(np.int16)
+
+
+def _decoded(coded: np.ndarray, reach: float) -> Float32[np.ndarray, "v n 6"]:
+    points = coded.astype(np.float32) / np.float32(_STEPS)
+    points[..., :3] *= np.float32(reach)
+    return points
+
+
+def _coded_offsets(offsets: Float32[np.ndarray, "v n r"]) -> np.ndarray:
+    """Whole steps, rounded up: an offset that is too small would hide the part behind itself."""
+    return np.minimum(np.ceil(offsets / _OFFSET_STEP), 255).astype(np.uint8)

@@ -85,7 +85,7 @@ def _width(inverse_depth, u, v, step_u, step_v, inside):
     height, width = inverse_depth.shape
     steps = 1
     while True:
-        x, y = int(round(u + steps * step_u)), int(round(v + steps * step_v))
+        x, y = int(np.floor(u + steps * step_u + 0.5)), int(np.floor(v + steps * step_v + 0.5))
         if x < 0 or y < 0 or x >= width or y >= height:
             return -1
         if (inverse_depth[y, x] > 0.0) != inside:

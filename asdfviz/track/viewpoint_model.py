@@ -10,16 +10,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-import trimesh
-from jaxtyping import Float32, Int32, Int64
+from jaxtyping import Float32, Float64, Int32, Int64
+from scipy.spatial import cKDTree
 
 from asdfviz.datatypes import Mesh
 from asdfviz.errors import Stopped
 from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.track import raster, viewpoint_kernels
+from asdfviz.track.view_choice import VIEWS, nearest_views
+
+ViewNumbers: TypeAlias = Float32[np.ndarray, "v"]
+Indices: TypeAlias = Int64[np.ndarray, "n"]
+FaceIndices: TypeAlias = Int32[np.ndarray, "n"]
 
 CONTOUR_COLUMNS = 8
 """x y z, normal x y z, foreground width, background width."""
@@ -36,7 +42,7 @@ class ViewpointConfig:
     """Of the icosahedron: 3 gives 642 views, 4 gives M3T's 2562, which track no better."""
     points: int = 300
     """Contour points and surface points a view (ICG: 200, GBOT: 300)."""
-    image_size: int = 1000
+    image_size: int = 800
     """Side of the square picture that a view is sampled from, pixels (M3T: 2000)."""
     radius: float = 0.8
     """Distance of the cameras from the part's centre, metres (ICG: 0.8), for parts up to 0.4 m."""
@@ -44,6 +50,13 @@ class ViewpointConfig:
     """Radii (metres) for which the part's own nearer surface is noted, for measured occlusion."""
     seed: int = 7
     """Of where in a view the points begin."""
+
+
+class Views(NamedTuple):
+    """The views around a pose and how near it is to each; shares sum to 1."""
+
+    indices: Int64[np.ndarray, 3]
+    shares: Float64[np.ndarray, 3]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,20 +68,21 @@ class ViewpointModel:
     directions: Float32[np.ndarray, "v 3"]
     """Unit vector from the camera to the centre, in part axes."""
     contours: Float32[np.ndarray, "v n 8"]
-    contour_lengths: Float32[np.ndarray, "v"]
+    contour_lengths: ViewNumbers
     """Length of the contour in the plane through the centre, metres; 0 = no contour."""
     contour_offsets: Float32[np.ndarray, "v n r"]
     """How much nearer to the camera the part's own surface comes within each occlusion radius."""
     surfaces: Float32[np.ndarray, "v n 6"]
-    surface_areas: Float32[np.ndarray, "v"]
+    surface_areas: ViewNumbers
     """Area of the silhouette in the plane through the centre, square metres."""
     surface_offsets: Float32[np.ndarray, "v n r"]
     occlusion_radii: tuple[float, ...]
 
-    def closest_view(self, T_camera_centre: Transform) -> int:
-        """Return the index of the view that a pose of the part's centre shows most nearly."""
-        towards = T_camera_centre[:3, 3] @ T_camera_centre[:3, :3]
-        return int((self.directions @ towards.astype(np.float32)).argmax())
+    def views(self, T_camera_centre: Transform) -> Views:
+        """Return the views around a pose of the part's centre."""
+        indices, shares = np.zeros(VIEWS, np.int64), np.zeros(VIEWS)
+        nearest_views(self.directions, T_camera_centre, indices, shares)
+        return Views(indices, shares)
 
 
 def build_viewpoint_model(
@@ -80,10 +94,7 @@ def build_viewpoint_model(
 ) -> ViewpointModel:
     """Render a part from all sides and sample every view; the same input gives the same model.
 
-    Args:
-        mesh: metres.
-        progress: told (views done, views).
-        stop: asked before every view.
+    `progress` is told (views done, views); `stop` is asked before every view.
 
     Raises:
         Stopped: `stop` said so.
@@ -117,8 +128,22 @@ def build_viewpoint_model(
 
 
 def sphere_directions(subdivisions: int) -> Points:
-    """Return evenly spread unit vectors: the corners of a subdivided icosahedron."""
-    return np.array(trimesh.creation.icosphere(subdivisions=subdivisions).vertices, np.float64)
+    """Return 10 * 4^subdivisions + 2 even unit vectors: the corners of a subdivided icosahedron."""
+    golden = (1 + 5**0.5) / 2
+    pairs = [(a, b) for a in (-1.0, 1.0) for b in (-golden, golden)]
+    corners = np.array(
+        [p for a, b in pairs for p in ((0.0, a, b), (a, b, 0.0), (b, 0.0, a))], np.float64
+    )
+    corners /= np.linalg.norm(corners, axis=1, keepdims=True)
+    for _ in range(subdivisions):
+        # On each level the edges are the pairs nearer than 1.3 times the shortest one.
+        tree = cKDTree(corners)
+        shortest = float(np.min(tree.query(corners, k=2)[0][:, 1]))
+        edges = tree.query_pairs(1.3 * shortest, output_type="ndarray")
+        middles = corners[edges[:, 0]] + corners[edges[:, 1]]
+        middles /= np.linalg.norm(middles, axis=1, keepdims=True)
+        corners = np.concatenate([corners, middles[np.lexsort(middles.T.round(9))]])
+    return corners
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +228,7 @@ def view_transform(direction: Vector, radius: float) -> Transform:
     return transform_from(R_camera_part, np.array([0.0, 0.0, radius]))
 
 
-def spread_order(available: int, wanted: int, start: float) -> Int64[np.ndarray, "n"]:
+def spread_order(available: int, wanted: int, start: float) -> Indices:
     """Pick `wanted` places along a line so that any first few are evenly spread too.
 
     Multiples of the golden ratio, from `start` (0 to 1) on.
@@ -212,7 +237,7 @@ def spread_order(available: int, wanted: int, start: float) -> Int64[np.ndarray,
     return np.minimum((places * available).astype(np.int64), available - 1)
 
 
-def face_normals(mesh: Mesh, faces: Int32[np.ndarray, "n"], T_camera_part: Transform) -> Points:
+def face_normals(mesh: Mesh, faces: FaceIndices, T_camera_part: Transform) -> Points:
     """Unit normals of the faces in part axes, turned towards the camera whatever their winding."""
     a, b, c = (mesh.vertices[mesh.faces[faces, i]] for i in range(3))
     normals = np.cross(b - a, c - a)

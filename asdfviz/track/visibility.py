@@ -8,15 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import no_type_check
+from typing import TypeAlias, no_type_check
 
 import numpy as np
-from jaxtyping import Float64, Int32
+from jaxtyping import Float32, Float64, Int32, UInt8
 
 from asdfviz.datatypes import Mesh
 from asdfviz.geometry.shapes import Intrinsics, Transform
 from asdfviz.track import raster
 from asdfviz.track.jit import kernel
+
+MaybeDepth: TypeAlias = Float32[np.ndarray, "_ _"]
+"""Planar depth in metres, or an image without pixels where none is to be asked."""
+
+NO_DEPTH = np.zeros((0, 0), np.float32)
 
 PROBES = 5
 """Depth pixels a side that are looked at for an occluder."""
@@ -24,21 +29,43 @@ PROBES = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Silhouettes:
-    """An image of part numbers, cut out around the parts; -1 is background."""
+    """Images of part and region numbers, cut out around the parts; -1 is background."""
 
     ids: Int32[np.ndarray, "h w"]
+    """Which part is in front."""
+    regions: Int32[np.ndarray, "h w"]
+    """The number that it shares with the parts of like colour."""
     crop: Float64[np.ndarray, 3]
     """u and v of the cut's first pixel in the camera image, and cut pixels per image pixel."""
 
 
-NO_SILHOUETTES = Silhouettes(np.zeros((0, 0), np.int32), np.array([0.0, 0.0, 1.0]))
+_NO_IDS = np.zeros((0, 0), np.int32)
+NO_SILHOUETTES = Silhouettes(_NO_IDS, _NO_IDS, np.array([0.0, 0.0, 1.0]))
 """Switches the test off."""
 
 
+def like_regions(colors: Sequence[UInt8[np.ndarray, 3]], *, nearer_than: float) -> list[int]:
+    """Number the parts so that those of like colours (sRGB distance) share a number."""
+    regions = list(range(len(colors)))
+    for i, a in enumerate(colors):
+        for j, b in enumerate(colors[:i]):
+            if np.linalg.norm(a.astype(np.float64) - b) < nearer_than:
+                old, new = regions[i], regions[j]
+                regions = [new if r == old else r for r in regions]
+    return regions
+
+
 def render_silhouettes(
-    meshes: Sequence[Mesh], Ts_camera_part: Sequence[Transform], K: Intrinsics, *, size: int
+    meshes: Sequence[Mesh],
+    Ts_camera_part: Sequence[Transform],
+    K: Intrinsics,
+    *,
+    size: int,
+    regions: Sequence[int],
 ) -> Silhouettes | None:
     """Draw every mesh with its place in the list as its number, in a square cut around all.
+
+    `regions` is each part's region number, `size` the greatest side of the square.
 
     Returns:
         None where no part lies in front of the camera.
@@ -59,7 +86,9 @@ def render_silhouettes(
     inverse_depth, ids = raster.new_buffers(pixels, pixels)
     for i, (mesh, T) in enumerate(zip(meshes, Ts_camera_part, strict=True)):
         raster.draw(mesh, T, K=K_cut, inverse_depth=inverse_depth, ids=ids, number=i)
-    return Silhouettes(ids, np.array([u0, v0, scale]))
+    # The last entry answers for the background's -1.
+    numbers = np.array([*regions, -1], np.int32)
+    return Silhouettes(ids, numbers[ids], np.array([u0, v0, scale]))
 
 
 def _box_around(

@@ -9,6 +9,7 @@ Mirroring is absent on purpose: it would turn left-hand parts into right-hand on
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -18,6 +19,9 @@ from asdfviz.datatypes import KEYPOINTS
 from asdfviz.geometry.shapes import Intrinsics, Rgb
 from asdfviz.geometry.transforms import rotation_about
 from asdfviz.train.dataset import LabelledImage, LabelledObject
+
+Labels: TypeAlias = Int64[np.ndarray, "m"]
+Size: TypeAlias = Float32[np.ndarray, "2"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +47,7 @@ class Sample:
     """A network input with labels in network coordinates (first pixel's centre at 0.5)."""
 
     rgb: Rgb
-    labels: Int64[np.ndarray, m]
+    labels: Labels
     boxes: Float32[np.ndarray, "m 4"]
     """x0, y0, x1, y1."""
     keypoints: Float32[np.ndarray, "m 17 3"]
@@ -108,8 +112,8 @@ def view(
         needed = 0.85 if item.part is None else smallest_inside
         low = np.clip(outline.min(0), 0, window)
         high = np.clip(outline.max(0), 0, window)
-        whole = float(np.prod(np.ptp(outline, axis=0)))
-        if float(np.prod(high - low)) < needed * whole or (high - low).min() < 2:
+        whole = _area(outline.max(0) - outline.min(0))
+        if _area(high - low) < needed * whole or (high - low).min() < 2:
             continue
         labels.append(item.label)
         boxes.append(np.concatenate([low, high]))
@@ -124,8 +128,12 @@ def view(
     )
 
 
+def _area(size: Size) -> float:
+    return float(size[0]) * float(size[1])
+
+
 def _moved_keypoints(
-    item: LabelledObject, H: np.ndarray, window: Float32[np.ndarray, 2]
+    item: LabelledObject, H: np.ndarray, window: Size
 ) -> Float32[np.ndarray, "17 3"]:
     if item.part is None:
         return item.keypoints

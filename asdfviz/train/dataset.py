@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 import cv2
 import numpy as np
 from jaxtyping import Float32
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull  # pyright: ignore[reportMissingTypeStubs] - scipy has none
 
 from asdfviz.data.cameras import read_scene_cameras
 from asdfviz.data.images import metric_depth, read_raw_depth, read_rgb
@@ -27,6 +28,8 @@ from asdfviz.geometry.camera import project, scaled_intrinsics
 from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Rgb, Transform
 from asdfviz.geometry.symmetry import canonical
 from asdfviz.geometry.transforms import apply
+
+Flags: TypeAlias = Float32[np.ndarray, "n"]
 
 OCCLUSION_TOLERANCE = 0.006
 """Depth difference in metres from which a keypoint counts as hidden: the sensor's noise."""
@@ -235,7 +238,7 @@ class _Labeller:
         return cv2.convexHull(pixels)[:, 0].astype(np.float32)
 
 
-def _visibility(points: Points, pixels: np.ndarray, depth: Depth | None) -> Float32[np.ndarray, n]:
+def _visibility(points: Points, pixels: np.ndarray, depth: Depth | None) -> Flags:
     """Tell visible keypoints (2) from hidden ones (1) by the depth picture."""
     if depth is None:
         return np.full(len(points), 2.0, np.float32)

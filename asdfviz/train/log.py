@@ -6,6 +6,7 @@ import csv
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -14,6 +15,8 @@ from torch import Tensor
 
 from asdfviz.data.atomic import write_bytes
 from asdfviz.errors import InputError
+
+LossValues: TypeAlias = Float[Tensor, "n"]
 
 COLORS = ((0, 114, 178), (230, 159, 0), (0, 158, 115), (204, 121, 167), (213, 94, 0), (80, 80, 80))
 """Okabe and Ito's, RGB."""
@@ -27,7 +30,7 @@ class Meter:
         self._began = time.monotonic()
         self._sum: Tensor | None = None
 
-    def add(self, losses: Float[Tensor, n], inputs: int, objects: int) -> None:
+    def add(self, losses: LossValues, inputs: int, objects: int) -> None:
         """Count one step."""
         self._sum = losses if self._sum is None else self._sum + losses
         self.steps += 1

@@ -7,10 +7,12 @@ the same cost, which is what the keypoints need most.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float32
 
 from asdfviz.train.augment import (
     ColorConfig,
@@ -103,7 +105,7 @@ class Packer:
 
     def _size(self, pick: tuple[int, int]) -> float:
         outline = self._images[pick[0]].objects[pick[1]].outline
-        return float(np.ptp(outline, axis=0).max())
+        return _extent(outline)
 
     def _tile(
         self,
@@ -117,7 +119,7 @@ class Packer:
         angle = self._angle(rng, spread)
         H_roll = roll(image.K, angle)
         outline = move_points(H_roll, image.objects[pick[1]].outline)
-        extent = float(np.ptp(outline, axis=0).max())
+        extent = _extent(outline)
         zoom = self._scale * self._zoom(rng)
         side = min(width, height)
         if extent * zoom > 0.95 * side:
@@ -130,12 +132,16 @@ class Packer:
         return _recolored(sample, rng, self._config.colors)
 
     def _angle(self, rng: np.random.Generator, spread: float) -> float:
-        limit = np.radians(self._config.roll_deg) * spread
-        return float(rng.uniform(-limit, limit))
+        limit = math.radians(self._config.roll_deg) * spread
+        return rng.uniform(-limit, limit)
 
     def _zoom(self, rng: np.random.Generator) -> float:
-        limit = np.log(self._config.zoom)
-        return float(np.exp(rng.uniform(-limit, limit)))
+        limit = math.log(self._config.zoom)
+        return math.exp(rng.uniform(-limit, limit))
+
+
+def _extent(outline: Float32[np.ndarray, "h 2"]) -> float:
+    return float((outline.max(0) - outline.min(0)).max())
 
 
 def _color(rng: np.random.Generator) -> tuple[int, int, int]:

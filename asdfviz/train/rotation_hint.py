@@ -70,9 +70,9 @@ class RotationHint(nn.Module):
         total = picked.sum() * 0.0
         count = is_part.sum().clamp(min=1)
         for place in range(self.weight.shape[0]):
-            for kind in label[is_part].unique().tolist():
-                chosen = is_part & (level == place) & (label == kind)
-                if bool(chosen.any()):
+            for kind in range(self.weight.shape[1]):
+                chosen = (is_part & (level == place) & (label == kind)).nonzero()[:, 0]
+                if len(chosen):
                     logits = picked[chosen] @ self.weight[place, kind] + self.bias[kind]
                     soft = self._soft_labels(wanted[chosen])
                     total = total - (soft * logits.log_softmax(1)).sum()

@@ -62,7 +62,7 @@ class Session:
             if config.validation is None
             else load_images((config.validation,), assembly, image_size=config.image_size)
         )
-        torch.manual_seed(config.seed)
+        torch.manual_seed(config.seed)  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         width = config.keypoint_width or None
         classes = len(assembly.detector_classes)
         network = Network(config.scale, classes=classes, keypoint_width=width)
@@ -167,9 +167,9 @@ class Session:
                 f"({config.learning_rate:g}) or switch bfloat16 off"
             )
         self.optimizer.zero_grad(set_to_none=True)
-        total.backward()
+        total.backward()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         nn.utils.clip_grad_norm_([*self.network.parameters(), *self.hint.parameters()], config.clip)
-        self.optimizer.step()
+        self.optimizer.step()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         self.average.update(self.network)
         self.progress.step += 1
         objects = int(batch.targets.present.sum())

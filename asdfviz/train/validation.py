@@ -156,7 +156,8 @@ def _count(
         return
     true = item.keypoints[:, :2].astype(np.float64)
     distance = float(np.median(np.linalg.norm(detection.keypoints_px - true, axis=1)))
-    size = float(np.sqrt(np.prod(np.ptp(item.outline, axis=0))))
+    width_px, height_px = item.outline.max(0) - item.outline.min(0)
+    size = float(np.sqrt(width_px * height_px))
     tally.pixels.append(distance)
     tally.shares.append(distance / max(size, 1.0))
     tally.spreads.append(_extent(detection.keypoints_px) / max(_extent(true), 1.0))

@@ -190,6 +190,9 @@ def test_the_annotation_of_a_sequence(tmp_path: Path, boxes: Assembly) -> None:
         save_run(make_run({5: {"pin": pose(4)}}, {}), tmp_path / "run")
         store.set_seed(Seed("run", str(tmp_path / "run"), "asdf"))
         found = annotation_truth(clip, annotations=tmp_path)
+        store.set_seed(Seed("run", None, "asdf"))
+        with pytest.raises(AnnotationError, match=r"'asdf' .* was not saved"):
+            annotation_truth(clip, annotations=tmp_path)
     assert {index: list(truth.T_camera_part) for index, truth in found.items()} == {
         5: ["pin"],
         10: ["lid"],

@@ -186,7 +186,7 @@ CAMERA = {"fx": 90.0, "fy": 91.0, "cx": 47.0, "cy": 31.0, "width": 96, "height":
         ("folder", put("camera.json", {**CAMERA, "width": 0}), r"must be positive pixels"),
         ("folder", put("camera.json", {**CAMERA, "depth_scale": 0}), r"millimetres per unit"),
         ("folder", put("camera.json", {**CAMERA, "distortion": [1, 2]}), r"5 finite numbers"),
-        ("folder", put("sequence.json", {"fps": 0}), r"frames per second"),
+        ("folder", put("sequence.json", {"fps": -1}), r"frames per second"),
         ("folder", put("sequence.json", {"assembly": 3}), r"'assembly': expected text"),
         ("gbot", drop("scene_camera.json"), r"no camera\.json and no scene_camera\.json"),
         ("gbot", put("scene_camera.json", {}), r"is empty"),

@@ -71,6 +71,13 @@ def test_sequence_hands_out_truth_by_place(write_scene: WriteScene, tiny: Assemb
         sequence.truth(3)
 
 
+def test_a_state_may_be_unknown(write_scene: WriteScene, tiny: Assembly) -> None:
+    scene = write_scene("gbot")
+    scene.write("states.json", [{"frame": 4, "state": None, "is_error": None, "attached": []}])
+    of_frame = read_truth(scene.folder, tiny)[4]
+    assert (of_frame.state, of_frame.is_error, of_frame.attached) == (None, None, ())
+
+
 def test_repeated_numbers_go_to_the_parts_that_carry_them(
     write_scene: WriteScene, tiny: Assembly
 ) -> None:

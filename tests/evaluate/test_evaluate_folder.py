@@ -55,7 +55,7 @@ def write_truth(folder: Path, *, shift_mm: float = 0.0, with_visibility: bool = 
 def case(tmp_path: Path, make_prediction: MakePrediction, make_run: MakeRun) -> Case:
     models = tmp_path / "toy"
     models.mkdir()
-    trimesh.creation.box((80, 40, 20)).export(models / "plate.ply")
+    trimesh.creation.box((80, 40, 20)).subdivide().export(models / "plate.ply")
     description = {
         "name": "toy",
         "unit": "mm",

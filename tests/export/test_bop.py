@@ -101,7 +101,7 @@ def test_images_whose_lens_was_undone_are_written_undistorted(
     image = (tmp_path / "two" / "rgb" / "000000.png").read_bytes()
     cv2.imwrite(str(tmp_path / "two" / "rgb" / "000000.jpg"), memory[0].rgb)
     export_bop(lens, {}, tmp_path / "two")
-    assert [p.name for p in sorted((tmp_path / "two" / "rgb").iterdir())][0] == "000000.png"
+    assert not (tmp_path / "two" / "rgb" / "000000.jpg").exists()
     assert (tmp_path / "two" / "rgb" / "000000.png").read_bytes() == image
     assert len(open_sequence(tmp_path / "two")) == 3
 
@@ -120,14 +120,11 @@ def test_models_info_is_in_millimetres(memory: Sequence, tmp_path: Path) -> None
 
 
 def test_depth_too_far_for_fine_steps_is_written_in_millimetres(
-    memory: Sequence, assembly: Assembly, tmp_path: Path
+    memory: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Far(type(memory)):  # pyright: ignore[reportUntypedBaseClass]
-        def __getitem__(self, place: int) -> Frame:
-            depth = np.full((48, 64), 9.1234, dtype=np.float32)
-            return replace(memory[place], depth=depth)
-
-    export_bop(Far(assembly), {}, tmp_path / "out")
+    far = replace(memory[0], depth=np.full((48, 64), 9.1234, dtype=np.float32))
+    monkeypatch.setattr(type(memory), "__getitem__", lambda self, place: far)
+    export_bop(memory, {}, tmp_path / "out")
     depth = open_sequence(tmp_path / "out")[0].depth
     assert depth is not None
     np.testing.assert_allclose(depth, 9.123, atol=1e-6)

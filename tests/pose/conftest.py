@@ -34,8 +34,12 @@ class BoxView:
     T_camera_part: Transform
 
     @property
+    def corners(self) -> Points:
+        return CORNERS * self.half
+
+    @property
     def surface(self) -> Points:
-        return surface_points(CORNERS * self.half, FACES, 600)
+        return surface_points(self.corners, FACES, 600)
 
     @property
     def keypoints(self) -> Points:
@@ -47,7 +51,7 @@ class BoxView:
 
     @property
     def box_xyxy(self) -> Box:
-        pixels = project(apply(self.T_camera_part, CORNERS * self.half), self.K)
+        pixels = project(apply(self.T_camera_part, self.corners), self.K)
         return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
 
     def depth(

@@ -87,7 +87,7 @@ def test_outlines_follow_holes_too() -> None:
     ids[25:35, 25:35] = -1
     red = [np.array([255, 0, 0], dtype=np.uint8)]
     drawn = draw_outlines(np.zeros((60, 60, 3), dtype=np.uint8), ids, red, width_px=1)
-    assert drawn[10, 30, 0] == 255
-    assert drawn[24, 30, 0] > 200
+    assert drawn[9:12, 30, 0].max() > 200
+    assert drawn[23:26, 30, 0].max() > 200
     assert (drawn[30, 30] == 0).all()
     assert (drawn[15, 15] == 0).all()

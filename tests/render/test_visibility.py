@@ -54,11 +54,20 @@ def test_half_hidden(renderer: Renderer, assembly: Assembly, camera: Camera) -> 
     assert share == pytest.approx(0.5, abs=0.06)
 
 
-def test_the_picture_border_hides(renderer: Renderer, assembly: Assembly, camera: Camera) -> None:
-    # The box's middle lies on the left border.
-    x = (-0.5 - camera.K[0, 2]) / camera.K[0, 0] * 0.48
-    share = visible_fractions({"red": at(x, 0.5)}, assembly, camera, renderer=renderer)["red"]
-    assert share == pytest.approx(0.5, abs=0.05)
+def test_the_picture_border_hides(
+    renderer: Renderer, assembly: Assembly, camera: Camera, open_renderer
+) -> None:
+    # The front face's middle lies on the left border.
+    T = at((-0.5 - camera.K[0, 2]) / camera.K[0, 0] * 0.48, 0.5)
+    share = visible_fractions({"red": T}, assembly, camera, renderer=renderer)["red"]
+    # The same view with a border of 160 more pixels on the left shows all of it.
+    K_larger = camera.K.copy()
+    K_larger[0, 2] += 160
+    with open_renderer(320, 120) as larger:
+        _, ids = larger.depth_and_ids([assembly.parts["red"].mesh], [T], K_larger)
+    expected = (ids[:, 160:] >= 0).sum() / (ids >= 0).sum()
+    assert 0.4 < expected < 0.7
+    assert share == pytest.approx(expected, abs=0.05)
     gone = visible_fractions({"red": at(5.0, 0.5)}, assembly, camera, renderer=renderer)
     assert gone == {"red": 0.0}
 

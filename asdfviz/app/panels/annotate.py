@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from asdfviz.app import theme
-from asdfviz.app.markup import act, bar, button, chip, empty, heading, number, table, text
-from asdfviz.app.session import STEP_NAMES, STEPS_MM, View
+from asdfviz.app.markup import EYE, act, bar, button, chip, empty, heading, number, table, text
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.view import STEP_NAMES, STEPS_MM, View
 from asdfviz.app.workspace import ANNOTATION, Shown
 from asdfviz.datatypes import State
 from asdfviz.geometry.shapes import Rotation
@@ -61,10 +61,10 @@ def _part(name: str, snap: Snapshot) -> str:
     chosen = " ax-on" if snap.view.selected == name else ""
     hidden = name in snap.view.hidden
     eye = button(
-        "hidden" if hidden else "shown",
+        EYE,
         act("TogglePart", part=name),
         title=f"{'Show' if hidden else 'Hide'} {name}",
-        classes="ax-tiny" + (" ax-dim" if hidden else ""),
+        classes="ax-eye ax-quiet",
         pressed=not hidden,
         testid=f"show-{name}",
     )
@@ -152,7 +152,7 @@ def _tools(snap: Snapshot, name: str) -> str:
         button(
             "Drop correction",
             act("RevertPart"),
-            title="Back to what the base says",
+            title="Back to what it started from",
             key="Shift ⌫",
             testid="revert",
         )

@@ -5,16 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from asdfviz.app import theme
-from asdfviz.app.markup import act, button, chip, empty, heading, number, text
-from asdfviz.app.session import TRUTH, View
+from asdfviz.app.markup import EYE, act, button, chip, empty, heading, number, text
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import JobStatus, LoadedRun
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
-
-_EYE = (
-    '<svg viewBox="0 0 16 16"><path d="M8 3.5C4.5 3.5 2 8 2 8s2.5 4.5 6 4.5S14 8 14 8s-2.5-4.5'
-    '-6-4.5zm0 7.5a3 3 0 110-6 3 3 0 010 6zm0-1.5a1.5 1.5 0 100-3 1.5 1.5 0 000 3z"/></svg>'
-)
 
 
 def content(snap: Snapshot, methods: Mapping[str, MethodSpec | BrokenMethod]) -> str:
@@ -36,8 +31,8 @@ def _runs(snap: Snapshot) -> str:
     if not items:
         return empty("No run yet. Run a method below: its poses appear while it works.")
     legend = (
-        '<p class="ax-note">The <em>base</em> is drawn and is what corrections start from; the eye '
-        "adds another run's outlines.</p>"
+        '<p class="ax-note">What is <em>in use</em> is drawn, and corrections start from it; the '
+        "eye adds another run's outlines.</p>"
     )
     return f'<ul class="ax-list" data-testid="runs">{"".join(items)}</ul>{legend}'
 
@@ -51,7 +46,7 @@ def _run(place: int, run: LoadedRun, view: View, snap: Snapshot) -> str:
         f'<li class="ax-item" title="{text(where)}">{chip(run.color)}'
         f'<span class="ax-main"><b>{text(run.label)}</b><small>{frames}</small></span>'
         f'<span class="ax-num">{number(run.milliseconds, decimals=0, unit="ms")}</span>'
-        f"{_base(run.id, run.label, view)}{_eye(run.id, run.label, place, view)}</li>"
+        f"{_use(run.id, run.label, view)}{_eye(run.id, run.label, place, view)}</li>"
     )
 
 
@@ -59,25 +54,25 @@ def _truth(place: int, view: View) -> str:
     return (
         f'<li class="ax-item">{chip(theme.TRUTH)}<span class="ax-main"><b>truth</b>'
         f"<small>of the dataset</small></span><span class='ax-num'></span>"
-        f"{_base(TRUTH, 'the truth', view)}{_eye(TRUTH, 'the truth', place, view)}</li>"
+        f"{_use(TRUTH, 'the truth', view)}{_eye(TRUTH, 'the truth', place, view)}</li>"
     )
 
 
-def _base(layer: str, label: str, view: View) -> str:
+def _use(layer: str, label: str, view: View) -> str:
     return button(
-        "base",
+        "in use" if view.base == layer else "use",
         act("UseRun", run=layer),
         title=f"Draw {label} and correct from it",
         classes="ax-tiny",
         pressed=view.base == layer,
-        testid=f"base-{label}",
+        testid=f"use-{label}",
     )
 
 
 def _eye(layer: str, label: str, place: int, view: View) -> str:
     key = str(place) if place <= 9 else ""
     return button(
-        f"{_EYE}<small>{key}</small>",
+        f"{EYE}<small>{key}</small>",
         act("ToggleLayer", layer=layer),
         title=f"Outlines of {label}",
         key=key,

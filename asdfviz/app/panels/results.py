@@ -29,7 +29,7 @@ def content(snap: Snapshot, worst: tuple[WorstFrame, ...]) -> str:
     return (
         heading("How good the runs are", _judge(snap))
         + _tables(snap)
-        + _worst(worst)
+        + _worst(worst, snap.source_name(snap.view.base or ""))
         + _export(snap)
     )
 
@@ -89,7 +89,7 @@ def _by_part(label: str, report: Mapping[str, Any]) -> str:
     return table(heads, rows)
 
 
-def _worst(worst: tuple[WorstFrame, ...]) -> str:
+def _worst(worst: tuple[WorstFrame, ...], label: str) -> str:
     if not worst:
         return ""
     items = "".join(
@@ -99,7 +99,7 @@ def _worst(worst: tuple[WorstFrame, ...]) -> str:
         for frame in worst
     )
     return (
-        heading("Worst frames of the base")
+        heading(f"Worst frames of {label}")
         + f'<ul class="ax-list" data-testid="worst">{items}</ul>'
     )
 
@@ -114,6 +114,6 @@ def _export(snap: Snapshot) -> str:
     )
     return (
         heading("Export")
-        + '<p class="ax-note">The truth with every correction, as a BOP scene with states.json, into '
+        + '<p class="ax-note">What is drawn, with every correction, as a BOP scene with states.json, into '
         f"<code>{text(snap.workspace.export_folder)}</code></p>" + f'<div class="ax-row">{go}</div>'
     )

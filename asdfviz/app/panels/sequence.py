@@ -39,7 +39,7 @@ def _about(snap: Snapshot) -> str:
         ["truth", f"{truth}<small> frames</small>" if truth else "none"],
         ["corrections", f"<code>{text(work.store.path.name)}</code>"],
     ]
-    title = f'<p class="ax-path" title="{text(work.frames.path)}">{text(work.frames.path)}</p>'
+    title = f'<p class="ax-path" title="{text(work.frames.path)}"><bdi>{text(work.frames.path)}</bdi></p>'
     return heading(work.frames.name) + title + table([], rows, classes="ax-facts")
 
 
@@ -67,7 +67,7 @@ def _camera(snap: Snapshot) -> str:
     camera = snap.frame.camera if snap.frame else snap.workspace.frames.camera
     K = camera.K
     rows = [
-        ["size", f"{camera.width} × {camera.height}<small> px</small>"],
+        ["size", f"{camera.width} \u00d7 {camera.height}<small> px</small>"],
         [
             "focal length",
             f"{number(K[0, 0], decimals=1)}, {number(K[1, 1], decimals=1, unit='px')}",

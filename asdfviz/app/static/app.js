@@ -1,0 +1,257 @@
+// The page's own half of the app: puts the server's HTML around viser's canvas, and sends what is
+// pressed, dragged or scrolled back through a hidden field (see bridge.py). No state lives here but
+// what a hand is doing at this moment.
+(() => {
+  "use strict";
+  if (window.asdfviz) return;
+
+  const NS = (window.asdfviz = { view: {}, bridge: null });
+  let counter = 0;
+
+  // ---- the frame around the picture
+  const root = document.createElement("div");
+  root.id = "asdf";
+  root.innerHTML = `
+    <header class="ax-top"><div class="ax-bar-main" data-slot="top"></div><div data-slot="tabs"></div></header>
+    <section class="ax-bottom" aria-label="Timeline">
+      <div class="ax-controls">
+        <div class="ax-controls-main" data-slot="controls"></div>
+        <label class="ax-opacity" title="How solid the meshes are">Opacity
+          <input type="range" min="0.05" max="1" step="0.05" data-testid="opacity"></label>
+      </div>
+      <div class="tl" data-testid="timeline">
+        <div data-slot="timeline"></div><i class="tl-range" hidden></i>
+        <div class="tl-tip" hidden></div>
+      </div>
+    </section>
+    <div class="ax-offline" hidden>Connection lost. Every correction up to here is saved. Trying again …</div>
+    <div data-slot="card"></div>`;
+  const slot = (name) => root.querySelector(`[data-slot="${name}"]`);
+  const timeline = root.querySelector(".tl");
+  const range = root.querySelector(".tl-range");
+  const tip = root.querySelector(".tl-tip");
+  const opacity = root.querySelector(".ax-opacity input");
+
+  // ---- to the server
+  const send = (action) => {
+    const mutable = window.__viserMutable;
+    if (!NS.bridge || !mutable) return;
+    counter += 1;
+    const value = JSON.stringify({ ...action, n: counter });
+    mutable.sendMessage({ type: "GuiUpdateMessage", uuid: NS.bridge, updates: { value } });
+  };
+  NS.send = send;
+
+  // At most one message a frame: only the last of a drag matters.
+  const waiting = new Map();
+  const sendSoon = (action, merge) => {
+    const before = waiting.get(action.kind);
+    if (before === undefined) {
+      requestAnimationFrame(() => {
+        const last = waiting.get(action.kind);
+        waiting.delete(action.kind);
+        send(last);
+      });
+    }
+    waiting.set(action.kind, before && merge ? merge(before, action) : action);
+  };
+
+  // ---- from the server: templates are put into their slots
+  const applyView = (data) => {
+    const previous = NS.view;
+    NS.view = data;
+    root.dataset.mode = data.mode;
+    document.title = `${data.title} · asdfviz`;
+    if (!NS.seeking) root.style.setProperty("--cursor", data.cursor);
+    if (document.activeElement !== opacity) opacity.value = data.opacity;
+    const first = Number(data.first), last = Number(data.last), count = Number(data.count);
+    range.hidden = first < 0;
+    root.style.setProperty("--range-first", first / count);
+    root.style.setProperty("--range-size", (last + 1 - first) / count);
+    if (previous.mode !== data.mode || previous.zoom !== data.zoom) guardCamera();
+  };
+
+  const mount = (template) => {
+    const name = template.dataset.asdfMount;
+    if (name === "bridge") NS.bridge = template.dataset.uuid;
+    else if (name === "view") applyView({ ...template.dataset });
+    else {
+      const target = slot(name);
+      if (target) target.innerHTML = template.innerHTML;
+    }
+  };
+
+  const mountAll = (node) => {
+    if (node.nodeType !== 1) return;
+    if (node.matches("[data-asdf-mount]")) mount(node);
+    else node.querySelectorAll("[data-asdf-mount]").forEach(mount);
+  };
+  new MutationObserver((records) => {
+    for (const record of records) record.addedNodes.forEach(mountAll);
+  }).observe(document.documentElement, { childList: true, subtree: true });
+
+  // ---- layout: the canvas keeps clear of the bars, the tabs stand over the panel
+  const layout = () => {
+    const canvas = window.__viserMutable && window.__viserMutable.canvas;
+    const dock = document.querySelector("[data-dock-root]");
+    if (!canvas || !dock) return;
+    const centre = [...dock.children].find((child) => child.contains(canvas));
+    if (centre) centre.dataset.asdf = "canvas";
+    const panel = dock.querySelector("[data-dock-region]");
+    const width = panel ? panel.getBoundingClientRect().width : 0;
+    root.style.setProperty("--panel", `${width}px`);
+    const bottom = root.querySelector(".ax-bottom").getBoundingClientRect().height;
+    document.documentElement.style.setProperty("--asdf-bottom", `${Math.ceil(bottom)}px`);
+    if (panel && !panel.dataset.asdfSeen) {
+      panel.dataset.asdfSeen = "1";
+      new ResizeObserver(layout).observe(panel);
+    }
+  };
+  new ResizeObserver(layout).observe(root.querySelector(".ax-bottom"));
+
+  // ---- AR: the camera's centre is pinned by the server; here it turns by hand and nothing else
+  const guardCamera = () => {
+    const mutable = window.__viserMutable;
+    const control = mutable && mutable.cameraControl;
+    if (!control || !NS.view.mode) return;
+    if (!NS.usual) {
+      NS.usual = {
+        buttons: { ...control.mouseButtons },
+        touches: { ...control.touches },
+        azimuth: control.azimuthRotateSpeed,
+        polar: control.polarRotateSpeed,
+      };
+    }
+    if (NS.view.mode === "ar") {
+      const turn = Number(NS.view.zoom) > 1.001 ? NS.usual.buttons.left : 0;
+      Object.assign(control.mouseButtons, { left: turn, middle: turn, right: turn, wheel: 0 });
+      Object.assign(control.touches, { one: turn ? NS.usual.touches.one : 0, two: 0, three: 0 });
+      // One pixel of the hand is one pixel of the picture, which follows the hand.
+      const speed = -((mutable.camera.fov * Math.PI) / 180) / (2 * Math.PI);
+      control.azimuthRotateSpeed = speed;
+      control.polarRotateSpeed = speed;
+    } else {
+      Object.assign(control.mouseButtons, NS.usual.buttons);
+      Object.assign(control.touches, NS.usual.touches);
+      control.azimuthRotateSpeed = NS.usual.azimuth;
+      control.polarRotateSpeed = NS.usual.polar;
+    }
+  };
+
+  const CAMERA_KEYS = new Set(["KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE",
+    "ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight"]);
+  // viser's hotkeys listen on the root element, its flying camera on the document above it.
+  document.documentElement.addEventListener("keydown", (event) => {
+    if (NS.view.mode === "ar" && CAMERA_KEYS.has(event.code)) event.stopPropagation();
+  });
+
+  document.addEventListener("wheel", (event) => {
+    const canvas = window.__viserMutable && window.__viserMutable.canvas;
+    if (NS.view.mode !== "ar" || event.target !== canvas) return;
+    event.preventDefault();
+    event.stopPropagation();
+    const box = canvas.getBoundingClientRect();
+    const lines = event.deltaMode === 1 ? 16 : 1;
+    sendSoon({
+      kind: "Zoom",
+      factor: Math.exp(-Math.max(-240, Math.min(240, event.deltaY * lines)) * 0.0018),
+      x: ((event.clientX - box.left) / box.width) * 2 - 1,
+      y: ((event.clientY - box.top) / box.height) * 2 - 1,
+    }, (before, after) => ({ ...after, factor: before.factor * after.factor }));
+  }, { capture: true, passive: false });
+
+  // ---- buttons: at the press, because the element may be renewed before the release
+  const press = (element) => send(JSON.parse(element.dataset.act));
+  document.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0 || !(event.target instanceof Element)) return;
+    const element = event.target.closest("[data-act]");
+    if (!element) return;
+    event.preventDefault();
+    if (document.activeElement instanceof HTMLElement) document.activeElement.blur();
+    press(element);
+  });
+  document.addEventListener("keydown", (event) => {
+    const element = document.activeElement;
+    if ((event.key === "Enter" || event.key === " ") && element && element.dataset.act) {
+      event.preventDefault();
+      event.stopPropagation();
+      press(element);
+    }
+  }, true);
+  opacity.addEventListener("input", () => sendSoon({ kind: "SetOpacity", opacity: Number(opacity.value) }));
+  opacity.addEventListener("change", () => opacity.blur());
+
+  // ---- timeline: click or drag seeks, with Shift it marks frames
+  const strip = () => timeline.querySelector(".tl-strip");
+  const frameAt = (event) => {
+    const box = strip().getBoundingClientRect();
+    const count = Number(NS.view.count);
+    const share = (event.clientX - box.left) / box.width;
+    return Math.max(0, Math.min(count - 1, Math.floor(share * count)));
+  };
+  let anchor = null;
+  const seek = (event) => {
+    const frame = frameAt(event);
+    if (anchor !== null) {
+      sendSoon({ kind: "SetRange", first: Math.min(anchor, frame), last: Math.max(anchor, frame) });
+    } else {
+      root.style.setProperty("--cursor", (frame + 0.5) / Number(NS.view.count));
+      sendSoon({ kind: "Seek", place: frame });
+    }
+  };
+  timeline.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0 || !strip()) return;
+    event.preventDefault();
+    timeline.setPointerCapture(event.pointerId);
+    NS.seeking = true;
+    anchor = event.shiftKey ? frameAt(event) : null;
+    seek(event);
+  });
+  timeline.addEventListener("pointermove", (event) => {
+    if (NS.seeking) seek(event);
+    else showTip(event);
+  });
+  const release = () => {
+    NS.seeking = false;
+    anchor = null;
+  };
+  timeline.addEventListener("pointerup", release);
+  timeline.addEventListener("pointercancel", release);
+  timeline.addEventListener("pointerleave", () => { tip.hidden = true; });
+
+  const showTip = (event) => {
+    const row = event.target instanceof Element ? event.target.closest(".tl-row") : null;
+    if (!row || !strip()) {
+      tip.hidden = true;
+      return;
+    }
+    const frame = frameAt(event);
+    const piece = event.target.closest("[data-say]");
+    const sure = row.dataset.p ? JSON.parse(row.dataset.p)[frame] : null;
+    const words = [row.dataset.row, `frame ${frame + 1}`];
+    if (piece) words.push(piece.dataset.say);
+    if (sure !== null && sure !== undefined) words.push(`${sure} %`);
+    tip.textContent = words.join(" · ");
+    tip.hidden = false;
+    const box = timeline.getBoundingClientRect();
+    const width = tip.offsetWidth;
+    const left = Math.max(0, Math.min(box.width - width, event.clientX - box.left - width / 2));
+    tip.style.left = `${left}px`;
+  };
+
+  // ---- the server has gone: viser says so in its own header, which we do not show
+  const offline = root.querySelector(".ax-offline");
+  const watch = () => {
+    const header = document.querySelector("[data-dock-group]");
+    const lost = Boolean(header && /Connecting\.\.\.|Inactive/.test(header.textContent));
+    offline.hidden = !lost;
+  };
+
+  const start = () => {
+    document.body.appendChild(root);
+    document.querySelectorAll("[data-asdf-mount]").forEach(mount);
+    setInterval(() => { layout(); guardCamera(); watch(); }, 500);
+  };
+  if (document.body) start();
+  else document.addEventListener("DOMContentLoaded", start);
+})();

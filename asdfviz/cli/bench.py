@@ -1,0 +1,41 @@
+"""`asdfviz bench`: speed and accuracy against references, as ratios in one run."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+@dataclass(frozen=True)
+class BenchTrack:
+    """Run every tracker mode on a folder with a reference tracker's results beside it.
+
+    Example: asdfviz bench track tracker_jaw640
+    """
+
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Folder with color, depth, gt.txt, init.txt, mesh.obj, meta.json and m3t_* results."""
+    json: bool = False
+    """Print JSON."""
+
+    def __call__(self) -> None:
+        """Print accuracy and time, mode by mode, ours beside the reference's."""
+        from asdfviz.bench.track import bench_track, format_table
+
+        result = bench_track(self.folder)
+        print(json.dumps(result, indent=2) if self.json else format_table(result))
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure speed; figures are ratios within one run, the machine's load is printed."""
+
+    what: Annotated[BenchTrack, tyro.conf.subcommand("track")]
+
+    def __call__(self) -> None:
+        """Run the chosen benchmark."""
+        self.what()

@@ -1,0 +1,67 @@
+"""`asdfviz train`: weights for an assembly from scene folders with truth."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from asdfviz.cli.progress import progress_bar, stop_on_interrupt
+
+
+@dataclass(frozen=True)
+class Train:
+    """Train the detector of an assembly; run the same line again to go on where it stopped.
+
+    Example: asdfviz train --assembly corner_clamp --data data/train --validation data/val --out runs/train
+    """
+
+    assembly: str
+    """assembly.yaml, its folder, or a bundled name."""
+    data: tuple[Path, ...]
+    """Scene folders with truth, as `asdfviz synth` writes them."""
+    out: Path
+    """Run folder: checkpoints, log, curve.png, and weights.safetensors at the end."""
+    validation: Path | None = None
+    """Scene folder that is never trained on."""
+    scale: Literal["n", "s", "m", "l", "x", "x-p6"] = "n"
+    """Size of the network."""
+    keypoint_width: int = 72
+    """Channels of the keypoint branch; 0 is the public width, 72 keeps size n under 7 MB."""
+    minutes: float = 60.0
+    """Budget, earlier sittings counted in."""
+    image_size: int = 640
+    """Longer side of the input, pixels; infer at the same."""
+    threads: int = 1
+    """CPU threads."""
+    loss: Literal["mix", "oks", "paper"] = "mix"
+    """Keypoint loss: our mix, the public OKS, or the paper's L2."""
+    device: str = "cpu"
+    """cpu or cuda."""
+    seed: int = 0
+    """Of weights and augmentation."""
+
+    def __call__(self) -> None:
+        """Train, export the best weights and print where they are."""
+        from asdfviz.errors import Stopped
+        from asdfviz.train.config import TrainConfig
+        from asdfviz.train.loop import export_weights, train
+        from asdfviz.train.session import TrainReport
+
+        values = {k: v for k, v in vars(self).items() if k != "out"}
+        config = TrainConfig(**values, output=self.out)
+        with progress_bar("train") as report, stop_on_interrupt() as stop:
+
+            def show(state: TrainReport) -> None:
+                losses = " ".join(f"{k} {v:.2f}" for k, v in state.losses.items())
+                report(round(1000 * state.share), 1000, f"{state.inputs_per_s:.0f} img/s {losses}")
+                if state.validation is not None:
+                    print(state.validation.table(), file=sys.stderr)
+
+            result = train(config, progress=show, stop=stop)
+        if not result.finished:
+            raise Stopped(f"the same command goes on from {self.out / 'last.pt'}")
+        weights = self.out / "weights.safetensors"
+        export_weights(self.out / "best.pt", weights)
+        print(weights)

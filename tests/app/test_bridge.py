@@ -1,0 +1,54 @@
+"""What a page may ask for; anything else is dropped."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from asdfviz.app import actions as act
+from asdfviz.app.bridge import KINDS, parse
+
+
+@pytest.mark.parametrize(
+    ("message", "action"),
+    [
+        ('{"kind": "Seek", "place": 3, "n": 7}', act.Seek(3)),
+        ('{"kind": "Zoom", "factor": 2}', act.Zoom(2.0)),
+        ('{"kind": "Zoom", "factor": 1.5, "x": 0.5, "y": -1}', act.Zoom(1.5, 0.5, -1.0)),
+        ('{"kind": "SelectPart", "part": null}', act.SelectPart(None)),
+        ('{"kind": "ShowTab", "tab": "results"}', act.ShowTab("results")),
+        ('{"kind": "Toggle", "what": "xray"}', act.Toggle("xray")),
+    ],
+)
+def test_known_requests(message: str, action: act.Action) -> None:
+    assert parse(message) == action
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        "",
+        "no json",
+        "[1, 2]",
+        "3",
+        '{"kind": "Seek"}',
+        '{"kind": "Seek", "place": "3"}',
+        '{"kind": "Seek", "place": true}',
+        '{"kind": "Seek", "place": 1e99}',
+        '{"kind": "Seek", "place": 99999999999}',
+        '{"kind": "Zoom", "factor": NaN}',
+        '{"kind": "ShowTab", "tab": "secrets"}',
+        '{"kind": "MovePart", "part": "jaw"}',
+        '{"kind": "Changed"}',
+        '{"kind": ["Seek"], "place": 3}',
+        json.dumps({"kind": "SelectPart", "part": "x" * 5000}),
+        "[" * 1900,
+    ],
+)
+def test_anything_else_is_dropped(message: str) -> None:
+    assert parse(message) is None
+
+
+def test_every_kind_is_an_action_by_its_own_name() -> None:
+    assert all(getattr(act, name) is kind for name, kind in KINDS.items())

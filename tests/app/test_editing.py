@@ -1,0 +1,154 @@
+"""Edits: what a key, a drag, a copy or a state writes into the annotation, and how it is taken back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from asdfviz.annotate.edits import part_centre
+from asdfviz.app import actions as act
+from asdfviz.app.editing import Burst, Done, Edits, apply_edit
+from asdfviz.app.view import TRUTH, View
+from asdfviz.app.workspace import ANNOTATION, Workspace
+from asdfviz.errors import AnnotationError
+
+JAW = View(place=1, base="first", selected="jaw")
+Do = Callable[..., Done]
+
+
+@pytest.fixture
+def do(with_run: Workspace) -> Do:
+    def run(
+        action: Edits, view: View = JAW, *, burst: Burst | None = None, now: float = 0.0
+    ) -> Done:
+        return apply_edit(action, view, with_run, burst=burst or Burst(), now=now)
+
+    return run
+
+
+def jaw(workspace: Workspace, place: int = 1) -> np.ndarray:
+    return workspace.poses(place, "first")["jaw"].T_camera_part
+
+
+def test_a_nudge_moves_one_step_in_the_picture(with_run: Workspace, do: Do) -> None:
+    before = jaw(with_run)
+    do(act.Nudge(0, 1))
+    moved = jaw(with_run)
+    assert moved[:3, 3] - before[:3, 3] == pytest.approx([0.001, 0, 0], abs=1e-15)
+    assert with_run.poses(1, "first")["jaw"].source == ANNOTATION
+    assert jaw(with_run, 2) == pytest.approx(before)  # other frames stay
+
+
+@pytest.mark.parametrize(("step", "metres"), [(0, 0.0002), (1, 0.001), (2, 0.005)])
+def test_step_sizes(with_run: Workspace, do: Do, step: int, metres: float) -> None:
+    before = jaw(with_run)
+    do(act.Nudge(2, -1), View(place=1, base="first", selected="jaw", step=step))
+    assert jaw(with_run)[2, 3] - before[2, 3] == pytest.approx(-metres)
+
+
+def test_a_turn_keeps_the_middle_of_the_part(with_run: Workspace, do: Do) -> None:
+    centre = part_centre(with_run.assembly.parts["jaw"])
+    before = jaw(with_run)
+    do(act.Turn(2, 1))
+    after = jaw(with_run)
+    assert after[:3, :3] @ centre + after[:3, 3] == pytest.approx(
+        before[:3, :3] @ centre + before[:3, 3]
+    )
+    turned = after[:3, :3] @ before[:3, :3].T
+    assert np.degrees(np.arctan2(turned[1, 0], turned[0, 0])) == pytest.approx(1.0)
+
+
+def test_nudges_in_a_row_are_one_step_of_undo(with_run: Workspace, do: Do) -> None:
+    before = jaw(with_run)
+    burst = do(act.Nudge(0, 1), now=10.0).burst
+    burst = do(act.Nudge(0, 1), burst=burst, now=10.3).burst
+    do(act.Nudge(1, 1), burst=burst, now=20.0)  # much later: a step of its own
+    do(act.Undo())
+    assert jaw(with_run)[:3, 3] - before[:3, 3] == pytest.approx([0.002, 0, 0], abs=1e-12)
+    do(act.Undo())
+    assert jaw(with_run) == pytest.approx(before)
+    with pytest.raises(AnnotationError, match="nothing left to undo"):
+        do(act.Undo())
+    do(act.Redo())
+    assert jaw(with_run)[:3, 3] - before[:3, 3] == pytest.approx([0.002, 0, 0], abs=1e-12)
+
+
+def test_a_drag_is_kept_to_the_last_bit(with_run: Workspace, do: Do) -> None:
+    T = jaw(with_run).copy()
+    T[:3, 3] = [0.0123456789, -0.2, 0.7]
+    done = do(act.MovePart("jaw", T, done=True))
+    assert np.array_equal(jaw(with_run), T)
+    assert "jaw" in done.message and "101" in done.message
+
+
+def test_undo_goes_to_the_frame_it_changes(do: Do) -> None:
+    do(act.Nudge(0, 1))
+    assert do(act.Undo(), View(place=6)).place == 1
+
+
+def test_the_first_edit_notes_what_it_started_from(with_run: Workspace, do: Do) -> None:
+    assert with_run.base_of_seed() is None
+    do(act.Nudge(0, 1), View(place=1, base=TRUTH, selected="jaw"))
+    assert with_run.base_of_seed() == TRUTH
+
+
+def test_copying_takes_the_nearest_pose_before(with_run: Workspace, do: Do) -> None:
+    T = jaw(with_run).copy()
+    T[0, 3] += 0.03
+    do(act.MovePart("jaw", T, done=True), View(place=2, base="first", selected="jaw"))
+    done = do(act.CopyPrevious(), View(place=3, base="first", selected="jaw"))
+    assert np.array_equal(jaw(with_run, 3), T)
+    assert "frame 102" in done.message
+
+
+def test_placing_puts_the_middle_where_the_depth_is(with_run: Workspace, do: Do) -> None:
+    view = View(place=0, base="first", selected="jaw")  # the run did not find it here
+    assert "jaw" not in with_run.poses(0, "first")
+    do(act.PlacePart(100.0, 300.0), view)
+    T = jaw(with_run, 0)
+    centre = T[:3, :3] @ part_centre(with_run.assembly.parts["jaw"]) + T[:3, 3]
+    K = with_run.frames.camera.K
+    seen = K @ (centre / centre[2])
+    assert centre[2] == pytest.approx(0.6)
+    assert seen[:2] == pytest.approx([100.0, 300.0])
+
+
+def test_dropping_a_correction(with_run: Workspace, do: Do) -> None:
+    before = jaw(with_run)
+    do(act.Nudge(0, 1))
+    do(act.RevertPart())
+    assert jaw(with_run) == pytest.approx(before)
+    placed = View(place=0, base="first", selected="jaw")
+    do(act.PlacePart(), placed)
+    do(act.RevertPart(), placed)
+    assert "jaw" not in with_run.poses(0, "first")
+
+
+def test_a_state_for_a_range(with_run: Workspace, do: Do) -> None:
+    error = with_run.assembly.errors[0]
+    do(act.SetState(error.index), View(marked=(2, 4), base="first"))
+    marks = with_run.rows()[0].marks
+    assert [mark is not None for mark in marks] == [i in (2, 3, 4) for i in range(8)]
+    mark = marks[3]
+    assert mark is not None
+    assert (mark.state, mark.is_error, mark.name) == (error.completed, True, error.name)
+    do(act.Undo())
+    assert not any(with_run.rows()[0].marks)
+
+
+@pytest.mark.parametrize(
+    ("action", "view", "words"),
+    [
+        (act.Nudge(0, 1), View(base="first"), "no part is selected"),
+        (act.Nudge(0, 1), View(base="first", selected="jaw"), "jaw has no pose in frame 100"),
+        (act.CopyPrevious(), View(base="first", selected="jaw"), "place it"),
+        (act.RevertPart(), JAW, "was not corrected"),
+        (act.SetState(99), JAW, "there is no state 99"),
+        (act.Redo(), JAW, "nothing left to redo"),
+    ],
+)
+def test_what_cannot_be_done_says_why(do: Do, action: Edits, view: View, words: str) -> None:
+    with pytest.raises(AnnotationError, match=words):
+        do(action, view)

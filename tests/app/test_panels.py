@@ -1,0 +1,164 @@
+"""The panel's tabs and the bars as HTML: complete, escaped, never NaN, whatever is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from asdfviz.app import chrome, hotkeys
+from asdfviz.app.markup import number
+from asdfviz.app.panels import annotate, methods, results, sequence
+from asdfviz.app.session import settled
+from asdfviz.app.snapshot import Snapshot, take
+from asdfviz.app.view import View
+from asdfviz.app.workspace import JobStatus, Workspace
+from asdfviz.evaluate.health_report import Finding
+from asdfviz.geometry.transforms import rotation_about
+from asdfviz.methods.spec import BrokenMethod, MethodSpec
+
+METHODS = {
+    "asdf": MethodSpec("asdf", "All <of> it.", object, "x:Y"),
+    "mine": BrokenMethod("mine", "<b>boom</b>"),
+}
+TABS: dict[str, Callable[[Snapshot], str]] = {
+    "sequence": sequence.content,
+    "methods": lambda snap: methods.content(snap, METHODS),
+    "annotate": annotate.content,
+    "results": lambda snap: results.content(snap, ()),
+    "top": chrome.top_bar,
+    "controls": chrome.controls,
+    "timeline": chrome.timeline_rows,
+}
+
+
+class Balance(HTMLParser):
+    """Checks that tags are closed in order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        if tag not in ("path", "img", "input", "br"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag != "path":
+            assert self.open.pop() == tag
+
+
+def snapshot(workspace: Workspace, view: View | None = None, **changes: object) -> Snapshot:
+    view = settled(replace(view or View(), **changes), workspace.facts())  # pyright: ignore[reportArgumentType]
+    return take(workspace, view, frame=workspace.frames[view.place])
+
+
+@pytest.mark.parametrize("tab", TABS)
+@pytest.mark.parametrize("selected", [None, "jaw"])
+@pytest.mark.parametrize("place", [0, 4, 7])
+def test_every_tab_in_every_state(
+    with_run: Workspace, tab: str, selected: str | None, place: int
+) -> None:
+    with_run.findings = (Finding("depth_unit", "error", "<script>alert(1)</script>", float("nan")),)
+    html = TABS[tab](snapshot(with_run, place=place, selected=selected))
+    balance = Balance()
+    balance.feed(html)
+    assert balance.open == []
+    assert "nan" not in html.lower().replace("nanovise", "")
+    assert "<script" not in html and "<b>boom" not in html and "<of>" not in html
+
+
+@pytest.mark.parametrize("tab", TABS)
+def test_every_tab_without_runs_and_without_a_frame(workspace: Workspace, tab: str) -> None:
+    snap = replace(snapshot(workspace), frame=None)
+    assert TABS[tab](snap)
+
+
+def test_the_parts_say_where_they_are_from(with_run: Workspace) -> None:
+    html = annotate.content(snapshot(with_run, place=0, selected="jaw"))
+    assert "not found in this frame" in html and "Place here" in html
+    assert "refined by depth" in html and "90<small> %" in html
+
+
+def test_poses_are_in_millimetres_and_degrees(with_run: Workspace) -> None:
+    html = annotate.content(snapshot(with_run, place=1, selected="jaw"))
+    assert "52.0<small> mm" in html and "500.0<small> mm" in html and "180.0<small> °" in html
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_euler_angles_give_the_rotation_back(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    R = rotation_about(rng.normal(size=3), rng.uniform(0, np.pi))
+    x, y, z = np.radians(annotate.euler_deg(R))
+    axes = np.eye(3)
+    again = rotation_about(axes[2], z) @ rotation_about(axes[1], y) @ rotation_about(axes[0], x)
+    assert again == pytest.approx(R, abs=1e-9)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_euler_angles_at_the_pole(sign: int) -> None:
+    R = rotation_about(np.array([0.0, 1.0, 0.0]), sign * np.pi / 2) @ rotation_about(
+        np.array([1.0, 0.0, 0.0]), 0.3
+    )
+    x, y, z = np.radians(annotate.euler_deg(R))
+    axes = np.eye(3)
+    again = rotation_about(axes[2], z) @ rotation_about(axes[1], y) @ rotation_about(axes[0], x)
+    assert again == pytest.approx(R, abs=1e-6)
+
+
+def test_a_running_method_can_be_stopped_and_no_other_started(workspace: Workspace) -> None:
+    workspace.job = JobStatus("asdf", "running", 12, 64, 38.4)
+    html = methods.content(snapshot(workspace), METHODS)
+    assert "Running asdf: 12/64, 38 ms a frame" in html and "Stop" in html
+    assert "ax-disabled" in html
+    assert "12/64" in chrome.top_bar(snapshot(workspace))
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (JobStatus("asdf", "done", 64, 64), "is done: 64 frames"),
+        (JobStatus("asdf", "stopped", 3, 64), "stopped after 3 of 64"),
+        (JobStatus("asdf", "failed", 3, 64, message="no weights"), "failed: no weights"),
+    ],
+)
+def test_how_a_method_ended(workspace: Workspace, status: JobStatus, words: str) -> None:
+    workspace.job = status
+    assert words in methods.content(snapshot(workspace), METHODS)
+    assert status.method not in chrome.top_bar(snapshot(workspace))
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (None, "\u2013"),
+        (float("nan"), "\u2013"),
+        (-0.04, "0.0"),
+        (-1.26, "\u22121.3"),
+        (1234.5, "1234.5"),
+    ],
+)
+def test_numbers(value: float | None, shown: str) -> None:
+    assert number(value, decimals=1) == shown
+
+
+def test_no_key_means_two_things() -> None:
+    keys = [(h.key, h.modifier) for h in hotkeys.HOTKEYS if h.key]
+    assert len(keys) == len(set(keys))
+
+
+def test_the_sheet_names_every_key_that_is_not_shared() -> None:
+    shown = {key for lines in hotkeys.sheet().values() for key, _ in lines}
+    single = {hotkeys.key_name(h) for h in hotkeys.HOTKEYS if h.key and h.on_sheet}
+    assert single <= shown
+    assert {"Space", "Ctrl Z", "I K J L U O", "Shift + same"} <= shown
+
+
+def test_cards_are_whole() -> None:
+    for html in (chrome.welcome(), chrome.keys_sheet()):
+        balance = Balance()
+        balance.feed(html)
+        assert balance.open == []

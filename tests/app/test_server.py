@@ -1,0 +1,110 @@
+"""The gate before viser, its port, and that nothing is printed."""
+
+from __future__ import annotations
+
+import socket
+import urllib.error
+import urllib.request
+
+import pytest
+from websockets.datastructures import Headers
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from asdfviz.app.server import Gate, is_loopback, start_server, stop_server
+from asdfviz.errors import InputError
+
+OPEN = Gate(frozenset({"127.0.0.1", "localhost"}), None)
+LOCKED = Gate(None, "sesame")
+HERE = {"Host": "127.0.0.1:8080"}
+SOCKET = {**HERE, "Upgrade": "websocket"}
+
+
+@pytest.mark.parametrize(
+    ("gate", "headers", "path", "status"),
+    [
+        (OPEN, HERE, "/", None),
+        (OPEN, {"Host": "localhost:9"}, "/", None),
+        (OPEN, {"Host": "evil.example:8080"}, "/", 403),
+        (OPEN, {}, "/", 403),
+        (OPEN, {**SOCKET, "Origin": "http://127.0.0.1:8080"}, "/", None),
+        (OPEN, {**SOCKET, "Origin": "http://evil.example"}, "/", 403),
+        (OPEN, {**SOCKET, "Origin": "http://127.0.0.1:9999"}, "/", 403),
+        (OPEN, SOCKET, "/", 403),
+        (LOCKED, HERE, "/", 401),
+        (LOCKED, HERE, "/?token=wrong", 401),
+        (LOCKED, HERE, "/?token=sesame", None),
+        (LOCKED, {**HERE, "Cookie": "asdfviz_token=sesame"}, "/", None),
+        (LOCKED, {**SOCKET, "Origin": "http://127.0.0.1:8080"}, "/?token=sesame", 401),
+        (
+            LOCKED,
+            {**SOCKET, "Origin": "http://127.0.0.1:8080", "Cookie": "asdfviz_token=sesame"},
+            "/",
+            None,
+        ),
+    ],
+)
+def test_who_comes_in(gate: Gate, headers: dict[str, str], path: str, status: int | None) -> None:
+    refusal = gate.refusal(Headers(headers), path)
+    assert (None if refusal is None else refusal[0]) == status
+
+
+def test_the_token_becomes_a_strict_cookie_once() -> None:
+    cookie = LOCKED.welcome_cookie(Headers(HERE))
+    assert cookie is not None and "HttpOnly" in cookie and "SameSite=Strict" in cookie
+    assert LOCKED.welcome_cookie(Headers({**HERE, "Cookie": "asdfviz_token=sesame"})) is None
+
+
+@pytest.mark.parametrize(
+    ("host", "alone"),
+    [("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("0.0.0.0", False), ("box", False)],
+)
+def test_loopback(host: str, alone: bool) -> None:
+    assert is_loopback(host) is alone
+
+
+def test_a_running_server(capsys: pytest.CaptureFixture[str]) -> None:
+    server, url = start_server("127.0.0.1", 0)
+    try:
+        page = _get(url)
+        assert "/asdfviz/app.js" in page and "/asdfviz/app.css" in page
+        assert "viserMutable" in _get(f"{url}asdfviz/app.js")
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            _get(url, Host="evil.example")
+        socket_url = url.replace("http", "ws")
+        with pytest.raises(InvalidStatus, match="403"):
+            connect(socket_url, origin="http://evil.example")  # pyright: ignore[reportArgumentType]
+        assert server.request_share_url() is None
+    finally:
+        stop_server(server)
+    assert capsys.readouterr().out == ""
+
+
+def test_a_busy_port_is_an_error_with_a_hint() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(InputError, match=f"port {port} is in use.*--port {port + 1}"):
+            start_server("127.0.0.1", port)
+
+
+def test_a_foreign_address_is_an_error() -> None:
+    with pytest.raises(InputError, match="cannot listen on"):
+        start_server("192.0.2.1", 0)
+
+
+def test_beyond_this_machine_there_is_a_token() -> None:
+    server, url = start_server("0.0.0.0", 0)
+    try:
+        assert "?token=" in url
+        with pytest.raises(urllib.error.HTTPError, match="401"):
+            _get(url.split("?")[0])
+        assert "/asdfviz/app.js" in _get(url)
+    finally:
+        stop_server(server)
+
+
+def _get(url: str, **headers: str) -> str:
+    with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=10) as page:
+        return page.read().decode()

@@ -1,0 +1,165 @@
+"""Every rule of the view, without a browser."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from asdfviz.app import actions as act
+from asdfviz.app.session import settled, update
+from asdfviz.app.view import TRUTH, Facts, View
+
+FACTS = Facts(
+    count=10,
+    parts=("base", "jaw", "bolt"),
+    boundaries=(0, 3, 6),
+    runs=("a", "b"),
+    preferred="a",
+    has_truth=True,
+    K=np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]),
+    size_wh=(640, 480),
+)
+
+
+def after(view: View, *actions: act.Action) -> View:
+    for action in actions:
+        view = update(view, action, FACTS)
+    return view
+
+
+@pytest.mark.parametrize(
+    ("start", "action", "place"),
+    [
+        (0, act.Step(1), 1),
+        (0, act.Step(-1), 0),
+        (9, act.Step(10), 9),
+        (4, act.Seek(10**8), 9),
+        (4, act.Seek(-5), 0),
+        (4, act.ToBoundary(1), 6),
+        (4, act.ToBoundary(-1), 3),
+        (3, act.ToBoundary(-1), 0),
+        (6, act.ToBoundary(1), 9),
+    ],
+)
+def test_going_to_frames(start: int, action: act.Action, place: int) -> None:
+    assert after(View(place=start), action).place == place
+
+
+def test_play_begins_anew_at_the_end_and_a_step_pauses() -> None:
+    playing = after(View(place=9), act.TogglePlay())
+    assert (playing.playing, playing.place) == (True, 0)
+    assert not after(playing, act.Step(1)).playing
+    assert not after(playing, act.TogglePlay()).playing
+
+
+def test_one_frame_does_not_play() -> None:
+    assert not update(View(), act.TogglePlay(), replace(FACTS, count=1)).playing
+
+
+def test_an_edit_pauses() -> None:
+    assert not after(View(playing=True), act.Nudge(0, 1)).playing
+
+
+@pytest.mark.parametrize(("given", "kept"), [(0.0, 0.25), (2.0, 2.0), (99.0, 4.0)])
+def test_speed_is_kept_in_bounds(given: float, kept: float) -> None:
+    assert after(View(), act.SetSpeed(given)).speed == kept
+
+
+def test_views_change_places_the_camera_anew() -> None:
+    view = after(View(), act.ToggleView())
+    assert (view.mode, view.turns) == ("3d", 1)
+    assert after(view, act.ToggleView()).mode == "ar"
+    # Zoom belongs to AR.
+    assert after(view, act.Zoom(2.0)).zoom == 1.0
+
+
+def test_zoom_and_fit() -> None:
+    view = after(View(), act.Zoom(2.0, 0.5, 0.5))
+    assert view.zoom == pytest.approx(2.0)
+    assert view.centre is not None and view.centre[0] > 320
+    assert after(view, act.FitView()).centre is None
+    assert after(view, act.Zoom(-1.0)) == view
+
+
+def test_looking_around_counts_only_when_magnified() -> None:
+    assert after(View(), act.Look(10.0, 10.0)).centre is None
+    assert after(View(zoom=2.0), act.Look(9999.0, -4.0)).centre == (639.0, 0.0)
+
+
+def test_parts_are_selected_in_a_circle() -> None:
+    view = after(View(), act.NextPart(1))
+    assert (view.selected, view.tab) == ("base", "annotate")
+    assert after(view, act.NextPart(-1)).selected == "bolt"
+    assert after(View(), act.NextPart(-1)).selected == "bolt"
+    assert after(view, act.SelectPart("unheard-of")).selected is None
+
+
+def test_selecting_a_hidden_part_shows_it() -> None:
+    view = after(View(), act.TogglePart("jaw"))
+    assert view.hidden == {"jaw"}
+    assert after(view, act.SelectPart("jaw")).hidden == frozenset()
+
+
+def test_layers() -> None:
+    view = after(View(), act.ToggleLayerAt(2), act.ToggleLayerAt(3), act.ToggleLayerAt(4))
+    assert view.layers == {"b", TRUTH}
+    assert after(view, act.ToggleLayer("b")).layers == {TRUTH}
+    assert after(view, act.ToggleLayer("gone")).layers == view.layers
+    assert after(view, act.UseRun("b")).base == "b"
+    assert after(view, act.UseRun("gone")).base is None
+
+
+def test_toggles_and_opacity() -> None:
+    view = after(View(), act.Toggle("overlay"), act.Toggle("xray"), act.SetOpacity(0.0))
+    assert (view.overlay, view.xray, view.opacity) == (False, True, 0.05)
+
+
+def test_step_sizes_go_round() -> None:
+    view = View()
+    seen = []
+    for _ in range(3):
+        view = after(view, act.CycleStep())
+        seen.append(view.step)
+    assert seen == [2, 0, 1]
+
+
+def test_a_range_follows_the_frame_until_it_is_ended() -> None:
+    view = after(View(place=5), act.MarkRange(), act.Step(-3))
+    assert view.frames == (2, 5)
+    ended = after(view, act.MarkRange(), act.Seek(9))
+    assert (ended.frames, ended.marking) == ((2, 5), None)
+    assert after(ended, act.Cancel()).frames == (9, 9)
+
+
+def test_a_dragged_range_is_put_in_order_and_in_bounds() -> None:
+    view = after(View(), act.SetRange(8, -3))
+    assert view.frames == (0, 8)
+
+
+def test_cancel_takes_one_thing_at_a_time() -> None:
+    view = View(keys=True, marked=(1, 2), selected="jaw")
+    view = after(view, act.Cancel())
+    assert (view.keys, view.marked) == (False, (1, 2))
+    view = after(view, act.Cancel())
+    assert (view.marked, view.selected) == (None, "jaw")
+    assert after(view, act.Cancel()).selected is None
+
+
+def test_what_is_gone_is_no_longer_shown() -> None:
+    view = View(place=20, base="gone", layers=frozenset({"gone", "b"}), selected="gone")
+    kept = settled(view, FACTS)
+    assert (kept.place, kept.base, kept.layers, kept.selected) == (9, "a", {"b"}, None)
+
+
+def test_without_runs_the_truth_is_drawn_and_without_truth_nothing() -> None:
+    bare = replace(FACTS, runs=(), preferred=None)
+    assert settled(View(), bare).base == TRUTH
+    assert settled(View(), replace(bare, has_truth=False)).base is None
+
+
+@pytest.mark.parametrize("action", [act.Undo(), act.Export(), act.Changed(), act.StopRun()])
+def test_what_is_no_matter_of_the_view_leaves_it(action: Any) -> None:
+    assert update(View(), action, FACTS) == View()

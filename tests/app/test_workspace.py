@@ -1,0 +1,184 @@
+"""Runs, layers, rows and messages that tabs share; jobs and the judging behind them."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from asdfviz.app import jobs
+from asdfviz.app.jobs import Background, drawn_truth, next_run_folder, start_judging, truth_of
+from asdfviz.app.view import TRUTH
+from asdfviz.app.workspace import ANNOTATION, Message, Workspace
+from asdfviz.app.worst import worst_frames
+from asdfviz.data.run_files import load_run
+from asdfviz.datatypes import Frame, FramePrediction, PoseEstimate
+from asdfviz.errors import MethodError
+from asdfviz.methods.spec import MethodSpec
+
+
+@dataclass(frozen=True)
+class StillConfig:
+    """Nothing to choose."""
+
+
+GATE = threading.Event()
+"""Lets the method go on."""
+FAIL = threading.Event()
+"""Makes it fail."""
+
+
+class Still:
+    """Says that the base lies at the origin's front; waits before its third frame."""
+
+    def __init__(self, config: StillConfig) -> None:
+        self._seen = 0
+
+    def reset(self, assembly: object, camera: object, initial: object) -> None:
+        self._seen = 0
+
+    def step(self, frame: Frame) -> FramePrediction:
+        self._seen += 1
+        if self._seen == 3:
+            assert GATE.wait(20)
+            if FAIL.is_set():
+                raise ValueError("no light")
+        T = np.eye(4)
+        T[2, 3] = 0.5
+        pose = PoseEstimate("base", T, 1.0, "pnp")
+        return FramePrediction(frame.index, {"base": pose}, None)
+
+
+SPEC = MethodSpec("still", "Says the same of every frame.", StillConfig, f"{__name__}:Still")
+
+
+@pytest.fixture
+def background(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Background:
+    GATE.clear()
+    FAIL.clear()
+    monkeypatch.setattr(jobs, "find_method", lambda _name: SPEC)
+    monkeypatch.setattr(jobs, "PUBLISH_EVERY", 0.0)
+    Path(workspace.frames.path, "rgb").mkdir(exist_ok=True)
+    return Background(workspace)
+
+
+def wait_for(workspace: Workspace, condition: Any) -> None:
+    changed = threading.Event()
+    end = workspace.subscribe(changed.set)
+    try:
+        while not condition():
+            assert changed.wait(20), "nothing happened for 20 s"
+            changed.clear()
+    finally:
+        end()
+
+
+def test_a_run_is_shown_while_it_works_and_saved_at_the_end(
+    workspace: Workspace, background: Background
+) -> None:
+    background.run("still")
+    wait_for(workspace, lambda: workspace.job is not None and workspace.job.done == 2)
+    assert [p is not None for p in workspace.runs[0].by_place] == [True, True, *[False] * 6]
+    with pytest.raises(MethodError, match="still running"):
+        background.run("still")
+    GATE.set()
+    wait_for(workspace, lambda: workspace.job is not None and workspace.job.state == "done")
+    run = workspace.runs[0]
+    assert run.folder is not None
+    assert len(load_run(run.folder).predictions) == 8
+    assert run.milliseconds is not None
+
+
+def test_a_stopped_run_keeps_what_was_done(workspace: Workspace, background: Background) -> None:
+    background.run("still")
+    wait_for(workspace, lambda: workspace.job is not None and workspace.job.done == 2)
+    background.stop()
+    assert workspace.job is not None and workspace.job.state == "stopping"
+    GATE.set()
+    wait_for(workspace, lambda: workspace.job is not None and workspace.job.state == "stopped")
+    folder = workspace.runs[0].folder
+    assert folder is not None and len(load_run(folder).predictions) == 3
+
+
+def test_a_failed_run_says_where(workspace: Workspace, background: Background) -> None:
+    FAIL.set()
+    GATE.set()
+    background.run("still")
+    wait_for(workspace, lambda: bool(workspace.messages))
+    assert workspace.job is not None and workspace.job.state == "failed"
+    message = workspace.messages[0]
+    assert message.is_problem and "frame 102" in message.body and "no light" in message.body
+
+
+def test_run_folders_never_meet(tmp_path: Path) -> None:
+    assert next_run_folder(tmp_path, "asdf").name == "asdf"
+    (tmp_path / "asdf").mkdir()
+    assert next_run_folder(tmp_path, "asdf").name == "asdf-2"
+    assert next_run_folder(tmp_path, "../x:y").parent == tmp_path
+
+
+def test_poses_are_the_runs_and_then_the_corrections(with_run: Workspace) -> None:
+    shown = with_run.poses(1, "first")
+    assert {name: s.source for name, s in shown.items()} == dict.fromkeys(shown, "first")
+    assert with_run.poses(0, None) == {}
+    assert with_run.poses(6, TRUTH).keys() == {"base", "jaw"}
+    T = shown["base"].T_camera_part.copy()
+    T[0, 3] += 1
+    with_run.store.set_pose(101, "base", T)
+    with_run.store.remove_pose(101, "jaw")
+    again = with_run.poses(1, "first")
+    assert again["base"].source == ANNOTATION and np.array_equal(again["base"].T_camera_part, T)
+    assert "jaw" not in again
+
+
+def test_rows_and_boundaries(with_run: Workspace) -> None:
+    assert [row.label for row in with_run.rows()] == ["annotation", "truth", "asdf"]
+    run = with_run.rows()[2]
+    assert run.marks[4] is None and run.probabilities[4] is None
+    assert run.probabilities[0] == pytest.approx(
+        1.0 / (1.0 + 0.1 * (len(with_run.assembly.states) - 1))
+    )
+    assert with_run.facts().boundaries == (0, 3, 5, 6)
+
+
+def test_runs_of_one_method_get_numbers(with_run: Workspace) -> None:
+    with_run.put_run(with_run.runs[0].run, "second")
+    assert [run.label for run in with_run.runs] == ["asdf", "asdf 2"]
+    assert with_run.facts().preferred == "second"
+    with_run.drop_run("second")
+    assert len(with_run.runs) == 1
+
+
+def test_judging(with_run: Workspace) -> None:
+    start_judging(with_run).join(60)
+    assert with_run.reports is not None and not with_run.is_judging
+    report = with_run.reports[0]
+    assert report["run"] == "first"
+    assert report["mean"]["e_t_mm"] == pytest.approx(2.0)
+    worst = worst_frames(with_run, truth_of(with_run), "first", count=2)
+    assert len(worst) == 2 and worst[0].error_mm == pytest.approx(2.0)
+
+
+def test_what_is_drawn_is_what_is_exported(with_run: Workspace) -> None:
+    T = np.eye(4)
+    T[2, 3] = 0.4
+    with_run.store.set_pose(101, "base", T)
+    drawn = drawn_truth(with_run, "first")
+    assert np.array_equal(drawn[101].T_camera_part["base"], T)
+    run_pose = with_run.poses(2, "first")["base"].T_camera_part
+    assert np.array_equal(drawn[102].T_camera_part["base"], run_pose)
+    true = drawn_truth(with_run, TRUTH)[102].T_camera_part["base"]
+    assert not np.array_equal(true, run_pose)
+
+
+def test_listeners_hear_of_changes_until_they_leave(workspace: Workspace) -> None:
+    heard: list[int] = []
+    end = workspace.subscribe(lambda: heard.append(1))
+    workspace.say(Message("a", "b"))
+    end()
+    workspace.changed()
+    assert heard == [1]

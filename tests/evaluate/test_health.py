@@ -1,0 +1,417 @@
+"""Clean scenes must pass, and each fault put into one must be named with its figure."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from asdfviz.data.prefetch import Prefetcher
+from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Mesh, Part, State
+from asdfviz.errors import SequenceError
+from asdfviz.evaluate.health import Finding, HealthReport, check_sequence
+from asdfviz.evaluate.health_shift import measure_shift
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.sampling import diameter
+from asdfviz.geometry.symmetry import Symmetries
+from asdfviz.geometry.transforms import apply, rotation_about, transform_from
+
+WIDTH, HEIGHT = 640, 480
+K = np.array([[600.0, 0, 318.0], [0, 600.0, 243.0], [0, 0, 1]])
+CAMERA = Camera(K, WIDTH, HEIGHT)
+TABLE = 0.8
+SIZES = {"plate": (0.16, 0.1, 0.05), "block": (0.06, 0.06, 0.08), "bar": (0.12, 0.03, 0.03)}
+
+
+def box(x: float, y: float, z: float) -> Mesh:
+    corners = [(i, j, k) for k in (0, 1) for j in (0, 1) for i in (0, 1)]
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [face for a, b, c, d in sides for face in ((a, c, b), (a, d, c))]
+    vertices = (np.array(corners, dtype=np.float64) - 0.5) * [x, y, z]
+    return Mesh(vertices, np.array(faces, dtype=np.int32))
+
+
+def make_assembly(scales: dict[str, float] | None = None) -> Assembly:
+    def part(name: str, obj_id: int) -> Part:
+        mesh = box(*(np.array(SIZES[name]) * (scales or {}).get(name, 1.0)))
+        return Part(
+            name=name,
+            mesh=mesh,
+            keypoints=np.resize(mesh.vertices, (17, 3)),
+            symmetries=Symmetries(),
+            diameter=diameter(mesh.vertices),
+            color=np.array([9, 9, 9], dtype=np.uint8),
+            detector_class=name,
+            obj_id=obj_id,
+        )
+
+    parts = {name: part(name, i) for i, name in enumerate(SIZES)}
+    state = State(0, "bare", {"plate": np.eye(4)})
+    return Assembly(
+        "boxes", "Boxes", "plate", parts, (state,), frozenset(), tuple(SIZES), "/x.yaml"
+    )
+
+
+@cache
+def scene(seed: int, *, shift: tuple[int, int] = (0, 0)) -> tuple[Frame, FrameTruth]:
+    """Boxes with their tops towards the camera on a patterned table; depth may be moved."""
+    rng = np.random.default_rng(seed)
+    coarse = rng.integers(70, 190, (HEIGHT // 16, WIDTH // 16, 3)).astype(np.uint8)
+    rgb = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC).astype(np.float64)
+    depth = np.full((HEIGHT, WIDTH), TABLE)
+    poses: dict[str, np.ndarray] = {}
+    for k, (name, size) in enumerate(SIZES.items()):
+        place = [-0.2 + 0.2 * k, rng.uniform(-0.12, 0.12), TABLE - size[2] / 2]
+        T = transform_from(
+            rotation_about(np.array([0, 0, 1.0]), rng.uniform(0, 3)), np.array(place)
+        )
+        poses[name] = T
+        # The table hides the sides: seen from above, a box ends where its near top edge does.
+        x, y = size[0] / 2, size[1] / 2
+        top = np.array([(-x, -y), (x, -y), (x, y), (-x, y)])
+        corners = np.column_stack([top, np.full(4, -size[2] / 2)])
+        outline = np.rint(project(apply(T, corners), K)).astype(np.int32)
+        mask = np.zeros((HEIGHT, WIDTH), np.uint8)
+        cv2.fillPoly(mask, [outline], 1)
+        rgb[mask > 0] = rng.integers(0, 256, 3)
+        depth[mask > 0] = TABLE - size[2]
+    rgb += rng.normal(0, 4, rgb.shape)
+    depth += rng.normal(0, 0.001, depth.shape)
+    depth = np.roll(depth, (shift[1], shift[0]), axis=(0, 1))
+    depth[rng.random(depth.shape) < 0.01] = 0
+    frame = Frame(
+        seed, seed / 30, rgb.clip(0, 255).astype(np.uint8), depth.astype(np.float32), CAMERA
+    )
+    return frame, FrameTruth(seed, poses, 0)
+
+
+@dataclass(frozen=True)
+class MemorySequence:
+    """Frames in memory; the folder it points to holds no truth files."""
+
+    frames: tuple[Frame, ...]
+    truths: tuple[FrameTruth | None, ...]
+    assembly: Assembly | None
+    path: str
+    name: str = "memory"
+
+    @property
+    def camera(self) -> Camera:
+        return self.frames[0].camera
+
+    @property
+    def frame_indices(self) -> tuple[int, ...]:
+        return tuple(frame.index for frame in self.frames)
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, place: int) -> Frame:
+        return self.frames[place]
+
+    def truth(self, place: int) -> FrameTruth | None:
+        return self.truths[place]
+
+
+Make = Callable[..., MemorySequence]
+
+
+@pytest.fixture
+def make(tmp_path: Path) -> Make:
+    def build(
+        change: Callable[[Frame], Frame] = lambda frame: frame,
+        *,
+        shift: tuple[int, int] = (0, 0),
+        with_truth: bool = False,
+        assembly: Assembly | None = None,
+        count: int = 3,
+    ) -> MemorySequence:
+        scenes = [scene(seed, shift=shift) for seed in range(count)]
+        return MemorySequence(
+            frames=tuple(change(frame) for frame, _ in scenes),
+            truths=tuple(truth if with_truth else None for _, truth in scenes),
+            assembly=assembly or (make_assembly() if with_truth else None),
+            path=str(tmp_path),
+        )
+
+    return build
+
+
+def found(report: HealthReport, kind: str) -> list[Finding]:
+    return [finding for finding in report.findings if finding.kind == kind]
+
+
+def only(report: HealthReport, kind: str) -> Finding:
+    findings = found(report, kind)
+    assert len(findings) == 1, report.findings
+    return findings[0]
+
+
+@pytest.mark.parametrize("with_truth", [False, True])
+def test_a_clean_scene_has_only_its_share_of_missing_depth(make: Make, with_truth: bool) -> None:
+    report = check_sequence(make(with_truth=with_truth))
+    assert [f.kind for f in report.findings] == ["missing_depth"]
+    share = only(report, "missing_depth")
+    assert share.severity == "info"
+    assert share.value == pytest.approx(0.01, abs=0.002)
+    assert "1.0 %" in share.message
+
+
+@pytest.mark.parametrize("shift", [(4, 0), (8, 0), (0, -6), (-3, 3)])
+def test_shifted_depth_is_measured(make: Make, shift: tuple[int, int]) -> None:
+    finding = only(check_sequence(make(shift=shift)), "depth_shift")
+    length = float(np.hypot(*shift))
+    assert finding.value == pytest.approx(length, abs=0.7)
+    assert "shift" in finding.message
+    assert f"{finding.value:.1f} px" in finding.message
+
+
+@pytest.mark.parametrize("seed", range(20, 26))
+def test_a_single_clean_frame_shows_no_shift(seed: int) -> None:
+    measured = measure_shift([scene(seed)[0]])
+    assert measured is not None
+    assert measured.typical_px < 1.5
+
+
+def test_colour_that_has_nothing_to_do_with_depth_says_nothing() -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    frame, _ = scene(1)
+    assert measure_shift([replace(frame, rgb=noise)]) is None
+    assert measure_shift([replace(frame, rgb=np.full_like(noise, 90))]) is None
+    assert measure_shift([replace(frame, depth=np.full((HEIGHT, WIDTH), 0.8, np.float32))]) is None
+    assert measure_shift([replace(frame, depth=None)]) is None
+    assert measure_shift([]) is None
+
+
+def test_the_real_frames_are_about_7_px_off(shared: Path) -> None:
+    sequence = open_sequence(shared / "data" / "real")
+    start = time.monotonic()
+    report = check_sequence(sequence)
+    assert time.monotonic() - start < 30
+    finding = only(report, "depth_shift")
+    assert finding.value == pytest.approx(7.0, abs=1.0)
+    assert "shift" in finding.message
+    share = only(report, "missing_depth")
+    assert share.value == pytest.approx(0.431, abs=0.002)
+    assert "43.1 %" in share.message
+    assert {f.kind for f in report.findings} == {"depth_shift", "missing_depth"}
+
+
+def test_the_real_lens_explains_the_scale_of_the_shift(shared: Path, tmp_path: Path) -> None:
+    real = shared / "data" / "real"
+    for name in ("rgb", "depth"):
+        (tmp_path / name).symlink_to(real / name)
+    camera = json.loads((real / "camera.json").read_text())
+    camera["distortion"] = [0.109, -0.124, 0.0, 0.0, 0.067]
+    (tmp_path / "camera.json").write_text(json.dumps(camera))
+    bare, lens = (open_sequence(folder) for folder in (real, tmp_path))
+    before, after = (measure_shift([s[place] for place in range(3)]) for s in (bare, lens))
+    assert before is not None
+    assert after is not None
+    assert before.scale == pytest.approx(1.016, abs=0.003)
+    assert after.scale == pytest.approx(1.0, abs=0.004)
+    assert after.typical_px < before.typical_px - 1.0
+
+
+def scaled_depth(factor: float) -> Callable[[Frame], Frame]:
+    def change(frame: Frame) -> Frame:
+        assert frame.depth is not None
+        return replace(frame, depth=frame.depth * np.float32(factor))
+
+    return change
+
+
+def changed_camera(edit: Callable[[np.ndarray], np.ndarray]) -> Callable[[Frame], Frame]:
+    return lambda frame: replace(frame, camera=replace(CAMERA, K=edit(K.copy())))
+
+
+@pytest.mark.parametrize(
+    ("factor", "with_truth", "value", "words"),
+    [
+        (1000.0, False, 800.0, r"depth_scale .* by 0.001"),
+        (0.001, False, 0.0008, r"depth_scale .* by 1000"),
+        (0.25, True, 0.25, r"Divide depth_scale by 0.25"),
+        (5.0, True, 5.0, r"Divide depth_scale by 5"),
+    ],
+)
+def test_a_wrong_depth_unit_is_named(
+    make: Make, factor: float, with_truth: bool, value: float, words: str
+) -> None:
+    report = check_sequence(make(scaled_depth(factor), with_truth=with_truth))
+    finding = only(report, "depth_unit")
+    assert finding.severity == "error"
+    assert finding.value == pytest.approx(value, rel=0.03)
+    assert [f.kind for f in report.findings if f.severity == "error"] == ["depth_unit"]
+    assert re.search(words, finding.message)
+
+
+@pytest.mark.parametrize(
+    ("edit", "words"),
+    [
+        (lambda K: np.diag([5.0, 5.0, 1]) @ K, "lies outside the image"),
+        (lambda K: np.diag([2.0, 2.0, 1]) @ K, "2 times as large"),
+        (lambda K: np.diag([0.5, 0.5, 1]) @ K, "0.5 times as large"),
+        (lambda K: K + np.array([[0, 0, 150.0], [0, 0, 0], [0, 0, 0]]), "far from the centre"),
+        (lambda K: K + np.diag([5000.0, 5000.0, 0]), "degrees across"),
+        (lambda K: K - np.diag([500.0, 500.0, 0]), "degrees across"),
+        (lambda K: K + np.diag([120.0, 0, 0]), "fx and fy differ by 20 %"),
+    ],
+)
+def test_intrinsics_that_no_camera_has_are_named(
+    make: Make, edit: Callable[[np.ndarray], np.ndarray], words: str
+) -> None:
+    report = check_sequence(make(changed_camera(edit)))
+    assert words in only(report, "intrinsics").message
+
+
+@pytest.mark.parametrize(
+    ("edit", "value"),
+    [
+        (lambda K: K @ np.diag([1.2, 1.2, 1]), 1 / 1.2),
+        (lambda K: K @ np.diag([0.88, 0.88, 1]), 1 / 0.88),
+        (lambda K: K + np.array([[0, 0, 40.0], [0, 0, 0], [0, 0, 0]]), 40.0),
+    ],
+)
+def test_intrinsics_that_truth_contradicts_are_named(
+    make: Make, edit: Callable[[np.ndarray], np.ndarray], value: float
+) -> None:
+    report = check_sequence(make(changed_camera(edit), with_truth=True))
+    finding = only(report, "intrinsics")
+    assert finding.severity == "error"
+    assert finding.value == pytest.approx(value, rel=0.06)
+    assert not found(report, "mesh_unit")
+
+
+@pytest.mark.parametrize(
+    ("scales", "with_truth", "name"),
+    [
+        ({"block": 10.0}, True, "block"),
+        ({"block": 0.1}, True, "block"),
+        ({"plate": 25.4}, True, "plate"),
+        ({"plate": 0.1, "block": 0.1, "bar": 0.1}, False, "plate"),
+        ({"plate": 10.0, "block": 10.0, "bar": 10.0}, False, "plate"),
+        ({"bar": 0.02}, False, "bar"),
+    ],
+)
+def test_a_mesh_in_the_wrong_unit_is_named(
+    make: Make, scales: dict[str, float], with_truth: bool, name: str
+) -> None:
+    report = check_sequence(make(with_truth=with_truth, assembly=make_assembly(scales)))
+    findings = found(report, "mesh_unit")
+    assert findings, report.findings
+    assert all(name in f.message for f in findings)
+    assert all("unit" in f.message for f in findings)
+    assert not found(report, "intrinsics")
+    assert not found(report, "depth_unit")
+
+
+def test_no_depth_at_all_is_said(make: Make) -> None:
+    report = check_sequence(make(lambda frame: replace(frame, depth=None)))
+    finding = only(report, "missing_depth")
+    assert (finding.severity, finding.value) == ("warning", 1.0)
+
+
+def test_the_blind_rim_is_told_from_holes(make: Make) -> None:
+    def blind(frame: Frame) -> Frame:
+        assert frame.depth is not None
+        depth = frame.depth.copy()
+        depth[:, :320] = 0
+        return replace(frame, depth=depth)
+
+    finding = only(check_sequence(make(blind)), "missing_depth")
+    assert finding.severity == "warning"
+    assert "50.0 % outside the depth camera's view, 1.0 % holes" in finding.message
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A scene folder of 640 x 480 images: frames 0, 1, 2, 4, 5, a depth image alone, odd names."""
+    for name in ("rgb", "depth"):
+        (tmp_path / name).mkdir()
+    for index in (0, 1, 2, 4, 5):
+        frame, _ = scene(index)
+        assert frame.depth is not None
+        cv2.imwrite(str(tmp_path / "rgb" / f"{index:06d}.png"), frame.rgb[..., ::-1])
+        raw = np.rint(frame.depth * 1000).astype(np.uint16)
+        cv2.imwrite(str(tmp_path / "depth" / f"{index:06d}.png"), raw)
+    fields = {"fx": 600.0, "fy": 600.0, "cx": 318.0, "cy": 243.0, "width": WIDTH, "height": HEIGHT}
+    (tmp_path / "camera.json").write_text(json.dumps(fields))
+    return tmp_path
+
+
+def test_missing_frames_are_named(folder: Path) -> None:
+    (folder / "depth" / "000005.png").rename(folder / "depth" / "000009.png")
+    (folder / "rgb" / "cover.png").write_bytes((folder / "rgb" / "000000.png").read_bytes())
+    messages = [f.message for f in found(check_sequence(open_sequence(folder)), "missing_frames")]
+    assert len(messages) == 4
+    text = "\n".join(messages)
+    assert "1 frame(s) are missing between 0 and 5: 3." in text
+    assert "1 of 5 colour images have no depth image of their number: 5." in text
+    assert "1 depth image(s) have no colour image of their number and are not shown: 9." in text
+    assert "rgb/cover.png" in text
+
+
+def test_numbers_that_rise_by_a_step_have_no_gap(folder: Path) -> None:
+    for number, name in enumerate(sorted(p.name for p in (folder / "rgb").iterdir())):
+        for kind in ("rgb", "depth"):
+            (folder / kind / name).rename(folder / kind / f"{1000 + 10 * number}.png")
+    assert not found(check_sequence(open_sequence(folder)), "missing_frames")
+
+
+@pytest.mark.parametrize("kind", ["rgb", "depth"])
+def test_sizes_that_differ_are_a_finding_not_an_error(folder: Path, kind: str) -> None:
+    channels = {"rgb": (np.uint8, 3), "depth": (np.uint16, 1)}[kind]
+    image = np.zeros((240, 320, channels[1]), dtype=channels[0]).squeeze()
+    cv2.imwrite(str(folder / kind / "000002.png"), image)
+    report = check_sequence(Prefetcher(open_sequence(folder)))
+    finding = only(report, "size_mismatch")
+    assert (finding.severity, finding.value) == ("error", 1.0)
+    assert f"{kind}/000002.png is 320 x 240 pixels, but the camera is 640 x 480" in finding.message
+    assert report.findings[0] is finding
+
+
+def test_distractors_are_counted(folder: Path) -> None:
+    entry = {"cam_R_m2c": np.eye(3).reshape(-1).tolist(), "cam_t_m2c": [0, 0, 800]}
+    names = ["plate", "mug", "spoon", "mug", "plate"]
+    gt = {str(i): [{**entry, "obj_id": name} for name in names] for i in (0, 1)}
+    (folder / "scene_gt.json").write_text(json.dumps(gt))
+    report = check_sequence(open_sequence(folder, assembly=make_assembly()))
+    strangers, repeats = found(report, "distractors")
+    assert (strangers.severity, strangers.value) == ("info", 2.0)
+    assert "(6 entries): mug, spoon" in strangers.message
+    assert repeats.value == 2.0
+    assert not found(check_sequence(open_sequence(folder)), "distractors")
+
+
+def test_an_assembly_that_is_not_there_is_named(folder: Path) -> None:
+    (folder / "sequence.json").write_text(json.dumps({"assembly": "gone"}))
+    assert "'gone'" in only(check_sequence(open_sequence(folder)), "missing_assembly").message
+
+
+def test_unreadable_input_is_an_error(folder: Path) -> None:
+    (folder / "rgb" / "000001.png").write_bytes(b"broken")
+    with pytest.raises(SequenceError, match=r"000001\.png"):
+        check_sequence(open_sequence(folder))
+
+
+def test_the_report_is_plain_json_with_the_gravest_first(make: Make) -> None:
+    report = check_sequence(make(scaled_depth(1000.0)))
+    content = json.loads(json.dumps(report.to_json(), allow_nan=False))
+    assert (content["sequence"], content["frames"], content["frames_looked_at"]) == ("memory", 3, 3)
+    assert [f["severity"] for f in content["findings"]] == ["error", "info"]
+    assert set(content["findings"][0]) == {"kind", "severity", "message", "value"}
+
+
+def test_at_most_a_dozen_frames_are_read(make: Make) -> None:
+    report = check_sequence(make(count=15))
+    assert (report.frames, report.frames_looked_at) == (15, 12)

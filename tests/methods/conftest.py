@@ -1,0 +1,154 @@
+"""A toy scene: a base, a block and two like pins, all boxes, with a detector that knows the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, Camera, Detection, Frame, Mesh, Part, State
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.sampling import diameter, farthest_points, surface_points
+from asdfviz.geometry.shapes import Depth, Rgb, Transform
+from asdfviz.geometry.symmetry import Symmetries
+from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
+
+CAMERA = Camera(np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]]), 320, 240)
+HALF = {
+    "base": np.array([0.06, 0.04, 0.01]),
+    "block": np.array([0.02, 0.03, 0.02]),
+    "pin": np.array([0.01, 0.01, 0.03]),
+    "pin-copy": np.array([0.01, 0.01, 0.03]),
+}
+UNIT = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ],
+    dtype=np.int32,
+)  # fmt: skip
+JOINED = {"base": np.eye(4), "block": transform_from(np.eye(3), np.array([0.03, 0, 0.03]))}
+
+
+def part(name: str) -> Part:
+    mesh = Mesh(UNIT * HALF[name], FACES)
+    return Part(
+        name=name,
+        mesh=mesh,
+        keypoints=farthest_points(surface_points(mesh.vertices, FACES, 400), 17),
+        symmetries=Symmetries(),
+        diameter=diameter(mesh.vertices),
+        color=np.zeros(3, dtype=np.uint8),
+        detector_class=name.removesuffix("-copy"),
+    )
+
+
+@pytest.fixture
+def assembly() -> Assembly:
+    """State 0 the base alone, state 1 with the block on it; the pins are never joined."""
+    states = (
+        State(0, "base", {"base": np.eye(4)}),
+        State(1, "block", JOINED, detector_class="toy:block"),
+    )
+    classes = ("base", "block", "pin", "toy:block")
+    parts = {name: part(name) for name in HALF}
+    return Assembly(
+        "toy", "Toy", "base", parts, states, frozenset({(0, 1)}), classes, "/toy/assembly.yaml"
+    )
+
+
+@dataclass
+class FakeDetector:
+    """Answers with what a frame's number stands for; the number is written into the picture."""
+
+    answers: dict[int, tuple[Detection, ...]] = field(default_factory=dict)
+
+    def detect(self, rgb: Rgb) -> tuple[Detection, ...]:
+        return self.answers.get(int(rgb[0, 0, 0]), ())
+
+
+@dataclass(frozen=True, eq=False)
+class Toy:
+    """Makes frames and detections from true poses."""
+
+    assembly: Assembly
+
+    def poses(self, *, joined: bool) -> dict[str, Transform]:
+        T_camera_base = transform_from(
+            rotation_about(np.array([1.0, 0.2, 0.1]), 2.4), np.array([0.03, 0.02, 0.55])
+        )
+        apart = transform_from(
+            rotation_about(np.array([0.3, 1.0, 0]), 0.6), np.array([-0.12, -0.06, 0.5])
+        )
+        return {
+            "base": T_camera_base,
+            "block": T_camera_base @ JOINED["block"] if joined else apart,
+        }
+
+    def depth(self, Ts_camera_part: Mapping[str, Transform]) -> Depth:
+        v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
+        K = CAMERA.K
+        rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1)
+        depth = np.full(u.shape, 0.75)
+        for name, T_camera_part in Ts_camera_part.items():
+            T_part_camera = inverse(T_camera_part)
+            directions = rays @ T_part_camera[:3, :3].T + 1e-12
+            a = (-HALF[name] - T_part_camera[:3, 3]) / directions
+            b = (HALF[name] - T_part_camera[:3, 3]) / directions
+            enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
+            depth = np.where((enter < leave) & (enter > 0), np.minimum(depth, enter), depth)
+        return depth.astype(np.float32)
+
+    def frame(self, index: int, Ts_camera_part: Mapping[str, Transform] | None = None) -> Frame:
+        rgb = np.full((CAMERA.height, CAMERA.width, 3), index, dtype=np.uint8)
+        depth = None if Ts_camera_part is None else self.depth(Ts_camera_part)
+        return Frame(index, 0.1 * index, rgb, depth, CAMERA)
+
+    def detection(
+        self,
+        name: str,
+        T_camera_part: Transform,
+        *,
+        score: float = 0.8,
+        shrink: float = 1.0,
+        noise_px: float = 0.0,
+        seed: int = 0,
+    ) -> Detection:
+        """The part's box with its keypoints, drawn towards the middle by `shrink`."""
+        part = self.assembly.parts[name]
+        corners = project(apply(T_camera_part, part.mesh.vertices), CAMERA.K)
+        box = np.concatenate([corners.min(axis=0), corners.max(axis=0)])
+        middle = (box[:2] + box[2:]) / 2
+        pixels = middle + shrink * (
+            project(apply(T_camera_part, part.keypoints), CAMERA.K) - middle
+        )
+        pixels = pixels + np.random.default_rng(seed).normal(size=pixels.shape) * noise_px
+        return Detection(part.detector_class, box, pixels, np.ones(17), score)
+
+    def state_box(self, score: float) -> Detection:
+        box = np.array([100.0, 80, 220, 160])
+        return Detection("toy:block", box, np.full((17, 2), 120.0), np.ones(17), score)
+
+
+@pytest.fixture
+def toy(assembly: Assembly) -> Toy:
+    return Toy(assembly)
+
+
+@pytest.fixture
+def box_at() -> Callable[..., Detection]:
+    """Make a 20 px box with its left upper corner at (x, y)."""
+
+    def make(label: str, x: float, y: float = 0.0, score: float = 0.5) -> Detection:
+        box = np.array([x, y, x + 20, y + 20], dtype=float)
+        return Detection(label, box, np.zeros((17, 2)), np.ones(17), score)
+
+    return make
+
+
+@pytest.fixture
+def detector() -> FakeDetector:
+    return FakeDetector()

@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly
+from asdfviz.methods.assignment import assign_detections
+
+
+def test_nothing_detected_assigns_nothing(assembly: Assembly) -> None:
+    assert assign_detections([], assembly) == {}
+
+
+def test_the_best_box_of_a_class_wins(assembly: Assembly, box_at: Callable) -> None:
+    boxes = [box_at("block", 0, score=0.4), box_at("block", 90, score=0.7), box_at("toy:block", 5)]
+    assigned = assign_detections(boxes, assembly)
+    assert set(assigned) == {"block"}
+    assert assigned["block"].score == 0.7
+
+
+def test_like_parts_are_named_from_left_to_right_at_first(
+    assembly: Assembly, box_at: Callable
+) -> None:
+    boxes = [box_at("pin", 200, score=0.9), box_at("pin", 30, score=0.5)]
+    for given in (boxes, boxes[::-1]):
+        assigned = assign_detections(given, assembly)
+        assert assigned["pin"].box_xyxy[0] == 30
+        assert assigned["pin-copy"].box_xyxy[0] == 200
+
+
+def test_like_parts_keep_their_names_when_they_cross(assembly: Assembly, box_at: Callable) -> None:
+    previous = {
+        "pin": np.array([200.0, 0, 220, 20]),
+        "pin-copy": np.array([30.0, 0, 50, 20]),
+    }
+    boxes = [box_at("pin", 35, score=0.5), box_at("pin", 190, score=0.9)]
+    assigned = assign_detections(boxes, assembly, previous=previous)
+    assert assigned["pin"].box_xyxy[0] == 190
+    assert assigned["pin-copy"].box_xyxy[0] == 35
+
+
+def test_one_of_two_like_parts_goes_to_the_nearer_name(
+    assembly: Assembly, box_at: Callable
+) -> None:
+    previous = {
+        "pin": np.array([200.0, 0, 220, 20]),
+        "pin-copy": np.array([30.0, 0, 50, 20]),
+    }
+    assigned = assign_detections([box_at("pin", 45)], assembly, previous=previous)
+    assert set(assigned) == {"pin-copy"}
+
+
+def test_a_part_seen_for_the_first_time_gets_the_free_name(
+    assembly: Assembly, box_at: Callable
+) -> None:
+    previous = {"pin-copy": np.array([30.0, 0, 50, 20])}
+    boxes = [box_at("pin", 35), box_at("pin", 5)]
+    assigned = assign_detections(boxes, assembly, previous=previous)
+    assert assigned["pin-copy"].box_xyxy[0] == 35
+    assert assigned["pin"].box_xyxy[0] == 5
+
+
+def test_two_boxes_on_one_object_are_one(assembly: Assembly, box_at: Callable) -> None:
+    boxes = [
+        box_at("pin", 30, score=0.9),
+        box_at("pin", 33, score=0.8),
+        box_at("pin", 90, score=0.3),
+    ]
+    assigned = assign_detections(boxes, assembly)
+    assert assigned["pin"].box_xyxy[0] == 30
+    assert assigned["pin-copy"].box_xyxy[0] == 90

@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, State
+from asdfviz.state.fusion import FusionConfig, Pose2State, neighbours
+
+
+def chain(count: int) -> Assembly:
+    states = tuple(State(i, f"s{i}", {"base": np.eye(4)}) for i in range(count))
+    transitions = frozenset((i, i + 1) for i in range(count - 1))
+    return Assembly("chain", "Chain", "base", {}, states, transitions, (), "assembly.yaml")
+
+
+def peak(index: int, count: int = 5, height: float = 0.8) -> np.ndarray:
+    scores = np.full(count, (1 - height) / (count - 1))
+    scores[index] = height
+    return scores
+
+
+def test_the_first_frame_is_the_weighted_sum_of_its_own_terms(assembly: Assembly) -> None:
+    fusion = Pose2State(assembly, config=FusionConfig(w_dl=0.3, w_p=0.9))
+    estimate = fusion.step(peak(1), peak(2))
+    assert estimate is not None
+    assert estimate.probabilities == pytest.approx(0.25 * peak(1) + 0.75 * peak(2))
+    assert set(estimate.terms) == {"appearance", "relative_pose"}
+
+
+def test_a_later_frame_follows_equations_3_to_5(assembly: Assembly) -> None:
+    config = FusionConfig(w_dl=0.4, w_p=0.6, w_f=0.3, w_previous=0.7, neighbour=0.1)
+    fusion = Pose2State(assembly, config=config)
+    first = fusion.step(peak(1), None)
+    second = fusion.step(peak(2), peak(3))
+    assert first is not None
+    assert second is not None
+    P = first.probabilities
+    # States 0 to 3 in a row, error 4 beside state 1; sums written out by hand.
+    carried = np.array(
+        [
+            0.9 * P[0] + 0.1 * P[1],
+            0.7 * P[1] + 0.1 * (P[0] + P[2] + P[4]),
+            0.8 * P[2] + 0.1 * (P[1] + P[3]),
+            0.9 * P[3] + 0.1 * P[2],
+            0.9 * P[4] + 0.1 * P[1],
+        ]
+    )
+    expected = 0.3 * (0.4 * peak(2) + 0.6 * peak(3)) + 0.7 * carried
+    assert second.terms["previous"] == pytest.approx(carried)
+    assert second.probabilities == pytest.approx(expected)
+    assert second.probabilities.sum() == pytest.approx(1.0)
+
+
+def test_before_any_evidence_the_state_is_unknown(assembly: Assembly) -> None:
+    fusion = Pose2State(assembly)
+    assert fusion.step(None, None) is None
+    assert fusion.step(None, peak(2)) is not None
+
+
+@pytest.mark.parametrize("missing", ["appearance", "relative_pose"])
+def test_one_term_alone_takes_the_whole_weight(assembly: Assembly, missing: str) -> None:
+    fusion = Pose2State(assembly)
+    estimate = fusion.step(*((None, peak(3)) if missing == "appearance" else (peak(3), None)))
+    assert estimate is not None
+    assert estimate.probabilities == pytest.approx(peak(3))
+    assert missing not in estimate.terms
+
+
+def test_frames_that_show_nothing_keep_the_state_as_it_was(assembly: Assembly) -> None:
+    fusion = Pose2State(assembly)
+    seen = fusion.step(peak(2), peak(2))
+    hidden = None
+    for _ in range(50):
+        hidden = fusion.step(None, None)
+    assert seen is not None
+    assert hidden is not None
+    assert hidden.probabilities == pytest.approx(seen.probabilities)
+    assert set(hidden.terms) == {"previous"}
+
+
+def test_first_and_last_state_do_not_lose_to_the_middle(assembly: Assembly) -> None:
+    uniform = np.full(5, 0.2)
+    for state in (0, 3):
+        fusion = Pose2State(assembly)
+        fusion.step(peak(state), peak(state))
+        estimate = None
+        for _ in range(20):
+            estimate = fusion.step(uniform, uniform)
+        assert estimate is not None
+        assert estimate.index == state
+
+
+def test_many_neighbours_leave_a_state_at_least_half_of_its_own(assembly: Assembly) -> None:
+    fusion = Pose2State(assembly, config=FusionConfig(neighbour=0.9))
+    fusion.step(peak(1, height=1.0), None)
+    estimate = fusion.step(None, peak(1))
+    assert estimate is not None
+    assert estimate.terms["previous"][1] == pytest.approx(0.5)
+    assert estimate.terms["previous"].sum() == pytest.approx(1.0)
+
+
+def test_reset_forgets(assembly: Assembly) -> None:
+    fusion = Pose2State(assembly)
+    fusion.step(peak(3), peak(3))
+    fusion.reset()
+    assert fusion.step(None, None) is None
+
+
+def test_error_states_are_neighbours_by_their_transitions(assembly: Assembly) -> None:
+    expected = np.zeros((5, 5))
+    for a, b in ((0, 1), (1, 2), (2, 3), (1, 4)):
+        expected[a, b] = expected[b, a] = 1
+    assert (neighbours(assembly) == expected).all()
+
+
+def delays(truth: np.ndarray, predicted: list[int]) -> list[int]:
+    changes = [int(i) for i in np.flatnonzero(np.diff(truth)) + 1]
+    ends = [*changes[1:], len(truth)]
+    return [
+        next((i - start for i in range(start, end) if predicted[i] == truth[start]), end - start)
+        for start, end in zip(changes, ends, strict=True)
+    ]
+
+
+def test_short_states_are_followed_within_three_frames() -> None:
+    """Ten frames a second, states of 7 frames, a third of the terms pointing at another state."""
+    rng = np.random.default_rng(11)
+    late: list[int] = []
+    right: list[float] = []
+    raw: list[float] = []
+    for _ in range(10):
+        truth = np.repeat(np.arange(6), 7)
+        fusion = Pose2State(chain(6))
+        predicted: list[int] = []
+        for state in truth:
+            terms = []
+            for height in (0.5, 0.85):
+                wrong = rng.random() < 0.25
+                terms.append(peak(int(rng.integers(6)) if wrong else int(state), 6, height))
+            estimate = fusion.step(terms[0], terms[1])
+            assert estimate is not None
+            predicted.append(estimate.index)
+            raw.append(float(terms[1].argmax() == state))
+        late += delays(truth, predicted)
+        right.append(float(np.mean(np.array(predicted) == truth)))
+    assert np.median(late) <= 1
+    assert np.percentile(late, 90) <= 3
+    assert np.mean(right) > np.mean(raw)
+
+
+def test_a_single_wrong_frame_does_not_change_the_state() -> None:
+    fusion = Pose2State(chain(6))
+    for _ in range(8):
+        fusion.step(peak(2, 6), peak(2, 6))
+    flicker = fusion.step(peak(5, 6), peak(5, 6))
+    assert flicker is not None
+    assert flicker.index == 2

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
+
+FAR = transform_from(rotation_about(np.array([1.0, 1, 0]), 1.0), np.array([0.3, 0.2, -0.1]))
+
+
+def fitting(assembly: Assembly, poses, **options) -> np.ndarray | None:
+    return relative_pose_probabilities(poses, assembly, config=RelativePoseConfig(**options))
+
+
+def scene(assembly: Assembly, state: int, **moved: np.ndarray) -> dict[str, np.ndarray]:
+    """Every part where the state has it, the others far away."""
+    Ts = {name: assembly.states[state].T_base_part.get(name, FAR) for name in assembly.parts}
+    return {**Ts, **moved}
+
+
+@pytest.mark.parametrize("state", range(5))
+def test_every_state_is_recognised_from_its_own_poses(
+    assembly: Assembly, place: Callable, state: int
+) -> None:
+    probabilities = fitting(assembly, place(scene(assembly, state)))
+    assert probabilities is not None
+    assert probabilities.sum() == pytest.approx(1.0)
+    assert int(probabilities.argmax()) == state
+    assert probabilities[state] > 0.7
+
+
+def test_without_the_base_part_nothing_is_said(assembly: Assembly, place: Callable) -> None:
+    poses = place(scene(assembly, 3))
+    del poses["base"]
+    assert fitting(assembly, poses) is None
+
+
+def test_the_base_alone_says_nothing(assembly: Assembly, place: Callable) -> None:
+    assert fitting(assembly, {}) is None
+    assert fitting(assembly, place({"base": np.eye(4)})) is None
+
+
+def test_missing_parts_speak_neither_for_nor_against(assembly: Assembly, place: Callable) -> None:
+    seen = scene(assembly, 3)
+    poses = place({name: seen[name] for name in ("base", "block")})
+    probabilities = fitting(assembly, poses)
+    assert probabilities is not None
+    with_block = probabilities[1:]
+    assert with_block == pytest.approx(np.full(4, with_block[0]))
+    assert probabilities[0] < with_block[0]
+
+
+def test_a_joined_part_seen_far_away_speaks_against(assembly: Assembly, place: Callable) -> None:
+    probabilities = fitting(assembly, place({"base": np.eye(4), "lid": FAR}))
+    assert probabilities is not None
+    assert probabilities[3] < 0.2 * probabilities[2]
+    assert probabilities[:3] == pytest.approx(np.full(3, probabilities[0]))
+
+
+def test_a_loose_part_seen_at_its_place_speaks_against(assembly: Assembly, place: Callable) -> None:
+    lid = assembly.states[3].T_base_part["lid"]
+    probabilities = fitting(assembly, place({"base": np.eye(4), "lid": lid}))
+    assert probabilities is not None
+    assert int(probabilities.argmax()) == 3
+    assert probabilities[0] < 0.2 * probabilities[3]
+
+
+def test_one_wild_pose_never_vetoes(assembly: Assembly, place: Callable) -> None:
+    probabilities = fitting(assembly, place(scene(assembly, 3, block=FAR)))
+    assert probabilities is not None
+    assert int(probabilities.argmax()) == 3
+
+
+def test_a_slide_within_the_joint_counts_as_joined(assembly: Assembly, place: Callable) -> None:
+    block = assembly.states[1].T_base_part["block"]
+    for travel, joined in ((0.03, True), (-0.03, True), (0.12, False)):
+        T_block = block.copy()
+        T_block[0, 3] += travel
+        probabilities = fitting(assembly, place({"base": np.eye(4), "block": T_block}))
+        assert probabilities is not None
+        assert (probabilities[1] > probabilities[0]) == joined
+
+
+def test_a_round_pin_may_be_turned_about_its_axis(assembly: Assembly, place: Callable) -> None:
+    spun = transform_from(rotation_about(np.array([0.0, 0, 1]), 2.0), np.zeros(3))
+    tipped = transform_from(rotation_about(np.array([1.0, 0, 0]), 1.5), np.zeros(3))
+    pin = assembly.states[2].T_base_part["pin"]
+    for T_turn, expected in ((spun, 2), (tipped, 1)):
+        probabilities = fitting(assembly, place(scene(assembly, 2, pin=pin @ T_turn)))
+        assert probabilities is not None
+        assert int(probabilities.argmax()) == expected
+
+
+def test_a_wider_tolerance_forgives_more(assembly: Assembly, place: Callable) -> None:
+    block = assembly.states[1].T_base_part["block"].copy()
+    block[1, 3] += 0.04
+    poses = place({"base": np.eye(4), "block": block})
+    strict, lax = fitting(assembly, poses), fitting(assembly, poses, sigma_translation=0.08)
+    assert strict is not None
+    assert lax is not None
+    assert strict[1] < strict[0]
+    assert lax[1] > lax[0]

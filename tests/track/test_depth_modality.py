@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.track import depth_kernels
+from asdfviz.track.optimizer import move
+from asdfviz.track.visibility import occluded
+
+T = transform_from(rotation_about(np.array([0.3, -0.8, 0.2]), 0.7), np.array([0.02, -0.03, 0.5]))
+LENS = np.array([300.0, 310.0, 79.5, 59.5])
+
+
+def matches(count: int) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-0.05, 0.05, (count, 3))
+    normals = rng.normal(size=(count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    measured = points @ T[:3, :3].T + T[:3, 3] + rng.normal(0, 0.005, (count, 3))
+    return np.concatenate([points, normals, measured], axis=1)
+
+
+def test_gradient_is_that_of_the_weighted_squares() -> None:
+    found = matches(12)
+
+    def log_likelihood(theta: np.ndarray) -> float:
+        T_new = T.copy()
+        move(T_new, theta)
+        total = 0.0
+        for match in found:
+            distance = depth_kernels.plane_distance(match, T_new, np.zeros(6))
+            total -= 0.5 * (distance / (0.03 * match[8])) ** 2
+        return total
+
+    gradient, hessian = np.zeros(6), np.zeros((6, 6))
+    depth_kernels.add_matches(found, 12, T, 0.03, gradient, hessian)
+    for i in range(6):
+        step = np.zeros(6)
+        step[i] = 1e-6
+        numeric = (log_likelihood(step) - log_likelihood(-step)) / 2e-6
+        assert gradient[i] == pytest.approx(numeric, rel=1e-5, abs=1e-5)
+    assert np.linalg.eigvalsh(hessian + np.tril(hessian, -1).T).min() > -1e-6
+
+
+def test_a_newton_step_on_exact_matches_of_a_moved_part_moves_it_back() -> None:
+    found = matches(200)
+    theta = np.array([0.02, -0.01, 0.015, 0.003, -0.002, 0.004])
+    T_moved = T.copy()
+    move(T_moved, theta)
+    found[:, 6:9] = found[:, :3] @ T_moved[:3, :3].T + T_moved[:3, 3]
+    gradient, hessian = np.zeros(6), np.zeros((6, 6))
+    depth_kernels.add_matches(found, 200, T, 0.03, gradient, hessian)
+    step = np.linalg.solve(hessian + np.tril(hessian, -1).T, gradient)
+    np.testing.assert_allclose(step, theta, atol=6e-4)
+
+
+def test_nearest_point_equals_a_full_search_where_the_grid_is_full() -> None:
+    rng = np.random.default_rng(2)
+    depth = rng.uniform(0.45, 0.55, (120, 160)).astype(np.float32)
+    depth[rng.random(depth.shape) < 0.3] = 0.0
+    v, u = np.nonzero(depth)
+    z = depth[v, u].astype(np.float64)
+    points = np.stack([(u - LENS[2]) * z / LENS[0], (v - LENS[3]) * z / LENS[1], z], axis=1)
+    for target in rng.uniform([-0.08, -0.05, 0.47], [0.08, 0.05, 0.53], (30, 3)):
+        out = np.zeros(3)
+        # A stride of half a millimetre is less than a pixel here, so every pixel is tried.
+        assert depth_kernels.nearest_point(depth, LENS, *target, 0.02, 0.0005, out)
+        distances = np.linalg.norm(points - target, axis=1)
+        assert np.linalg.norm(out - target) == pytest.approx(distances.min(), rel=1e-5)
+
+
+def test_no_point_within_reach_is_no_match() -> None:
+    depth = np.full((120, 160), 0.9, np.float32)
+    out = np.zeros(3)
+    assert not depth_kernels.nearest_point(depth, LENS, 0.0, 0.0, 0.5, 0.05, 0.005, out)
+    assert not depth_kernels.nearest_point(
+        np.zeros_like(depth), LENS, 0.0, 0.0, 0.5, 0.05, 0.005, out
+    )
+    assert not depth_kernels.nearest_point(depth, LENS, 5.0, 0.0, 0.9, 0.05, 0.005, out)
+
+
+@pytest.mark.parametrize(("u", "expected"), [(40, False), (76, True), (84, True), (100, False)])
+def test_nearer_depth_within_the_radius_occludes(u: int, expected: bool) -> None:
+    depth = np.full((120, 160), 0.6, np.float32)
+    depth[:, 80] = 0.4
+    assert occluded(depth, float(u), 60.0, 0.5, 4.0) == expected
+    depth[:, 80] = 0.0
+    assert not occluded(depth, float(u), 60.0, 0.5, 4.0)
+
+
+def test_other_parts_and_hands_leave_points_out() -> None:
+    depth = np.full((120, 160), 0.5, np.float32)
+    points = np.array([[x, 0.0, 0.0, 0.0, 0.0, -1.0] for x in (-0.1, 0.1)], np.float32)
+    T_front = transform_from(np.eye(3), np.array([0.0, 0.0, 0.5]))
+    ids = np.zeros((120, 160), np.int32)
+    out = np.zeros((2, depth_kernels.MATCH_COLUMNS))
+
+    def count(hide: bool, ids: np.ndarray, depth: np.ndarray) -> int:
+        return depth_kernels.find_matches(
+            depth, points, 2, T_front, LENS, np.array([0.02, 0.005]), False,
+            hide, np.zeros(2, np.float32), np.array([0.01, 0.03]), ids, np.array([0.0, 0.0, 1.0]), 0, out,
+        )  # fmt: skip
+
+    assert count(False, ids, depth) == 2
+    ids[:, 80:] = 1
+    assert count(False, ids, depth) == 1
+    hand = depth.copy()
+    hand[:, 60:] = np.where(np.arange(60, 160) % 2 == 0, 0.3, 0.5)
+    none = np.zeros((0, 0), np.int32)
+    assert count(False, none, hand) == 2
+    assert count(True, none, hand) == 1

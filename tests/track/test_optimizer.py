@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Joint
+from asdfviz.geometry.transforms import inverse, is_rigid, rotation_about, transform_from
+from asdfviz.track.links import Link
+from asdfviz.track.optimizer import Group, OptimizerConfig, adjoint, jacobian, move, newton_step
+
+T_ROOT_PART = transform_from(
+    rotation_about(np.array([0.2, 0.5, -0.4]), 0.9), np.array([0.05, -0.02, 0.03])
+)
+T_CAMERA_ROOT = transform_from(
+    rotation_about(np.array([1.0, 0.5, 0.3]), -0.6), np.array([0.1, 0.0, 0.6])
+)
+AXIS = np.array([0.0, 0.6, 0.8])
+
+
+def twist_between(T_a: np.ndarray, T_b: np.ndarray) -> np.ndarray:
+    """Small (rotation, translation) that moves pose a to pose b on the part's side."""
+    D = inverse(T_a) @ T_b
+    return np.array([D[2, 1], D[0, 2], D[1, 0], *D[:3, 3]])
+
+
+def test_move_stays_rigid_over_thousands_of_steps() -> None:
+    T = T_CAMERA_ROOT.copy()
+    for _ in range(5000):
+        move(T, np.array([0.03, -0.02, 0.01, 1e-4, 0.0, -1e-4]))
+    assert is_rigid(T, tolerance=1e-12)
+    T = T_CAMERA_ROOT.copy()
+    move(T, np.array([0.3, -0.2, 0.1, 0.01, 0.02, 0.03]))
+    theta_r = np.array([0.3, -0.2, 0.1])
+    step = transform_from(
+        rotation_about(theta_r, float(np.linalg.norm(theta_r))), np.array([0.01, 0.02, 0.03])
+    )
+    np.testing.assert_allclose(T, T_CAMERA_ROOT @ step, atol=1e-6)
+
+
+def test_adjoint_moves_a_fixed_part_as_its_root_moves() -> None:
+    Ad = np.zeros((6, 6))
+    adjoint(T_ROOT_PART, Ad)
+    for i in range(6):
+        theta = np.zeros(6)
+        theta[i] = 1e-6
+        T_moved = T_CAMERA_ROOT.copy()
+        move(T_moved, theta)
+        seen = twist_between(T_CAMERA_ROOT @ T_ROOT_PART, T_moved @ T_ROOT_PART)
+        np.testing.assert_allclose(seen / 1e-6, Ad[:, i], atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "revolute", "cylindrical", "ball"])
+def test_joint_columns_are_those_of_finite_differences(kind: str) -> None:
+    joint = Joint(kind, AXIS, np.array([0.01, 0.02, 0.0]), slide=(-0.1, 0.1), turn=(-2.0, 2.0))  # type: ignore[arg-type]
+    screws = np.array(Link(1, T_ROOT_PART, joint).screws())
+    J = np.zeros((6, 6 + len(screws)))
+    jacobian(T_ROOT_PART, 1, np.ones(len(screws), np.int64), screws, J)
+    for d in range(len(screws)):
+        link = Link(1, T_ROOT_PART, joint)
+        step = np.zeros(len(screws))
+        step[d] = 1e-6
+        link.move(step)
+        seen = twist_between(T_ROOT_PART, link.T_root_member)
+        np.testing.assert_allclose(seen / 1e-6, J[:, 6 + d], atol=1e-5)
+
+
+def test_newton_step_equals_numpy() -> None:
+    rng = np.random.default_rng(0)
+    roots = rng.normal(size=(2, 6, 8))
+    hessians = roots @ roots.transpose(0, 2, 1)
+    gradients = rng.normal(size=(2, 6))
+    screws, owners = rng.normal(size=(2, 6)), np.array([1, 1])
+    poses = np.stack([np.eye(4), T_ROOT_PART])
+    regularisation = rng.uniform(1, 2, 8)
+    theta = np.zeros(8)
+    assert newton_step(
+        gradients, np.tril(hessians), poses, owners, screws, regularisation, np.zeros((8, 8)), theta
+    )
+    Ad = np.zeros((6, 6))
+    adjoint(T_ROOT_PART, Ad)
+    J0 = np.concatenate([np.eye(6), np.zeros((6, 2))], axis=1)
+    J1 = np.concatenate([Ad, Ad @ screws.T], axis=1)
+    A = J0.T @ hessians[0] @ J0 + J1.T @ hessians[1] @ J1 + np.diag(regularisation)
+    np.testing.assert_allclose(theta, np.linalg.solve(A, J0.T @ gradients[0] + J1.T @ gradients[1]))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_step_that_is_no_number_moves_nothing(bad: float) -> None:
+    group = Group(0, (), OptimizerConfig())
+    poses = T_CAMERA_ROOT[None].copy()
+    gradients = np.zeros((1, 6))
+    gradients[0, 2] = bad
+    assert not group.step(poses, gradients, np.zeros((1, 6, 6)))
+    np.testing.assert_array_equal(poses[0], T_CAMERA_ROOT)
+
+
+def test_tikhonov_alone_divides_the_gradient() -> None:
+    group = Group(0, (), OptimizerConfig(rotation=1000.0, translation=30000.0))
+    poses = np.eye(4)[None].copy()
+    gradients = np.array([[1.0, 0.0, 0.0, 0.0, 30.0, 0.0]])
+    assert group.step(poses, gradients, np.zeros((1, 6, 6)))
+    np.testing.assert_allclose(
+        twist_between(np.eye(4), poses[0]), [1e-3, 0, 0, 0, 1e-3, 0], atol=1e-9
+    )
+
+
+def test_a_joint_takes_only_what_it_may() -> None:
+    joint = Joint("prismatic", AXIS, np.zeros(3), slide=(-0.001, 0.001))
+    link = Link(1, T_ROOT_PART, joint)
+    group = Group(0, [link], OptimizerConfig(rotation=1e9, translation=1e-6))
+    poses = np.stack([T_CAMERA_ROOT, T_CAMERA_ROOT @ T_ROOT_PART])
+    # The part is pulled along the axis and across it; the root is held by its own Hessian.
+    pull = T_ROOT_PART[:3, :3].T @ (0.01 * AXIS + 0.02 * np.array([1.0, 0, 0]))
+    gradients = np.stack([np.zeros(6), np.concatenate([np.zeros(3), pull])])
+    hessians = np.stack([np.eye(6) * 1e9, np.diag([0.0, 0, 0, 1, 1, 1])])
+    assert group.step(poses, gradients, hessians)
+    assert link.slide == pytest.approx(0.001)
+    np.testing.assert_allclose(poses[0], T_CAMERA_ROOT, atol=1e-8)
+    np.testing.assert_allclose(poses[1], poses[0] @ link.T_root_member, atol=1e-12)
+    travel = (inverse(poses[0]) @ poses[1])[:3, 3] - T_ROOT_PART[:3, 3]
+    np.testing.assert_allclose(travel, 0.001 * AXIS, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("kind", "slide", "turn"),
+    [("cylindrical", 0.01, 0.5), ("revolute", 0.0, -1.2), ("prismatic", 0.02, 0.0)],
+)
+def test_a_link_adopts_an_observed_pose(kind: str, slide: float, turn: float) -> None:
+    joint = Joint(kind, AXIS, np.array([0.01, 0, 0]), slide=(-0.05, 0.05), turn=(-2.0, 2.0))  # type: ignore[arg-type]
+    there = Link(1, T_ROOT_PART, joint, slide=slide, turn=turn)
+    link = Link(1, T_ROOT_PART, joint)
+    link.adopt(there.T_root_member)
+    assert (link.slide, link.turn) == pytest.approx((slide, turn))
+    fixed = Link(1, T_ROOT_PART)
+    fixed.adopt(there.T_root_member)
+    np.testing.assert_array_equal(fixed.T_root_member, T_ROOT_PART)

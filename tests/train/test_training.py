@@ -1,0 +1,171 @@
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from asdfviz.datatypes import Assembly
+from asdfviz.detector.detector import Detector, DetectorConfig
+from asdfviz.detector.weights import load_network
+from asdfviz.errors import InputError, WeightsError
+from asdfviz.train.checkpoint import load_checkpoint
+from asdfviz.train.config import Stage, TrainConfig
+from asdfviz.train.dataset import load_images
+from asdfviz.train.loop import TrainResult, export_weights, train
+from asdfviz.train.schedule import rate_at, stage_at
+from asdfviz.train.session import TrainReport
+from asdfviz.train.validation import validate
+
+
+@pytest.fixture
+def config(scene: Path, tmp_path: Path) -> TrainConfig:
+    return TrainConfig(
+        assembly="toy",
+        data=(scene,),
+        output=tmp_path / "run",
+        steps=6,
+        image_size=320,
+        stages=(Stage(0.5, 96, 96, 2, 1.0), Stage(0.5, 160, 96, 2, 0.5)),
+        warmup_steps=2,
+        keypoint_width=64,
+    )
+
+
+def weights_of(result: TrainResult) -> dict[str, torch.Tensor]:
+    return load_checkpoint(result.output / "last.pt")["network"]
+
+
+def test_a_run_leaves_everything_behind(
+    config: TrainConfig, scene: Path, assembly: Assembly
+) -> None:
+    reports: list[TrainReport] = []
+    whole = dataclasses.replace(config, validation=scene)
+    result = train(whole, assembly=assembly, progress=reports.append)
+    assert result.finished
+    assert result.steps == 6
+    assert reports[-1].step == 6
+    assert all(np.isfinite(v) for v in reports[-1].losses.values())
+    names = {p.name for p in config.output.iterdir()}
+    assert names >= {"last.pt", "best.pt", "log.csv", "curve.png", "config.json", "validation.csv"}
+    with (config.output / "log.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert rows[-1]["step"] == "6"
+    assert result.validation is not None
+    assert [c.label for c in result.validation.classes] == list(assembly.detector_classes)
+    assert "rot deg" in result.validation.table()
+
+
+def test_weights_are_exported_and_detect(
+    config: TrainConfig, assembly: Assembly, tmp_path: Path
+) -> None:
+    result = train(config, assembly=assembly)
+    path = export_weights(result.output / "best.pt", tmp_path / "weights.safetensors")
+    record = json.loads(path.with_suffix(".json").read_text())
+    assert record["classes"] == list(assembly.detector_classes)
+    assert record["steps"] == 6
+    assert record["config"]["seed"] == 0
+    assert load_network(path).keypoint_width == 64
+    detector = Detector(path, config=DetectorConfig(image_size=160))
+    assert isinstance(detector.detect(np.zeros((90, 160, 3), np.uint8)), tuple)
+
+
+def test_a_stopped_run_goes_on_as_if_nothing_had_happened(
+    config: TrainConfig, assembly: Assembly, tmp_path: Path
+) -> None:
+    straight = train(config, assembly=assembly)
+    broken = dataclasses.replace(config, output=tmp_path / "broken")
+    calls = iter(range(100))
+    first = train(broken, assembly=assembly, stop=lambda: next(calls) >= 3)
+    assert (first.finished, first.steps) == (False, 3)
+    second = train(broken, assembly=assembly)
+    assert (second.finished, second.steps) == (True, 6)
+    one, other = weights_of(straight), weights_of(second)
+    for name in one:
+        torch.testing.assert_close(one[name], other[name], msg=name)
+
+
+def test_a_run_of_another_assembly_is_not_gone_on_with(
+    config: TrainConfig, assembly: Assembly
+) -> None:
+    train(dataclasses.replace(config, steps=1), assembly=assembly)
+    other = dataclasses.replace(assembly, detector_classes=("body", "bar", "toy:x"))
+    with pytest.raises(WeightsError, match="another run folder"):
+        train(config, assembly=other)
+
+
+def test_a_few_pictures_are_learned(config: TrainConfig, assembly: Assembly) -> None:
+    """Forty steps on eight pictures bring every loss well down."""
+    reports: list[TrainReport] = []
+    longer = dataclasses.replace(config, steps=40, stages=(Stage(1.0, 128, 96, 4, 1.0),))
+    train(dataclasses.replace(longer, steps=3), assembly=assembly, progress=reports.append)
+    again = dataclasses.replace(longer, output=config.output.with_name("long"))
+    early, late = reports[-1].losses, {}
+    middle = dataclasses.replace(again, steps=40)
+    calls = iter(range(100))
+    train(middle, assembly=assembly, stop=lambda: next(calls) >= 34)
+    train(middle, assembly=assembly, progress=reports.append)
+    late = reports[-1].losses
+    assert late["box"] < 0.8 * early["box"]
+    assert late["keypoint"] < 0.95 * early["keypoint"]
+    assert late["classes"] < 0.7 * early["classes"]
+    assert late["rotation"] < early["rotation"]
+
+
+def test_a_loss_that_blows_up_is_named(config: TrainConfig, assembly: Assembly) -> None:
+    wild = dataclasses.replace(config, learning_rate=1e30, warmup_steps=0, steps=20, clip=1e30)
+    with pytest.raises(InputError, match="not finite at step"):
+        train(wild, assembly=assembly)
+
+
+@pytest.mark.parametrize(("share", "width"), [(0.0, 96), (0.49, 96), (0.51, 160), (1.0, 160)])
+def test_stages_follow_each_other(config: TrainConfig, share: float, width: int) -> None:
+    assert stage_at(config.stages, share).width == width
+
+
+def test_the_rate_warms_up_and_falls(config: TrainConfig) -> None:
+    rates = [rate_at(config, step, step / 100) for step in range(101)]
+    assert rates[0] == pytest.approx(config.learning_rate / 2, rel=1e-3)
+    assert rates[1] == max(rates)
+    assert rates[100] == pytest.approx(config.learning_rate * config.final_rate)
+
+
+def test_a_perfect_network_validates_perfectly(
+    scene: Path, assembly: Assembly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Feed the labels back as detections: recall 1, no pixel error, small pose errors."""
+    from asdfviz.datatypes import Detection
+    from asdfviz.detector.network import Network
+    from asdfviz.train import validation
+
+    images = load_images([scene], assembly, image_size=640)
+    by_picture = {image.rgb.tobytes(): image for image in images}
+
+    def answer(network: object, rgb: np.ndarray, **_: object) -> tuple[Detection, ...]:
+        return tuple(
+            Detection(
+                label=assembly.detector_classes[o.label],
+                box_xyxy=np.concatenate([o.outline.min(0), o.outline.max(0)]).astype(np.float64),
+                keypoints_px=o.keypoints[:, :2].astype(np.float64),
+                keypoint_scores=np.ones(17),
+                score=0.9,
+            )
+            for o in by_picture[rgb.tobytes()].objects
+        )
+
+    monkeypatch.setattr(validation, "detect", answer)
+    found = validate(Network("n", classes=3), images, assembly, image_size=640)
+    assert found.score == pytest.approx(1.0, abs=1e-3)
+    for score in found.classes:
+        assert (score.recall, score.precision) == (1.0, 1.0)
+    body, bar, joined = found.classes
+    assert (body.objects, bar.objects, joined.objects) == (8, 12, 4)
+    for score in (body, bar):
+        assert score.keypoint_px == pytest.approx(0.0, abs=1e-3)
+        assert score.rotation_deg is not None
+        assert score.rotation_deg < 0.5
+    assert joined.keypoint_px is None
