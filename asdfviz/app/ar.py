@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asdfviz.geometry.shapes import Intrinsics, Rotation, Vector
+from asdfviz.geometry.transforms import rotation_about
 
 PLANE_DEPTH = 10.0
 """Metres to the picture: behind everything that a depth camera sees."""
@@ -39,7 +40,8 @@ def image_plane(K: Intrinsics, size_wh: tuple[int, int], *, depth: float = PLANE
     width, height = size_wh
     x = ((width / 2 - 0.5) - K[0, 2]) / K[0, 0] * depth
     y = ((height / 2 - 0.5) - K[1, 2]) / K[1, 1] * depth
-    return Plane(width / K[0, 0] * depth, height / K[1, 1] * depth, (float(x), float(y), depth))
+    size = float(width / K[0, 0] * depth), float(height / K[1, 1] * depth)
+    return Plane(*size, (float(x), float(y), depth))
 
 
 def rest_centre(K: Intrinsics) -> tuple[float, float]:
@@ -145,10 +147,25 @@ def zoom_about(
     if new <= ZOOM_RANGE[0] + 1e-9:
         return ZOOM_RANGE[0], rest_centre(window.K)
     point = window.pixel(centre, ndc, zoom=zoom)
-    for _ in range(8):
-        seen = window.pixel(centre, ndc, zoom=new)
-        centre = (centre[0] + point[0] - seen[0], centre[1] + point[1] - seen[1])
-    return new, clamp_centre(centre, window.size_wh)
+    t = np.tan(window.fov(new) / 2)
+    ray = np.array([ndc[0] * t * window.aspect, ndc[1] * t, 1.0])
+    z = _level_rotation(ray / np.linalg.norm(ray), look_direction(window.K, point))[:, 2]
+    ahead = max(float(z[2]), 1e-6)
+    moved = (
+        float(window.K[0, 0] * z[0] / ahead + window.K[0, 2]),
+        float(window.K[1, 1] * z[1] / ahead + window.K[1, 2]),
+    )
+    return new, clamp_centre(moved, window.size_wh)
+
+
+def _level_rotation(ray_view: Vector, ray_camera: Vector) -> Rotation:
+    """R_camera_view, turned about the upright and then the level axis only, that maps ray to ray."""
+    x, y, z = ray_view
+    away = np.sqrt(max(y * y + z * z - ray_camera[1] ** 2, 1e-12))
+    pitch = np.arctan2(ray_camera[1], away) - np.arctan2(y, z)
+    yaw = np.arctan2(ray_camera[0], ray_camera[2]) - np.arctan2(x, away)
+    ex, ey = np.eye(3)[:2]
+    return rotation_about(ey, float(yaw)) @ rotation_about(ex, -float(pitch))
 
 
 def clamp_centre(centre: tuple[float, float], size_wh: tuple[int, int]) -> tuple[float, float]:

@@ -46,7 +46,8 @@ class Controller:
         background: Background,
         methods: Mapping[str, MethodSpec | BrokenMethod],
     ) -> None:
-        self._client = client
+        self.client = client
+        """viser's handle of the browser tab."""
         self._workspace = workspace
         self._background = background
         self._methods = methods
@@ -96,19 +97,19 @@ class Controller:
                 self._play()
             self._refresh()
             moved = self.view.place != before
-            if (moved or self.view.playing) and not wait_until_shown(self._client):
+            if (moved or self.view.playing) and not wait_until_shown(self.client):
                 return
 
     def _build(self) -> None:
         workspace = self._workspace
-        aspect = float(self._client.camera.aspect)
+        aspect = float(self.client.camera.aspect)
         base = workspace.base_of_seed()
         view = View(aspect=aspect, base=base, welcome=self._is_first_visit())
         self.view = settled(view, workspace.facts())
-        with self._client.atomic():
-            self._page = Page(self._client.gui, self._methods)
-            self._scene = Scene(self._client, workspace, self.emit)
-            hotkeys.register(self._client.gui, workspace.assembly, self.emit)
+        with self.client.atomic():
+            self._page = Page(self.client.gui, self._methods)
+            self._scene = Scene(self.client, workspace, self.emit)
+            hotkeys.register(self.client.gui, workspace.assembly, self.emit)
         self._listen()
 
     def _listen(self) -> None:
@@ -130,11 +131,11 @@ class Controller:
             if look is not None:
                 self.emit(look)
 
-        self._client.camera.on_update(moved)
+        self.client.camera.on_update(moved)
 
     def _is_first_visit(self) -> bool:
         try:
-            return self._client.local_storage.get_item(_WELCOMED, timeout=5.0) is None
+            return self.client.local_storage.get_item(_WELCOMED, timeout=5.0) is None
         except (RuntimeError, TimeoutError):
             return False
 
@@ -176,7 +177,7 @@ class Controller:
             case act.Export():
                 self._background.export(self.view.base)
             case act.DismissWelcome():
-                self._client.local_storage.set_item(_WELCOMED, "yes")
+                self.client.local_storage.set_item(_WELCOMED, "yes")
             case act.UseRun():
                 self._use_run()
             case _:
@@ -226,8 +227,8 @@ class Controller:
         if frame is not None and self._scene.load(self.view.place, frame):
             # The page decodes it meanwhile, so that picture and poses change together.
             for _ in range(DECODE_ROUNDS):
-                wait_until_shown(self._client)
-        with self._client.atomic():
+                wait_until_shown(self.client)
+        with self.client.atomic():
             self._scene.apply(snap)
             self._page.show(snap, self._worst_now())
         self._place_camera(snap)
@@ -270,9 +271,9 @@ class Controller:
             return
         self._turns = self.view.turns
         if self.view.mode == "ar":
-            camera.place_ar(self._client, self.view, snap.facts)
+            camera.place_ar(self.client, self.view, snap.facts)
         else:
-            camera.place_free(self._client, self._scene.middle(snap))
+            camera.place_free(self.client, self._scene.middle(snap))
 
     def _worst_now(self) -> tuple[WorstFrame, ...]:
         reports = self._workspace.reports
@@ -283,7 +284,7 @@ class Controller:
         return self._worst
 
     def _tell(self, title: str, body: str, *, color: Any) -> None:
-        self._client.add_notification(
+        self.client.add_notification(
             title,
             body,
             with_close_button=True,

@@ -32,6 +32,11 @@ class Ring:
         self._places: list[int] = []
         self._shown = 0
 
+    @property
+    def places(self) -> frozenset[int]:
+        """The frames whose pictures the page has."""
+        return frozenset(self._places)
+
     def load(self, place: int, rgb: Rgb, plane: Plane) -> bool:
         """Send a frame's picture into a hidden plane; False where it is there already."""
         if self._plane != plane or not self._handles:

@@ -100,7 +100,8 @@ def canonical(T_camera_part: Transform, symmetries: Symmetries) -> Transform:
 
 
 def _turn_to_camera(T_camera_part: Transform, axis: Axis) -> float:
-    towards = -T_camera_part[:3, :3].T @ T_camera_part[:3, 3]
+    # From the axis, not from the frame's origin, which moves when the part is turned.
+    towards = -T_camera_part[:3, :3].T @ T_camera_part[:3, 3] - axis.offset
     x = across(axis.direction)
     y = np.cross(axis.direction, x)
     return float(np.arctan2(towards @ y, towards @ x))

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
+from asdfviz.errors import WeightsError
 from asdfviz.geometry.sampling import surface_points as sample_surface
 from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box, hull_corners
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
@@ -46,11 +47,20 @@ def poses_from_keypoints(
     """PnP for every detected part; one whose keypoints allow no pose is absent.
 
     A pose's score is that of its box times the share of keypoints that agree with it.
+
+    Raises:
+        WeightsError: the network was trained with another number of keypoints.
     """
     poses: dict[str, PoseEstimate] = {}
     for name, detection in found.items():
+        keypoints = assembly.parts[name].keypoints
+        if len(detection.keypoints_px) != len(keypoints):
+            raise WeightsError(
+                f"the network gives {len(detection.keypoints_px)} keypoints, "
+                f"part '{name}' of {assembly.name} has {len(keypoints)}"
+            )
         solution = solve_pnp(
-            assembly.parts[name].keypoints,
+            keypoints,
             detection.keypoints_px,
             frame.camera.K,
             config=config,

@@ -47,11 +47,14 @@ def minimize_reprojection(
     if not len(cost):
         return None
     damping = np.full(len(cost), 1e-3)
-    for _ in range(ITERATIONS):
+    for iteration in range(ITERATIONS):
+        if iteration == 3:  # by now only the starts near the best can still win
+            hopeful = cost <= 1.5 * cost.min()
+            Ts_camera_part, cost, damping = Ts_camera_part[hopeful], cost[hopeful], damping[hopeful]
         trial = problem.stepped(Ts_camera_part, damping)
         trial_cost = problem.cost(trial)
         better = trial_cost < cost
-        converged = better.any() and (trial_cost > (1 - 1e-4) * cost)[better].all()
+        converged = better.any() and (trial_cost > (1 - 1e-3) * cost)[better].all()
         Ts_camera_part = np.where(better[:, None, None], trial, Ts_camera_part)
         cost = np.where(better, trial_cost, cost)
         damping = np.clip(np.where(better, damping * 0.2, damping * 10), 1e-9, 1e6)

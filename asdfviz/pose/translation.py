@@ -28,8 +28,17 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from asdfviz.geometry.camera import project
-from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Pixels, Points, Scores, Transform
-from asdfviz.geometry.transforms import apply
+from asdfviz.geometry.shapes import (
+    Box,
+    Depth,
+    Intrinsics,
+    Pixels,
+    Points,
+    Scores,
+    Transform,
+    Vector,
+)
+from asdfviz.geometry.transforms import apply, transform_from
 
 Shifts: TypeAlias = Float64[np.ndarray, "readings"]
 """The d_i of the points that have a reading, metres."""
@@ -59,8 +68,9 @@ class TranslationConfig:
     """The coarse step reads this central share of the box in each direction."""
     max_shift: float = 0.4
     """No part is moved farther than this, metres."""
-    cells: int = 24
-    """Cells of the box in each direction; the nearest point of each is kept."""
+    cells: int = 12
+    """Cells of the box in each direction; the nearest point of each is kept. So few that every cell
+    holds several of the surface points, or hidden ones would have a cell to themselves."""
     edge: float = 0.02
     """A pixel whose neighbours differ by more than this is on a depth edge, metres."""
     min_points: int = 12
@@ -93,33 +103,32 @@ def refine_translation(
     """
     if not config.enabled or depth is None:
         return None
-    moved = T_camera_part.copy()
+    points_camera = apply(T_camera_part, points_part)
+    reader = _Reader(depth, K, config)
+    total = np.zeros(3)
     if config.coarse:
-        shifts = _shifts(
-            moved, points_part, _shrunk(box_xyxy, config.coarse_area), depth, K, config
-        )
+        shifts = reader.shifts(points_camera + total, _shrunk(box_xyxy, config.coarse_area))
         if len(shifts) >= config.min_points:
-            _move(moved, points_part, _common_shift(shifts, config))
+            total = total + _along_ray(points_camera + total, _common_shift(shifts, config))
     for step in reversed(range(config.steps)):
-        sigma = config.sigma * 2**step
-        shifts = _shifts(moved, points_part, box_xyxy, depth, K, config)
-        if len(shifts) < config.min_points:
+        shifts = reader.shifts(points_camera + total, box_xyxy)
+        weights = np.exp(-0.5 * (shifts / (config.sigma * 2**step)) ** 2)
+        if len(shifts) < config.min_points or weights.sum() < 1e-6:
             return None
-        weights = np.exp(-0.5 * (shifts / sigma) ** 2)
-        if weights.sum() > 1e-6:
-            _move(moved, points_part, float((weights * shifts).sum() / weights.sum()))
-    shifts = _shifts(moved, points_part, box_xyxy, depth, K, config)
-    total = float(np.linalg.norm(moved[:3, 3] - T_camera_part[:3, 3]))
-    if len(shifts) < config.min_points or total > config.max_shift:
+        mean_shift = float((weights * shifts).sum() / weights.sum())
+        total = total + _along_ray(points_camera + total, mean_shift)
+    shifts = reader.shifts(points_camera + total, box_xyxy)
+    if len(shifts) < config.min_points or float(np.linalg.norm(total)) > config.max_shift:
         return None
-    agreement = float((np.abs(shifts) < 2 * config.sigma).mean())
-    return moved if agreement >= config.min_agreement else None
+    if float((np.abs(shifts) < 2 * config.sigma).mean()) < config.min_agreement:
+        return None
+    return transform_from(T_camera_part[:3, :3], T_camera_part[:3, 3] + total)
 
 
-def _move(T_camera_part: Transform, points_part: Points, shift: float) -> None:
-    """Move in place along the ray through the part's middle, which keeps its place in the image."""
-    middle = apply(T_camera_part, points_part).mean(axis=0)
-    T_camera_part[:3, 3] += shift * middle / np.linalg.norm(middle)
+def _along_ray(points_camera: Points, shift: float) -> Vector:
+    """The shift along the ray through the part's middle, which keeps its place in the image."""
+    middle = points_camera.mean(axis=0)
+    return shift * middle / np.linalg.norm(middle)
 
 
 def _shrunk(box_xyxy: Box, share: float) -> Box:
@@ -127,26 +136,23 @@ def _shrunk(box_xyxy: Box, share: float) -> Box:
     return np.concatenate([center - half, center + half])
 
 
-def _shifts(
-    T_camera_part: Transform,
-    points_part: Points,
-    box_xyxy: Box,
-    depth: Depth,
-    K: Intrinsics,
-    config: TranslationConfig,
-) -> Shifts:
-    """The d_i: how far along its ray the measured surface lies behind each visible point, metres."""
-    points_camera = apply(T_camera_part, points_part)
-    points_camera = points_camera[points_camera[:, 2] > 1e-6]
-    pixels = project(points_camera, K)
-    inside = _inside(pixels, box_xyxy, depth.shape)
-    points_camera, pixels = points_camera[inside], pixels[inside]
-    nearest = _nearest_of_cells(pixels, points_camera[:, 2], box_xyxy, config.cells)
-    points_camera, pixels = points_camera[nearest], pixels[nearest]
-    measured, valid = _readings(depth, pixels, config.edge)
-    z = points_camera[:, 2]
-    ray_per_depth = np.linalg.norm(points_camera, axis=1) / z
-    return ((measured - z) * ray_per_depth)[valid]
+class _Reader:
+    """Reads a depth image for points of a part."""
+
+    def __init__(self, depth: Depth, K: Intrinsics, config: TranslationConfig) -> None:
+        self._depth, self._K, self._config = depth, K, config
+
+    def shifts(self, points_camera: Points, box_xyxy: Box) -> Shifts:
+        """The d_i: how far along its ray the measured surface lies behind each visible point."""
+        front = points_camera[points_camera[:, 2] > 1e-6]
+        pixels = project(front, self._K)
+        inside = _inside(pixels, box_xyxy, self._depth.shape)
+        front, pixels = front[inside], pixels[inside]
+        nearest = _nearest_of_cells(pixels, front[:, 2], box_xyxy, self._config.cells)
+        visible = front[nearest]
+        measured, valid = _readings(self._depth, pixels[nearest], self._config.edge)
+        z = visible[:, 2]
+        return ((measured - z) * np.linalg.norm(visible, axis=1) / z)[valid]
 
 
 def _inside(pixels: Pixels, box_xyxy: Box, shape: tuple[int, ...]) -> Flags:

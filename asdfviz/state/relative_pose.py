@@ -33,11 +33,12 @@ from asdfviz.state.joints import deviation
 class RelativePoseConfig:
     """Tolerances of the relative poses; the paper gives none."""
 
-    sigma_translation: float = 0.02
+    sigma_translation: float = 0.04
     """Standard deviation of a joined part's distance from its place, metres (GBOT switches states
     at 0.03 to 0.04)."""
-    sigma_rotation: float = 0.35
-    """Standard deviation of a joined part's angle, radians (GBOT: 20 degrees)."""
+    sigma_rotation: float = 0.6
+    """Standard deviation of a joined part's angle, radians: twice the paper's mean rotation error,
+    since two parts err, and more for a lightly trained network (GBOT switches at 0.35)."""
     outliers: float = 0.05
     """eps: share of part poses that are plainly wrong, 0 to 1."""
     temperature: float = 1.5

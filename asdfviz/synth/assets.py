@@ -6,14 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Mesh
-from asdfviz.geometry.shapes import Points
 from asdfviz.synth.hands import GRASPS, HandMesh, hand_mesh
 from asdfviz.synth.mesh_bank import MeshBank
 from asdfviz.synth.primitives import distractor_meshes
 from asdfviz.synth.resting import RestingFace, resting_faces
 
+Cloud = Float64[np.ndarray, "_ 3"]
+"""Points whose number differs from cloud to cloud."""
 SLEEVE_CUTS = (0.015, 0.11)
 """Where sleeves end, metres from the wrist towards the elbow."""
 
@@ -32,8 +34,8 @@ class Assets:
     sleeves: range
     """For each grasp one a cut."""
     resting: Mapping[str, tuple[RestingFace, ...]]
-    distractor_points: tuple[Points, ...]
-    hand_points: tuple[Points, ...]
+    distractor_points: tuple[Cloud, ...]
+    hand_points: tuple[Cloud, ...]
 
 
 def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:

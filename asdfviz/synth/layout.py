@@ -88,8 +88,8 @@ class Table:
     height: int
     reach: float
     """Largest distance from the middle of the view, metres."""
-    outlines: list[Float64[np.ndarray, "k 2"]] = field(
-        default_factory=list[Float64[np.ndarray, "k 2"]]
+    outlines: list[Float64[np.ndarray, "_ 2"]] = field(
+        default_factory=list[Float64[np.ndarray, "_ 2"]]
     )
 
     def on_table(self, u: float, v: float) -> Vector:

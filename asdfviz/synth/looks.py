@@ -94,7 +94,7 @@ def skin(rng: np.random.Generator) -> Finish:
 
 def sleeve(rng: np.random.Generator) -> Finish:
     """Cloth of a sleeve."""
-    color = random_hue(rng, saturation=(0, 0.6), value=(0.08, 0.8))
+    color = random_hue(rng, saturation=(0.0, 0.6), value=(0.08, 0.8))
     return Finish(color, 0.95, 0.3)
 
 
@@ -104,9 +104,9 @@ def _micro(rng: np.random.Generator, kind: str | None = None) -> tuple[str, int]
 
 
 def _three(rng: np.random.Generator) -> Float64[np.ndarray, "3 3"]:
-    first = random_hue(rng, saturation=(0, 0.8), value=(0.15, 0.9))
+    first = random_hue(rng, saturation=(0.0, 0.8), value=(0.15, 0.9))
     related = np.clip(first * np.exp(rng.normal(size=3) * 0.25), 0.01, 0.9)
-    second = related if rng.random() < 0.5 else random_hue(rng, saturation=(0, 0.8))
+    second = related if rng.random() < 0.5 else random_hue(rng, saturation=(0.0, 0.8))
     return np.stack([first, second, random_hue(rng)])
 
 

@@ -54,25 +54,23 @@ def carry(
 ) -> list[Transform]:
     """World poses of a carried part, one a frame, the last one being the goal.
 
-    The part leaves its place along `leave`, rises until its origin is `clear` high, crosses over while
-    it turns, sinks and comes home along `arrive`.
+    The part leaves its place along `leave`, rises to `clear` while it crosses over and turns, sinks and comes home along `arrive`.
 
     Args:
         start: pose at which it lies.
         goal: pose to reach.
         leave: way out of the start, metres (world).
         arrive: way from the goal outwards, metres (world).
-        clear: height of the part's origin at the crossing, metres.
+        clear: height of the part's origin over the goal, metres.
         pace: limits.
         stretch: factor on the number of frames.
     """
     out, home = start.copy(), goal.copy()
     out[:3, 3] += leave
     home[:3, 3] += arrive
-    above_start, above_goal = out.copy(), home.copy()
-    above_start[2, 3] = max(clear, out[2, 3])
+    above_goal = home.copy()
     above_goal[2, 3] = max(clear, home[2, 3])
-    stops = [start, out, above_start, above_goal, home, goal]
+    stops = [start, out, above_goal, home, goal]
     costs = [
         max(
             float(np.linalg.norm(b[:3, 3] - a[:3, 3])) / pace.step,

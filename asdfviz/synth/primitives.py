@@ -49,6 +49,12 @@ def prism(outline: Profile, *, height: float = 1.0) -> Mesh:
     return Mesh(np.concatenate([bottom, top, caps]).astype(np.float64), faces.astype(np.int32))
 
 
+def box(size: tuple[float, float, float]) -> Mesh:
+    """A box about the origin with the given edges."""
+    unit = prism(np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]))
+    return Mesh(unit.vertices * np.array(size), unit.faces)
+
+
 def _regular(k: int) -> Profile:
     angle = np.arange(k) * 2 * np.pi / k
     return np.stack([np.cos(angle), np.sin(angle)], axis=1) * 0.5
@@ -81,7 +87,7 @@ def distractor_meshes() -> Sequence[Mesh]:
     """Solids about one unit large: boxes, bolts, rings, cups, a bottle, gears, a handle."""
     p = np.array
     return (
-        prism(p([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])),
+        box((1.0, 1.0, 1.0)),
         prism(_regular(6)),
         prism(_regular(32)),
         prism(_l_shape()),

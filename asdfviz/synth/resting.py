@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull  # pyright: ignore[reportMissingTypeStubs] 
 from asdfviz.geometry.shapes import Points, Rotation
 from asdfviz.geometry.transforms import rotation_about
 
-Outline = Float64[np.ndarray, "k 2"]
+Outline = Float64[np.ndarray, "_ 2"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,8 +36,7 @@ def resting_faces(points: Points) -> tuple[RestingFace, ...]:
     center, equations = _centroid(points, hull), np.asarray(hull.equations, np.float64)
     groups: dict[tuple[int, ...], list[int]] = {}
     for k, plane in enumerate(equations):
-        rounded = np.round(plane * np.array([40, 40, 40, 2500]))
-        key = tuple(int(x) for x in rounded.tolist())
+        key = tuple(round(float(v) * s) for v, s in zip(plane, (40, 40, 40, 2500), strict=True))
         groups.setdefault(key, []).append(k)
     found: list[RestingFace] = []
     for members in groups.values():

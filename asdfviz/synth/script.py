@@ -83,8 +83,6 @@ class Director:
         leaving = [n for n in self.joined if n not in goals]
         changed = [n for n in self.joined if n in goals and _differs(self.joined[n], goals[n])]
         new = [n for n in goals if n not in self.joined]
-        for name in [*leaving, *changed]:
-            self._take_off(name)
         for name in leaving:
             self._move(name, self.stage.T_world_part[name], home=np.array([0.0, 0.0, 0.02]))
         for name in [*changed, *new]:
@@ -113,19 +111,25 @@ class Director:
         self._reach_to(self._rest_point())
 
     def _take_off(self, name: str) -> None:
-        """The part is no longer counted as joined; an error ends with that."""
+        """The part is no longer counted as joined; an error ends with the last wrong part."""
         del self.joined[name]
         if self.label.is_error:
-            self.label = self.assembly.states[self.label.completed]
+            right = self.assembly.states[self.label.completed]
+            goals = self.targets(right)
+            wrong = [n for n, T in self.joined.items() if n not in goals or _differs(T, goals[n])]
+            self.label = self.label if wrong else right
 
     def _move(self, name: str, goal: Transform, *, home: Vector) -> None:
         start = self.poses[name]
         grasp = self._grasp(name, goal)
         self._reach_to(apply(start, grasp[None])[0])
+        leave = self._way_out(name, start)
+        if name in self.joined:
+            self._take_off(name)
         path = carry(
             start,
             goal,
-            leave=self._way_out(name, start),
+            leave=leave,
             arrive=home,
             clear=self._clear_height(name, start, goal),
             pace=self.pace,
@@ -150,7 +154,7 @@ class Director:
             candidates = [joint.axis, -joint.axis, up]
         candidates += [s * axis for axis in np.eye(3) for s in (1.0, -1.0)]
         upward = [c for c in candidates if c @ up > -0.3]
-        others = [(self.assembly.parts[n].mesh, T) for n, T in self.joined.items()]
+        others = [(self.assembly.parts[n].mesh, T) for n, T in self.joined.items() if n != name]
         mesh = self.assembly.parts[name].mesh
         return APPROACH * approach(mesh, T_base_part, others, upward, distance=APPROACH)
 

@@ -79,8 +79,8 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
         vignette=float(rng.uniform(0, 0.3)),
         blur_px=float(rng.uniform(0.5, 1.4)),
         noise=float(rng.uniform(0.0015, 0.0075)),
-        contrast=float(rng.uniform(0.88, 1.15)),
-        saturation=float(rng.uniform(0.8, 1.2)),
+        contrast=float(rng.uniform(0.92, 1.25)),
+        saturation=float(rng.uniform(0.85, 1.35)),
         jpeg_quality=int(rng.integers(78, 97)),
         motion_px=(float(motion[0]), float(motion[1])),
     )

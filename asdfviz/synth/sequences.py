@@ -256,12 +256,14 @@ def _write_frame(
     settings = np.random.default_rng([seed, 15])
     rgb_sensor = RgbSensor(
         exposure=float(settings.uniform(0.36, 0.46)),
-        blur_px=float(settings.uniform(0.7, 1.1)),
-        noise=float(settings.uniform(0.0015, 0.003)),
+        blur_px=float(settings.uniform(0.6, 0.9)),
+        noise=float(settings.uniform(0.001, 0.002)),
         vignette=float(settings.uniform(0.05, 0.2)),
+        contrast=float(settings.uniform(1.05, 1.15)),
+        saturation=float(settings.uniform(1.1, 1.25)),
     )
     rgb = photograph(radiance, sensor=rgb_sensor, rng=rng)
-    depth = measure_depth(picture.depth, picture.albedo, sensor=DepthSensor(noise=0.0008), rng=rng)
+    depth = measure_depth(picture.depth, picture.albedo, sensor=DepthSensor(noise=0.0007), rng=rng)
     depth = _rounded(depth, config.depth_step_mm)
     output.write_frame(
         index, true_scene, picture, rgb=rgb, depth=depth, jpeg_quality=config.jpeg_quality

@@ -19,6 +19,9 @@ from asdfviz.synth.mesh_bank import Triangles
 from asdfviz.synth.raster import Projected, depth_map
 from asdfviz.synth.tensors import length, to_tensor
 
+LOWEST_OCCLUDED = -0.2
+"""Height, metres, below which nothing is occluded by what stands on the table."""
+
 
 @dataclass(frozen=True, slots=True)
 class ShadingConfig:
@@ -153,9 +156,12 @@ def _ambient(scenes: Sequence[Scene], buffer: GBuffer) -> Float32[Tensor, "b h w
     light = (sky * upward + sky * bounced * (1 - upward)) * (
         1 + (buffer.normal * tint).sum(3, keepdim=True)
     ).clamp(min=0.2)
+    # The floor lies too far below the table to be darkened by it.
+    deep = buffer.position[..., 2] < LOWEST_OCCLUDED
+    occlusion = torch.where(deep, 1.0, ambient_occlusion(buffer.depth))
     n_view = (buffer.normal * buffer.view).sum(3).clamp(0, 1)
     rim = 0.04 + 0.4 * (1 - n_view) ** 5 * (1 - buffer.roughness)
-    return light * (buffer.albedo + rim[..., None]) * ambient_occlusion(buffer.depth)[..., None]
+    return light * (buffer.albedo + rim[..., None]) * occlusion[..., None]
 
 
 def ambient_occlusion(depth: Float32[Tensor, "b h w"]) -> Float32[Tensor, "b h w"]:

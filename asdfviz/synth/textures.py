@@ -74,16 +74,16 @@ def _creases(rng: np.random.Generator, n: int, *, spacing: float, strength: floa
 
 
 def _drape(rng: np.random.Generator, n: int) -> Map:
-    height = _creases(rng, n, spacing=0.1, strength=0.0011)
-    height += 0.0016 * fractal(rng, n, base=5, octaves=3)
-    height += 0.00012 * fractal(rng, n, base=40, octaves=3)
-    return _stack(0, 0, 1 + 0.02 * fractal(rng, n, base=8, octaves=5), height)
+    height = _creases(rng, n, spacing=0.1, strength=0.003)
+    height += 0.004 * fractal(rng, n, base=5, octaves=3)
+    height += 0.00025 * fractal(rng, n, base=40, octaves=3)
+    return _stack(0.0, 0.0, 1 + 0.02 * fractal(rng, n, base=8, octaves=5), height)
 
 
 def _cloth(rng: np.random.Generator, n: int) -> Map:
     height = 0.0022 * fractal(rng, n, base=4, octaves=4, gain=0.45)
-    weight = np.clip(0.5 + 0.2 * fractal(rng, n, base=6, octaves=5), 0, 1)
-    return _stack(0.3 * weight, 0, 1 + 0.05 * fractal(rng, n, base=32, octaves=4), height)
+    weight = np.clip(0.5 + 0.2 * fractal(rng, n, base=6, octaves=5), 0.0, 1)
+    return _stack(0.3 * weight, 0.0, 1 + 0.05 * fractal(rng, n, base=32, octaves=4), height)
 
 
 def _wood(rng: np.random.Generator, n: int) -> Map:
@@ -99,7 +99,7 @@ def _wood(rng: np.random.Generator, n: int) -> Map:
     tone = np.sin(boards * 12.9) * 0.08
     edge = np.abs((y * rng.integers(3, 18)) % 1 - 0.5) > 0.49 if boards.any() else 0.0
     shade = 1 + tone + 0.06 * stretched - 0.3 * np.asarray(edge, np.float32)
-    return _stack(np.clip(rings * 0.6, 0, 1), 0, shade, (0.00004 * stretched).astype(np.float32))
+    return _stack(np.clip(rings * 0.6, 0, 1), 0.0, shade, (0.00004 * stretched).astype(np.float32))
 
 
 def _noise(rng: np.random.Generator, n: int) -> Map:
@@ -116,7 +116,7 @@ def _checker(rng: np.random.Generator, n: int) -> Map:
     k = int(rng.integers(12, 80))
     squares = (np.floor(x * k) + np.floor(y * k)) % 2
     dirt = fractal(rng, n, base=8, octaves=5)
-    return _stack(squares, 0, 1 + 0.06 * dirt, np.zeros((n, n), np.float32))
+    return _stack(squares.astype(np.float32), 0.0, 1 + 0.06 * dirt, np.zeros((n, n), np.float32))
 
 
 def _plaid(rng: np.random.Generator, n: int) -> Map:
@@ -140,7 +140,7 @@ def _brick(rng: np.random.Generator, n: int) -> Map:
     rough = fractal(rng, n, base=24, octaves=4)
     inner = np.clip((edge + 0.02 * rough - 0.06) * 12, 0, 1)
     height = (0.002 * inner + 0.0003 * rough).astype(np.float32)
-    return _stack(inner, 0, 1 + 0.1 * rough, height)
+    return _stack(inner, 0.0, 1 + 0.1 * rough, height)
 
 
 def _blobs(rng: np.random.Generator, n: int) -> Map:
@@ -152,7 +152,7 @@ def _blobs(rng: np.random.Generator, n: int) -> Map:
 
 def _plain(rng: np.random.Generator, n: int) -> Map:
     soft = fractal(rng, n, base=3, octaves=5)
-    return _stack(0, 0, 1 + 0.03 * soft, (0.0001 * soft).astype(np.float32))
+    return _stack(0.0, 0.0, 1 + 0.03 * soft, (0.0001 * soft).astype(np.float32))
 
 
 def _weave(rng: np.random.Generator, n: int) -> Map:
@@ -160,29 +160,29 @@ def _weave(rng: np.random.Generator, n: int) -> Map:
     threads = int(rng.integers(60, 110))
     weave = np.sin(2 * np.pi * x * threads) * np.sin(2 * np.pi * y * threads)
     dirt = fractal(rng, n, base=32, octaves=3)
-    return _stack(0, 0, 1 + 0.05 * weave + 0.03 * dirt, (0.00006 * weave).astype(np.float32))
+    return _stack(0.0, 0.0, 1 + 0.05 * weave + 0.03 * dirt, (0.00006 * weave).astype(np.float32))
 
 
 def _carpet(rng: np.random.Generator, n: int) -> Map:
     tufts = fractal(rng, n, base=90, octaves=2)
     return _stack(
-        np.clip(0.3 + 0.3 * tufts, 0, 1), 0, np.clip(1 + 0.3 * tufts, 0.2, 2), 0.0006 * tufts
+        np.clip(0.3 + 0.3 * tufts, 0, 1), 0.0, np.clip(1 + 0.3 * tufts, 0.2, 2), 0.0006 * tufts
     )
 
 
 def _grain(rng: np.random.Generator, n: int) -> Map:
     lines = cv2.resize(fractal(rng, n, base=64, octaves=2)[:, : n // 8].copy(), (n, n))
     lines = 0.5 * (lines + lines[:, ::-1])
-    return _stack(0, 0, 1 + 0.04 * lines, (0.00001 * lines).astype(np.float32))
+    return _stack(0.0, 0.0, 1 + 0.04 * lines, (0.00001 * lines).astype(np.float32))
 
 
 def _fine(rng: np.random.Generator, n: int) -> Map:
     dots = fractal(rng, n, base=64, octaves=2)
-    return _stack(0, 0, 1 + 0.05 * dots, (0.00004 * dots).astype(np.float32))
+    return _stack(0.0, 0.0, 1 + 0.03 * dots, (0.00002 * dots).astype(np.float32))
 
 
 def _smooth(rng: np.random.Generator, n: int) -> Map:
-    return _stack(0, 0, 1.0, np.zeros((n, n), np.float32))
+    return _stack(0.0, 0.0, 1.0, np.zeros((n, n), np.float32))
 
 
 _MACRO = {

@@ -13,6 +13,7 @@ from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Transform
 from asdfviz.track import depth_kernels, view_choice
+from asdfviz.track.confidence import HIDDEN_BY, surface_evidence
 from asdfviz.track.region_modality import at_iteration, nearest_radius
 from asdfviz.track.viewpoint_model import ViewpointModel, Views
 from asdfviz.track.visibility import NO_SILHOUETTES, MaybeDepth, Silhouettes
@@ -110,6 +111,30 @@ class DepthModality:
         """Add to the gradient of the log-likelihood and the lower half of its negative Hessian."""
         depth_kernels.add_matches(
             self._matches, self.count, T_camera_centre, self._sigma, gradient, hessian
+        )
+
+    def evidence(
+        self,
+        depth: MaybeDepth,
+        T_camera_centre: Transform,
+        *,
+        views: Views,
+        tolerance: float,
+        silhouettes: Silhouettes = NO_SILHOUETTES,
+        number: int = 0,
+    ) -> tuple[float, float]:
+        """Return the share of seen surface points that fit within `tolerance` metres, and are seen."""
+        return surface_evidence(
+            depth,
+            self._points,
+            self._gather(views),
+            T_camera_centre,
+            self._lens,
+            tolerance,
+            HIDDEN_BY,
+            silhouettes.ids,
+            silhouettes.crop,
+            number,
         )
 
     def _gather(self, views: Views) -> int:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Rgb, Transform
+from asdfviz.track.confidence import Evidence
 from asdfviz.track.depth_modality import DepthModality
 from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.region_modality import RegionModality
@@ -85,6 +86,42 @@ class Modalities:
             self.depth.calculate_gradient_and_hessian(
                 T_camera_centre, gradient=gradient, hessian=hessian
             )
+
+    def evidence(
+        self,
+        rgb: Rgb,
+        depth: MaybeDepth,
+        T_camera_centre: Transform,
+        *,
+        tolerance: float,
+        silhouettes: Silhouettes,
+        number: int,
+    ) -> Evidence:
+        """Return what the picture says of a pose; a modality that is not used says nothing."""
+        views = self.model.views(T_camera_centre)
+        contrast, fit = 0.0, 0.0
+        seen: list[float] = []
+        if self.region is not None:
+            contrast, share = self.region.evidence(
+                rgb,
+                T_camera_centre,
+                views=views,
+                depth=depth,
+                silhouettes=silhouettes,
+                number=number,
+            )
+            seen.append(share)
+        if self.depth is not None:
+            fit, share = self.depth.evidence(
+                depth,
+                T_camera_centre,
+                views=views,
+                tolerance=tolerance,
+                silhouettes=silhouettes,
+                number=number,
+            )
+            seen.append(share)
+        return Evidence(contrast, fit, float(np.mean(seen)) if seen else 0.0)
 
     def learn(
         self,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from asdfviz.track.confidence import ConfidenceConfig
 from asdfviz.track.depth_modality import DepthConfig
 from asdfviz.track.optimizer import OptimizerConfig
 from asdfviz.track.region_modality import RegionConfig
@@ -18,6 +19,7 @@ class TrackerConfig:
     depth: DepthConfig | None = field(default_factory=DepthConfig)
     """None = no depth."""
     optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)
+    confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
     correspondence_iterations: int = 4
     update_iterations: int = 2
     """After each search for correspondences."""

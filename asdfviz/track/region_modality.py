@@ -16,6 +16,7 @@ from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Rgb, Scores, Transform
 from asdfviz.track import color_histograms, region_kernels, view_choice
 from asdfviz.track.color_histograms import ColorHistograms
+from asdfviz.track.confidence import HIDDEN_BY, INSIDE_PX, contour_evidence
 from asdfviz.track.viewpoint_model import ViewpointModel, Views
 from asdfviz.track.visibility import NO_DEPTH, NO_SILHOUETTES, MaybeDepth, Silhouettes
 
@@ -207,6 +208,33 @@ class RegionModality:
             self.config.learning_rate if local else 0.0,
             gradient,
             hessian,
+        )
+
+    def evidence(
+        self,
+        rgb: Rgb,
+        T_camera_centre: Transform,
+        *,
+        views: Views,
+        depth: MaybeDepth = NO_DEPTH,
+        silhouettes: Silhouettes = NO_SILHOUETTES,
+        number: int = 0,
+    ) -> tuple[float, float]:
+        """Return the mean contrast at the contour and the share of it that is seen."""
+        return contour_evidence(
+            rgb,
+            self.histograms.table,
+            self.histograms.bits,
+            self._points,
+            self._gather(views),
+            T_camera_centre,
+            self._lens,
+            depth,
+            np.array(INSIDE_PX),
+            HIDDEN_BY,
+            silhouettes.ids,
+            silhouettes.crop,
+            number,
         )
 
     def _gather(self, views: Views) -> int:

@@ -15,8 +15,9 @@ from jaxtyping import UInt8
 
 from asdfviz.datatypes import Camera, Frame, Joint, Mesh, Part, State
 from asdfviz.errors import InputError
-from asdfviz.geometry.shapes import Rgb, Transform, Transforms, Vector
+from asdfviz.geometry.shapes import Rgb, Scores, Transform, Transforms, Vector
 from asdfviz.geometry.transforms import inverse, transform_from
+from asdfviz.track.confidence import Evidence, confidence
 from asdfviz.track.links import Link
 from asdfviz.track.modalities import Modalities
 from asdfviz.track.optimizer import Group
@@ -29,6 +30,9 @@ from asdfviz.track.visibility import (
     like_regions,
     render_silhouettes,
 )
+
+REDRAWN_PX = 0.7
+"""Silhouettes are drawn anew when a part may have moved by this many pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +67,9 @@ class Tracker:
         self._Ts_camera_centre: Transforms = np.zeros((0, 4, 4))
         self._meshes: list[Mesh] = []
         self._regions: list[int] = []
+        self._reaches: Scores = np.zeros(0)
         self._silhouettes = NO_SILHOUETTES
+        self._Ts_drawn: Transforms = np.zeros((0, 4, 4))
 
     @property
     def poses(self) -> dict[str, Transform]:
@@ -93,7 +99,11 @@ class Tracker:
         self._meshes = [_centred(self._bodies[n]) for n in self.names]
         colors = [self._bodies[n].color for n in self.names]
         self._regions = like_regions(colors, nearer_than=self.config.like_colors)
+        self._reaches = np.array(
+            [np.linalg.norm(mesh.vertices, axis=1).max() for mesh in self._meshes]
+        )
         self._silhouettes = NO_SILHOUETTES
+        self._Ts_drawn = np.zeros((0, 4, 4))
         self.release()
         for i, tracked in enumerate(self._tracked):
             tracked.start(rgb, self._Ts_camera_centre[i])
@@ -153,6 +163,34 @@ class Tracker:
         self._learn(rgb, depth)
         return self.poses
 
+    def evidence(self, frame: Frame) -> dict[str, Evidence]:
+        """What a frame says of the poses as they are now; silhouettes are those last drawn."""
+        rgb, depth = self._images(frame)
+        return {
+            name: self._tracked[i].evidence(
+                rgb,
+                depth,
+                self._Ts_camera_centre[i],
+                tolerance=max(4e-3, self.config.confidence.tolerance * float(self._reaches[i])),
+                silhouettes=self._silhouettes,
+                number=i,
+            )
+            for i, name in enumerate(self.names)
+        }
+
+    def confidence(self, frame: Frame) -> dict[str, float]:
+        """Probability, 0 to 1, that each pose as it is now is near the truth of the frame."""
+        config = self.config
+        return {
+            name: confidence(
+                seen,
+                config.confidence,
+                has_color=config.region is not None,
+                has_depth=config.depth is not None,
+            )
+            for name, seen in self.evidence(frame).items()
+        }
+
     def _images(self, frame: Frame) -> tuple[Rgb, MaybeDepth]:
         """The frame's images as the kernels want them."""
         shape = (self._camera.height, self._camera.width)
@@ -187,13 +225,27 @@ class Tracker:
         return link
 
     def _draw_silhouettes(self) -> None:
+        """Draw anew unless no part has moved by a pixel since."""
+        if len(self._Ts_drawn) and self._pixels_moved() < REDRAWN_PX:
+            return
+        self._Ts_drawn = self._Ts_camera_centre.copy()
         drawn = render_silhouettes(
             self._meshes,
-            list(self._Ts_camera_centre),
+            self._Ts_camera_centre,
             self._camera.K,
             size=self.config.silhouette_px,
+            reaches=self._reaches,
+            regions=self._regions,
         )
         self._silhouettes = drawn or NO_SILHOUETTES
+
+    def _pixels_moved(self) -> float:
+        """Most pixels that any part's rim can have moved since the silhouettes were drawn."""
+        change = self._Ts_camera_centre - self._Ts_drawn
+        turned = np.abs(change[:, :3, :3]).sum(axis=(1, 2)) * self._reaches / 2
+        metres = turned + np.linalg.norm(change[:, :3, 3], axis=1)
+        depths = np.maximum(self._Ts_camera_centre[:, 2, 3], 0.01)
+        return float((metres * self._lens[0] / depths).max())
 
     def _correspond(self, rgb: Rgb, depth: MaybeDepth, iteration: int) -> None:
         for i, tracked in enumerate(self._tracked):

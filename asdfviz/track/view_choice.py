@@ -17,6 +17,24 @@ VIEWS = 3
 
 @kernel
 @no_type_check
+def _triple(a, b, c):
+    """Determinant of three vectors."""
+    return (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
+
+
+@kernel
+@no_type_check
+def _distance(a, b):
+    """Length of a - b."""
+    return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+
+
+@kernel
+@no_type_check
 def nearest_views(directions, T, views, shares):
     """Fill the indices (3,) of the views nearest to pose T (4,4) and their shares (3,), sum 1.
 
@@ -37,25 +55,17 @@ def nearest_views(directions, T, views, shares):
             place -= 1
         best[place], views[place] = dot, k
     a, b, c = directions[views[0]], directions[views[1]], directions[views[2]]
-    shares[0] = max(_triple(d, b, c) / _triple(a, b, c), 0.0)
-    shares[1] = max(_triple(a, d, c) / _triple(a, b, c), 0.0)
-    shares[2] = max(_triple(a, b, d) / _triple(a, b, c), 0.0)
+    volume = _triple(a, b, c)
+    # Views in one line, on both sides of the nearest, say nothing of the direction across it.
+    if abs(volume) < 0.2 * _distance(a, b) * _distance(a, c):
+        shares[0], shares[1], shares[2] = 1.0, 0.0, 0.0
+        return
+    shares[0] = max(_triple(d, b, c) / volume, 0.0)
+    shares[1] = max(_triple(a, d, c) / volume, 0.0)
+    shares[2] = max(_triple(a, b, d) / volume, 0.0)
     total = shares[0] + shares[1] + shares[2]
-    if not total > 0.0 or not np.isfinite(total):
-        shares[0], shares[1], shares[2], total = 1.0, 0.0, 0.0, 1.0
     for i in range(VIEWS):
         shares[i] /= total
-
-
-@kernel
-@no_type_check
-def _triple(a, b, c):
-    """Determinant of three vectors."""
-    return (
-        a[0] * (b[1] * c[2] - b[2] * c[1])
-        + a[1] * (b[2] * c[0] - b[0] * c[2])
-        + a[2] * (b[0] * c[1] - b[1] * c[0])
-    )
 
 
 @kernel

@@ -14,7 +14,6 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Float64, Int32, Int64
-from scipy.spatial import cKDTree
 
 from asdfviz.datatypes import Mesh
 from asdfviz.errors import Stopped
@@ -137,12 +136,11 @@ def sphere_directions(subdivisions: int) -> Points:
     corners /= np.linalg.norm(corners, axis=1, keepdims=True)
     for _ in range(subdivisions):
         # On each level the edges are the pairs nearer than 1.3 times the shortest one.
-        tree = cKDTree(corners)
-        shortest = float(np.min(tree.query(corners, k=2)[0][:, 1]))
-        edges = tree.query_pairs(1.3 * shortest, output_type="ndarray")
-        middles = corners[edges[:, 0]] + corners[edges[:, 1]]
+        square = 2 - 2 * corners @ corners.T
+        first, second = np.nonzero(np.triu(square < 1.69 * square[square > 1e-9].min(), 1))
+        middles = corners[first] + corners[second]
         middles /= np.linalg.norm(middles, axis=1, keepdims=True)
-        corners = np.concatenate([corners, middles[np.lexsort(middles.T.round(9))]])
+        corners = np.concatenate([corners, middles])
     return corners
 
 

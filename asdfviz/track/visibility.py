@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32, UInt8
 
 from asdfviz.datatypes import Mesh
-from asdfviz.geometry.shapes import Intrinsics, Transform
+from asdfviz.geometry.shapes import Intrinsics, Scores, Transforms
 from asdfviz.track import raster
 from asdfviz.track.jit import kernel
 
@@ -57,20 +57,22 @@ def like_regions(colors: Sequence[UInt8[np.ndarray, 3]], *, nearer_than: float) 
 
 def render_silhouettes(
     meshes: Sequence[Mesh],
-    Ts_camera_part: Sequence[Transform],
+    Ts_camera_part: Transforms,
     K: Intrinsics,
     *,
     size: int,
+    reaches: Scores,
     regions: Sequence[int],
 ) -> Silhouettes | None:
     """Draw every mesh with its place in the list as its number, in a square cut around all.
 
-    `regions` is each part's region number, `size` the greatest side of the square.
+    `reaches` is how far each mesh reaches from its own origin (metres), `regions` each part's
+    region number, `size` the greatest side of the square.
 
     Returns:
         None where no part lies in front of the camera.
     """
-    box = _box_around(meshes, Ts_camera_part, K)
+    box = _box_around(Ts_camera_part, reaches, K)
     if box is None:
         return None
     u0, v0, side = box
@@ -92,21 +94,20 @@ def render_silhouettes(
 
 
 def _box_around(
-    meshes: Sequence[Mesh], Ts_camera_part: Sequence[Transform], K: Intrinsics
+    Ts_camera_part: Transforms, reaches: Scores, K: Intrinsics
 ) -> tuple[float, float, float] | None:
-    """First pixel and side of a square, with a margin, that holds every part's bounding box."""
-    low, high = np.full(2, np.inf), np.full(2, -np.inf)
-    for mesh, T in zip(meshes, Ts_camera_part, strict=True):
-        ends = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
-        corners = np.stack(np.meshgrid(*ends.T), axis=-1).reshape(-1, 3)
-        points = corners @ T[:3, :3].T + T[:3, 3]
-        if points[:, 2].min() < raster.NEAR:
-            continue
-        pixels = points[:, :2] / points[:, 2:] * [K[0, 0], K[1, 1]] + [K[0, 2], K[1, 2]]
-        low, high = np.minimum(low, pixels.min(axis=0)), np.maximum(high, pixels.max(axis=0))
-    if not np.isfinite(low).all():
+    """First pixel and side of a square that holds the spheres around all parts."""
+    z = Ts_camera_part[:, 2, 3]
+    # A sphere's rim is at most this far from its middle's pixel, in units of the focal length.
+    spread = reaches / np.maximum(z - reaches, 0.1 * reaches)
+    seen = z > raster.NEAR
+    if not seen.any():
         return None
-    low, high = np.maximum(low, -64.0), np.minimum(high, 2 * K[:2, 2] + 64.0)
+    rays = Ts_camera_part[:, :2, 3] / np.where(seen, z, 1.0)[:, None]
+    focal, middle = np.array([K[0, 0], K[1, 1]]), K[:2, 2]
+    low = ((rays - 1.1 * spread[:, None]) * focal + middle)[seen].min(axis=0)
+    high = ((rays + 1.1 * spread[:, None]) * focal + middle)[seen].max(axis=0)
+    low, high = np.maximum(low, -64.0), np.minimum(high, 2 * middle + 64.0)
     if (high <= low).any():
         return None
     return float(low[0]) - 2.0, float(low[1]) - 2.0, float((high - low).max()) + 5.0

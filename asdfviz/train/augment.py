@@ -96,7 +96,7 @@ def view(
         angle: the roll that H contains, radians, to turn the parts' rotations by.
         fill: colour of what the picture does not cover.
         smallest_inside: objects with less than this share of their area in the window get no
-            label (states need 0.85: a part of an assembled thing looks like another state).
+            label (states need 0.7: a part of an assembled thing looks like another state).
     """
     rgb = cv2.warpAffine(
         image.rgb, H[:2], (width, height), flags=cv2.INTER_LINEAR, borderValue=fill
@@ -109,7 +109,7 @@ def view(
     for item in image.objects:
         # Pixel centres move by half a pixel between a frame's and the network's coordinates.
         outline = move_points(H, item.outline) + np.float32(0.5)
-        needed = 0.85 if item.part is None else smallest_inside
+        needed = 0.7 if item.part is None else smallest_inside
         low = np.clip(outline.min(0), 0, window)
         high = np.clip(outline.max(0), 0, window)
         whole = _area(outline.max(0) - outline.min(0))

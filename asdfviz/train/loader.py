@@ -31,6 +31,16 @@ class Batch:
     targets: Targets
     rotations: Float[Tensor, "b m 3 3"]
 
+    def to(self, device: str) -> Batch:
+        """The same batch on a torch device."""
+        targets = Targets(
+            labels=self.targets.labels.to(device),
+            boxes=self.targets.boxes.to(device),
+            keypoints=self.targets.keypoints.to(device),
+            present=self.targets.present.to(device),
+        )
+        return Batch(self.images.to(device), targets, self.rotations.to(device))
+
 
 @dataclass(frozen=True, slots=True)
 class Recipe:

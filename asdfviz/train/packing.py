@@ -41,6 +41,9 @@ class AugmentConfig:
     """Shift of whole frames, share of the input's side, +-."""
     center: float = 0.15
     """Distance of a tile's object from the tile's centre, share of the tile, +-."""
+    states: float = 0.3
+    """Share of tiles that are cut around the joined parts of a state: in tiles cut around parts a
+    state is mostly cut off, and what is not labelled is taught to be nothing."""
     colors: ColorConfig = field(default_factory=ColorConfig)
 
 
@@ -60,12 +63,14 @@ class Packer:
         self._images = images
         self._scale = scale
         self._config = config
-        by_label: dict[int, list[tuple[int, int]]] = {}
+        parts: dict[int, list[tuple[int, int]]] = {}
+        states: dict[int, list[tuple[int, int]]] = {}
         for i, image in enumerate(images):
             for j, item in enumerate(image.objects):
-                if item.part is not None:
-                    by_label.setdefault(item.label, []).append((i, j))
-        self._pools = [by_label[label] for label in sorted(by_label)]
+                pools = states if item.part is None else parts
+                pools.setdefault(item.label, []).append((i, j))
+        self._part_pools = [parts[label] for label in sorted(parts)]
+        self._state_pools = [states[label] for label in sorted(states)]
 
     def frame(self, rng: np.random.Generator, *, width: int, height: int, spread: float) -> Sample:
         """Return one whole frame, rolled, zoomed and shifted.
@@ -100,7 +105,9 @@ class Packer:
         return _joined(samples, tiles, width, height)
 
     def _pick(self, rng: np.random.Generator) -> tuple[int, int]:
-        pool = self._pools[int(rng.integers(len(self._pools)))]
+        is_state = bool(self._state_pools) and rng.random() < self._config.states
+        pools = self._state_pools if is_state or not self._part_pools else self._part_pools
+        pool = pools[int(rng.integers(len(pools)))]
         return pool[int(rng.integers(len(pool)))]
 
     def _size(self, pick: tuple[int, int]) -> float:

@@ -17,7 +17,6 @@ from torch import Tensor, nn
 
 from asdfviz.data.atomic import write_text
 from asdfviz.datatypes import Assembly
-from asdfviz.detector.assigner import Targets
 from asdfviz.detector.losses import LossConfig, pose_losses
 from asdfviz.detector.network import Network
 from asdfviz.errors import InputError, WeightsError
@@ -145,7 +144,7 @@ class Session:
     def step(self, stream: Iterator[Batch], meter: Meter) -> None:
         """Take one optimiser step."""
         config = self.config
-        batch = _to_device(next(stream), config.device)
+        batch = next(stream).to(config.device)
         rate = rate_at(config, self.progress.step, min(self.share, 1.0))
         for group in self.optimizer.param_groups:
             group["lr"] = rate
@@ -180,9 +179,9 @@ class Session:
         report = self._report(meter)
         self.log.add(
             {
-                "step": self.progress.step,
+                "step": float(self.progress.step),
                 "minutes": self.seconds / 60,
-                "width": self.recipe(self.progress.step).stage.width,
+                "width": float(self.recipe(self.progress.step).stage.width),
                 "rate": self.optimizer.param_groups[0]["lr"],
                 "inputs_per_s": report.inputs_per_s,
                 "objects": meter.objects / max(meter.inputs, 1),
@@ -280,16 +279,6 @@ class Session:
             losses=dict(zip(LOSS_NAMES, meter.means(), strict=True)),
             inputs_per_s=meter.inputs_per_s,
         )
-
-
-def _to_device(batch: Batch, device: str) -> Batch:
-    targets = Targets(
-        labels=batch.targets.labels.to(device),
-        boxes=batch.targets.boxes.to(device),
-        keypoints=batch.targets.keypoints.to(device),
-        present=batch.targets.present.to(device),
-    )
-    return Batch(batch.images.to(device), targets, batch.rotations.to(device))
 
 
 def _about(config: TrainConfig, assembly: Assembly) -> dict[str, object]:

@@ -69,7 +69,8 @@ def test_zoom_ends_and_never_leaves_the_picture() -> None:
     window = ar.Window(K, SIZE, 1.6)
     zoom, centre = ar.zoom_about(window, (1279.0, 0.0), zoom=10.0, factor=50.0, ndc=(1.0, -1.0))
     assert zoom == ar.ZOOM_RANGE[1]
-    assert 0 <= centre[0] <= 1279 and 0 <= centre[1] <= 719
+    assert 0 <= centre[0] <= 1279
+    assert 0 <= centre[1] <= 719
 
 
 def test_the_view_looks_through_its_pixel_without_tilting() -> None:

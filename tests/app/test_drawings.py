@@ -83,7 +83,8 @@ def test_boxes_and_keypoints_lie_on_their_pixels(clamp: Assembly) -> None:
 
 def test_nothing_found_draws_nothing(clamp: Assembly) -> None:
     segments, inks = box_segments([], K, clamp, {})
-    assert segments.shape == (0, 2, 3) and inks.shape == (0, 2, 3)
+    assert segments.shape == (0, 2, 3)
+    assert inks.shape == (0, 2, 3)
 
 
 def test_state_boxes_have_the_states_colour(clamp: Assembly) -> None:
@@ -132,7 +133,8 @@ def test_the_ring_shows_what_was_loaded_and_one_at_a_time() -> None:
     ring = Ring(scene, "/picture")
     plane = image_plane(K, (8, 8))
     for place in (0, 1, 9, 2, 1):
-        assert ring.load(place, picture(place), plane) is (place != 1 or place not in ring.places)
+        is_new = place not in ring.places
+        assert ring.load(place, picture(place), plane) is is_new
         ring.show(place)
         assert scene.shown() == [place]
     assert len(scene.made) == SLOTS

@@ -68,7 +68,9 @@ def test_every_tab_in_every_state(
     balance.feed(html)
     assert balance.open == []
     assert "nan" not in html.lower().replace("nanovise", "")
-    assert "<script" not in html and "<b>boom" not in html and "<of>" not in html
+    assert "<script" not in html
+    assert "<b>boom" not in html
+    assert "<of>" not in html
 
 
 @pytest.mark.parametrize("tab", TABS)
@@ -79,13 +81,17 @@ def test_every_tab_without_runs_and_without_a_frame(workspace: Workspace, tab: s
 
 def test_the_parts_say_where_they_are_from(with_run: Workspace) -> None:
     html = annotate.content(snapshot(with_run, place=0, selected="jaw"))
-    assert "not found in this frame" in html and "Place here" in html
-    assert "refined by depth" in html and "90<small> %" in html
+    assert "not found in this frame" in html
+    assert "Place here" in html
+    assert "refined by depth" in html
+    assert "90<small> %" in html
 
 
 def test_poses_are_in_millimetres_and_degrees(with_run: Workspace) -> None:
     html = annotate.content(snapshot(with_run, place=1, selected="jaw"))
-    assert "52.0<small> mm" in html and "500.0<small> mm" in html and "180.0<small> °" in html
+    assert "52.0<small> mm" in html
+    assert "500.0<small> mm" in html
+    assert "180.0<small> °" in html
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -112,7 +118,8 @@ def test_euler_angles_at_the_pole(sign: int) -> None:
 def test_a_running_method_can_be_stopped_and_no_other_started(workspace: Workspace) -> None:
     workspace.job = JobStatus("asdf", "running", 12, 64, 38.4)
     html = methods.content(snapshot(workspace), METHODS)
-    assert "Running asdf: 12/64, 38 ms a frame" in html and "Stop" in html
+    assert "Running asdf: 12/64, 38 ms a frame" in html
+    assert "Stop" in html
     assert "ax-disabled" in html
     assert "12/64" in chrome.top_bar(snapshot(workspace))
 

@@ -51,7 +51,9 @@ def test_who_comes_in(gate: Gate, headers: dict[str, str], path: str, status: in
 
 def test_the_token_becomes_a_strict_cookie_once() -> None:
     cookie = LOCKED.welcome_cookie(Headers(HERE))
-    assert cookie is not None and "HttpOnly" in cookie and "SameSite=Strict" in cookie
+    assert cookie is not None
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
     assert LOCKED.welcome_cookie(Headers({**HERE, "Cookie": "asdfviz_token=sesame"})) is None
 
 
@@ -67,7 +69,8 @@ def test_a_running_server(capsys: pytest.CaptureFixture[str]) -> None:
     server, url = start_server("127.0.0.1", 0)
     try:
         page = _get(url)
-        assert "/asdfviz/app.js" in page and "/asdfviz/app.css" in page
+        assert "/asdfviz/app.js" in page
+        assert "/asdfviz/app.css" in page
         assert "viserMutable" in _get(f"{url}asdfviz/app.js")
         with pytest.raises(urllib.error.HTTPError, match="403"):
             _get(url, Host="evil.example")

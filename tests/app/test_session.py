@@ -79,7 +79,8 @@ def test_views_change_places_the_camera_anew() -> None:
 def test_zoom_and_fit() -> None:
     view = after(View(), act.Zoom(2.0, 0.5, 0.5))
     assert view.zoom == pytest.approx(2.0)
-    assert view.centre is not None and view.centre[0] > 320
+    assert view.centre is not None
+    assert view.centre[0] > 320
     assert after(view, act.FitView()).centre is None
     assert after(view, act.Zoom(-1.0)) == view
 

@@ -97,11 +97,13 @@ def test_a_stopped_run_keeps_what_was_done(workspace: Workspace, background: Bac
     background.run("still")
     wait_for(workspace, lambda: workspace.job is not None and workspace.job.done == 2)
     background.stop()
-    assert workspace.job is not None and workspace.job.state == "stopping"
+    assert workspace.job is not None
+    assert workspace.job.state == "stopping"
     GATE.set()
     wait_for(workspace, lambda: workspace.job is not None and workspace.job.state == "stopped")
     folder = workspace.runs[0].folder
-    assert folder is not None and len(load_run(folder).predictions) == 3
+    assert folder is not None
+    assert len(load_run(folder).predictions) == 3
 
 
 def test_a_failed_run_says_where(workspace: Workspace, background: Background) -> None:
@@ -109,9 +111,12 @@ def test_a_failed_run_says_where(workspace: Workspace, background: Background) -
     GATE.set()
     background.run("still")
     wait_for(workspace, lambda: bool(workspace.messages))
-    assert workspace.job is not None and workspace.job.state == "failed"
+    assert workspace.job is not None
+    assert workspace.job.state == "failed"
     message = workspace.messages[0]
-    assert message.is_problem and "frame 102" in message.body and "no light" in message.body
+    assert message.is_problem
+    assert "frame 102" in message.body
+    assert "no light" in message.body
 
 
 def test_run_folders_never_meet(tmp_path: Path) -> None:
@@ -131,14 +136,16 @@ def test_poses_are_the_runs_and_then_the_corrections(with_run: Workspace) -> Non
     with_run.store.set_pose(101, "base", T)
     with_run.store.remove_pose(101, "jaw")
     again = with_run.poses(1, "first")
-    assert again["base"].source == ANNOTATION and np.array_equal(again["base"].T_camera_part, T)
+    assert again["base"].source == ANNOTATION
+    assert np.array_equal(again["base"].T_camera_part, T)
     assert "jaw" not in again
 
 
 def test_rows_and_boundaries(with_run: Workspace) -> None:
     assert [row.label for row in with_run.rows()] == ["annotation", "truth", "asdf"]
     run = with_run.rows()[2]
-    assert run.marks[4] is None and run.probabilities[4] is None
+    assert run.marks[4] is None
+    assert run.probabilities[4] is None
     assert run.probabilities[0] == pytest.approx(
         1.0 / (1.0 + 0.1 * (len(with_run.assembly.states) - 1))
     )
@@ -155,12 +162,14 @@ def test_runs_of_one_method_get_numbers(with_run: Workspace) -> None:
 
 def test_judging(with_run: Workspace) -> None:
     start_judging(with_run).join(60)
-    assert with_run.reports is not None and not with_run.is_judging
+    assert with_run.reports is not None
+    assert not with_run.is_judging
     report = with_run.reports[0]
     assert report["run"] == "first"
     assert report["mean"]["e_t_mm"] == pytest.approx(2.0)
     worst = worst_frames(with_run, truth_of(with_run), "first", count=2)
-    assert len(worst) == 2 and worst[0].error_mm == pytest.approx(2.0)
+    assert len(worst) == 2
+    assert worst[0].error_mm == pytest.approx(2.0)
 
 
 def test_what_is_drawn_is_what_is_exported(with_run: Workspace) -> None:

@@ -80,14 +80,14 @@ def test_boxes_follow_the_outline_and_are_clipped() -> None:
     image = dotted()
     whole = view(image, np.eye(3), width=96, height=64, angle=0.0, fill=(0, 0, 0))
     np.testing.assert_allclose(whole.boxes, [[32.5, 16.5, 50.5, 28.5]])
-    shifted = similarity(np.array([34.0, 22.0]), np.array([0.0, 22.0]), 1.0)
+    shifted = similarity(np.array([35.0, 22.0]), np.array([0.0, 22.0]), 1.0)
     cut = view(image, shifted, width=96, height=64, angle=0.0, fill=(0, 0, 0))
-    np.testing.assert_allclose(cut.boxes, [[0, 16.5, 16.5, 28.5]])
+    np.testing.assert_allclose(cut.boxes, [[0, 16.5, 15.5, 28.5]])
     far = similarity(np.array([47.0, 22.0]), np.array([0.0, 22.0]), 1.0)
     assert len(view(image, far, width=96, height=64, angle=0.0, fill=(0, 0, 0)).labels) == 0
     state = view(dotted(part=None), shifted, width=96, height=64, angle=0.0, fill=(0, 0, 0))
     assert len(state.labels) == 1
-    half = similarity(np.array([37.0, 22.0]), np.array([0.0, 22.0]), 1.0)
+    half = similarity(np.array([39.0, 22.0]), np.array([0.0, 22.0]), 1.0)
     assert len(view(dotted(), half, width=96, height=64, angle=0.0, fill=(0, 0, 0)).labels) == 1
     gone = view(dotted(part=None), half, width=96, height=64, angle=0.0, fill=(0, 0, 0))
     assert len(gone.labels) == 0
@@ -114,12 +114,17 @@ def test_colours_change_but_stay_a_picture() -> None:
     versions = [change_colors(rgb, rng, ColorConfig()) for _ in range(8)]
     assert all(v.shape == rgb.shape and v.dtype == np.uint8 for v in versions)
     assert len({v.tobytes() for v in versions}) == 8
-    calm = ColorConfig(gain=0, gamma=0, balance=0, saturation=0, blur=0, noise=0)
+    calm = ColorConfig(
+        **dict.fromkeys(("gain", "gamma", "balance", "saturation", "blur", "noise"), 0.0)
+    )
     assert int(np.abs(change_colors(rgb, rng, calm).astype(int) - rgb).max()) <= 1
 
 
 QUIET = AugmentConfig(
-    center=0.1, colors=ColorConfig(gain=0, gamma=0, balance=0, saturation=0, blur=0, noise=0)
+    center=0.1,
+    colors=ColorConfig(
+        **dict.fromkeys(("gain", "gamma", "balance", "saturation", "blur", "noise"), 0.0)
+    ),
 )
 
 
@@ -156,3 +161,13 @@ def test_the_same_seed_draws_the_same_input() -> None:
         a, b = (draw(np.random.default_rng(5), width=320, height=192, spread=0.5) for _ in range(2))
         np.testing.assert_array_equal(a.rgb, b.rgb)
         np.testing.assert_array_equal(a.keypoints, b.keypoints)
+
+
+def test_states_get_tiles_of_their_own() -> None:
+    part, state = dotted(), dotted(part=None)
+    both = [part, LabelledImage("state", state.rgb, state.K, state.objects)]
+    for share, seen in ((0.0, False), (1.0, True)):
+        packer = Packer(both, scale=1.0, config=AugmentConfig(states=share))
+        sample = packer.packed(np.random.default_rng(0), width=320, height=192, spread=1.0)
+        assert len(sample.labels) > 0
+        assert bool((sample.keypoints[:, 0, 2] == 0).all()) is seen

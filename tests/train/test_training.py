@@ -93,27 +93,22 @@ def test_a_run_of_another_assembly_is_not_gone_on_with(
     config: TrainConfig, assembly: Assembly
 ) -> None:
     train(dataclasses.replace(config, steps=1), assembly=assembly)
-    other = dataclasses.replace(assembly, detector_classes=("body", "bar", "toy:x"))
+    other = dataclasses.replace(assembly, detector_classes=("bar", "body", "toy:joined"))
     with pytest.raises(WeightsError, match="another run folder"):
         train(config, assembly=other)
 
 
 def test_a_few_pictures_are_learned(config: TrainConfig, assembly: Assembly) -> None:
-    """Forty steps on eight pictures bring every loss well down."""
+    """Thirty steps on eight pictures bring keypoints and rotations well down."""
     reports: list[TrainReport] = []
-    longer = dataclasses.replace(config, steps=40, stages=(Stage(1.0, 128, 96, 4, 1.0),))
-    train(dataclasses.replace(longer, steps=3), assembly=assembly, progress=reports.append)
-    again = dataclasses.replace(longer, output=config.output.with_name("long"))
-    early, late = reports[-1].losses, {}
-    middle = dataclasses.replace(again, steps=40)
-    calls = iter(range(100))
-    train(middle, assembly=assembly, stop=lambda: next(calls) >= 34)
-    train(middle, assembly=assembly, progress=reports.append)
-    late = reports[-1].losses
-    assert late["box"] < 0.8 * early["box"]
-    assert late["keypoint"] < 0.95 * early["keypoint"]
-    assert late["classes"] < 0.7 * early["classes"]
-    assert late["rotation"] < early["rotation"]
+    longer = dataclasses.replace(config, stages=(Stage(1.0, 96, 96, 2, 1.0),), final_rate=1.0)
+    # Each session reports its own mean: steps 1 to 4, then 5 to 24, then 25 to 30.
+    for steps in (4, 24, 30):
+        session = dataclasses.replace(longer, steps=steps)
+        train(session, assembly=assembly, progress=reports.append)
+    early, late = reports[0].losses, reports[-1].losses
+    for name, share in (("keypoint", 0.7), ("visibility", 0.95), ("rotation", 0.99)):
+        assert late[name] < share * early[name], (name, early, late)
 
 
 def test_a_loss_that_blows_up_is_named(config: TrainConfig, assembly: Assembly) -> None:

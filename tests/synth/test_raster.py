@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from asdfviz.datatypes import Camera
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.synth.description import Finish, Placed, Scene
+from asdfviz.synth.gbuffer import Views, place_all
+from asdfviz.synth.mesh_bank import MeshBank, corner_normals
+from asdfviz.synth.primitives import box, lathe
+from asdfviz.synth.raster import Projected, corner_weights, depth_map, rasterize
+
+CAMERA = Camera(np.array([[150.0, 0, 79.5], [0, 150.0, 44.5], [0, 0, 1]]), 160, 90)
+SHAPE = (1, 90, 160)
+
+
+def scene(*poses: np.ndarray) -> Scene:
+    grey = Finish(np.full(3, 0.4))
+    placed = tuple(Placed(0, T, grey, "part", "box", truth=True) for T in poses)
+    return Scene(CAMERA, np.eye(4), placed, (), (), np.ones(3))
+
+
+def pose(x: float, y: float, z: float, turn: float = 0.0) -> np.ndarray:
+    return transform_from(rotation_about(np.array([0.3, 1.0, 0.2]), turn), np.array([x, y, z]))
+
+
+def projected(scenes: list[Scene], size: tuple[float, float, float]) -> Projected:
+    bank = MeshBank.of([box(size)])
+    return Views.of(scenes, scale=1.0, device="cpu").project(place_all(scenes, bank))
+
+
+def test_box_face_on_covers_the_pixels_whose_centres_it_covers() -> None:
+    size = (0.2, 0.1, 0.1)
+    fragments = rasterize(projected([scene(pose(0, 0, 0.55))], size), SHAPE)
+    # The front face lies at z = 0.5: half a width of 0.1 m is 30 px, half a height 15 px.
+    u, v = np.meshgrid(np.arange(160), np.arange(90))
+    expected = (np.abs(u - 79.5) < 30) & (np.abs(v - 44.5) < 15)
+    mask = np.zeros(90 * 160, dtype=bool)
+    mask[fragments.covered.numpy()] = True
+    assert np.array_equal(mask.reshape(90, 160), expected)
+    assert torch.allclose(fragments.depth, torch.tensor(0.5), atol=1e-6)
+
+
+def test_depth_of_a_turned_box_is_the_ray_box_intersection() -> None:
+    T = pose(0.02, -0.01, 0.5, turn=0.7)
+    size = np.array([0.12, 0.16, 0.1])
+    depth = depth_map(projected([scene(T)], tuple(size)), SHAPE)[0].numpy()
+    u, v = np.meshgrid(np.arange(160.0), np.arange(90.0))
+    rays = np.stack([(u - 79.5) / 150, (v - 44.5) / 150, np.ones_like(u)], axis=-1)
+    origin, direction = -T[:3, :3].T @ T[:3, 3], rays @ T[:3, :3]
+    low, high = (-size / 2 - origin) / direction, (size / 2 - origin) / direction
+    near, far = np.minimum(low, high).max(axis=-1), np.maximum(low, high).min(axis=-1)
+    hit = near < far
+    assert hit.sum() > 1000
+    assert (np.isfinite(depth) != hit).mean() < 1e-3
+    both = hit & np.isfinite(depth)
+    assert np.abs(depth - near)[both].max() < 1e-5
+
+
+def test_corner_weights_give_back_the_position() -> None:
+    triangles = projected([scene(pose(0.01, 0.0, 0.4, turn=0.5))], (0.1, 0.12, 0.08))
+    fragments = rasterize(triangles, SHAPE)
+    weights = corner_weights(triangles, fragments, SHAPE)
+    corners = triangles.faces[fragments.face]
+    z = (triangles.depth[corners] * weights).sum(1)
+    assert torch.allclose(z, fragments.depth, atol=1e-5)
+    assert float(weights.min()) > -1e-3
+
+
+def test_a_batch_equals_its_single_images() -> None:
+    scenes = [
+        scene(pose(0, 0, 0.5, 0.2), pose(0.05, 0, 0.4, 1.0)),
+        scene(pose(-0.1, 0.02, 0.7)),
+        scene(pose(0, 0, 0.3, 2.0), pose(0, 0.05, 0.5), pose(-0.1, 0, 0.6)),
+    ]
+    size = (0.1, 0.06, 0.04)
+    batch = depth_map(projected(scenes, size), (3, 90, 160))
+    for i, one in enumerate(scenes):
+        assert torch.equal(batch[i], depth_map(projected([one], size), SHAPE)[0])
+
+
+def test_things_behind_or_at_the_camera_are_left_out() -> None:
+    assert len(rasterize(projected([scene(pose(0, 0, -0.5))], (0.1, 0.1, 0.1)), SHAPE).covered) == 0
+
+
+def test_normals_stay_sharp_at_edges_and_smooth_on_round_faces() -> None:
+    flat = corner_normals(box((1.0, 1.0, 1.0)))
+    assert np.allclose(np.abs(flat).max(axis=2), 1.0)
+    tube = lathe(np.array([[1.0, -1.0], [1.0, 1.0]]), segments=24)
+    normals = corner_normals(tube).reshape(-1, 3)
+    corners = tube.vertices[tube.faces.reshape(-1)]
+    assert (np.abs((normals * corners).sum(axis=1)) > 0.99).all()

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import numpy as np
+
+from asdfviz.synth.sensor import (
+    DepthSensor,
+    RgbSensor,
+    blur_moving,
+    field_of_view,
+    measure_depth,
+    motion_kernel,
+    photograph,
+)
+
+HEIGHT, WIDTH = 180, 320
+
+
+def flat(depth: float = 0.6) -> np.ndarray:
+    return np.full((HEIGHT, WIDTH), depth, np.float32)
+
+
+def bright() -> np.ndarray:
+    return np.full((HEIGHT, WIDTH), 0.4, np.float32)
+
+
+def measured(depth: np.ndarray, albedo: np.ndarray, **setting: object) -> np.ndarray:
+    sensor = DepthSensor(**setting)  # pyright: ignore[reportArgumentType]
+    return measure_depth(depth, albedo, sensor=sensor, rng=np.random.default_rng(0))
+
+
+def test_range_noise_has_the_asked_size_and_grows_with_distance() -> None:
+    near = measured(flat(0.6), bright(), noise=0.001, field_of_view=False)
+    far = measured(flat(1.2), bright(), noise=0.001, field_of_view=False)
+    assert 0.0004 < near.std() < 0.002
+    assert 3 < far.std() / near.std() < 5
+    assert abs(near.mean() - 0.6) < 1e-4
+
+
+def test_dark_surfaces_lose_returns_and_bright_ones_do_not() -> None:
+    albedo = bright()
+    albedo[:, :100] = 0.005
+    depth = measured(flat(), albedo, dark_loss=0.5, field_of_view=False)
+    assert 0.2 < (depth[:, :100] == 0).mean() < 0.8
+    assert (depth[:, 110:] > 0).all()
+
+
+def test_edges_are_smeared_and_shadowed_on_one_side() -> None:
+    depth = flat(0.6)
+    depth[60:120, 120:200] = 0.5
+    seen = measured(depth, bright(), noise=0.0, field_of_view=False, smear_px=8.0)
+    row = seen[90]
+    between = (row > 0.505) & (row < 0.595)
+    assert 1 <= between[112:128].sum() <= 12
+    assert (row[196:210] == 0).any()
+    assert (row[112:120] > 0).all()
+    assert abs(row[160] - 0.5) < 1e-3
+
+
+def test_field_of_view_leaves_the_share_that_the_real_camera_leaves() -> None:
+    outside = (~field_of_view(720, 1280)).mean()
+    assert 0.38 < outside < 0.45
+    seen = measured(flat(), bright())
+    assert seen[0, 0] == 0
+    assert seen[HEIGHT // 2, WIDTH // 2] > 0
+
+
+def test_shift_moves_depth_against_colour() -> None:
+    depth = flat(0.6)
+    depth[:, 160:] = 0.5
+    still = measured(depth, bright(), noise=0.0, field_of_view=False)
+    moved = measured(depth, bright(), noise=0.0, field_of_view=False, shift_px=(28.0, 0.0))
+    edge = [
+        int(np.argmax(d[90] < 0.55))
+        for d in (np.where(still > 0, still, 9), np.where(moved > 0, moved, 9))
+    ]
+    assert edge[1] - edge[0] == 7
+
+
+def test_nothing_stays_nothing() -> None:
+    depth = flat()
+    depth[:40] = 0
+    assert (measured(depth, bright(), field_of_view=False)[:30] == 0).all()
+
+
+def test_exposure_brings_the_picture_to_its_level_whatever_the_light() -> None:
+    radiance = np.random.default_rng(0).uniform(0.2, 1.0, (HEIGHT, WIDTH, 3)).astype(np.float32)
+    sensor = RgbSensor(noise=0.0)
+    dim, glaring = (
+        photograph(radiance * np.float32(k), sensor=sensor, rng=np.random.default_rng(1))
+        for k in (0.1, 30)
+    )
+    assert np.abs(dim.astype(int) - glaring.astype(int)).max() <= 1
+    assert 100 < dim.mean() < 190
+
+
+def test_motion_blur_keeps_light_and_the_still_part() -> None:
+    assert abs(motion_kernel(7.0, -3.0).sum() - 1) < 1e-6
+    radiance = np.full((60, 80, 3), 0.2, np.float32)
+    mask = np.zeros((60, 80), bool)
+    mask[20:40, 30:50] = True
+    radiance[mask] = 1.0
+    blurred = blur_moving(radiance, mask, (12.0, 0.0))
+    assert np.allclose(blurred[5], 0.2)
+    assert np.allclose(blurred[30, 40], 1.0, atol=1e-4)
+    assert 0.3 < blurred[30, 30, 0] < 0.9
+    assert np.allclose(blurred[30, 24:30, 0], 1.2 - blurred[30, 35:29:-1, 0], atol=0.12)

@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly
+from asdfviz.geometry.transforms import apply, inverse, rotation_angle
+from asdfviz.synth.assets import Assets
+from asdfviz.synth.contact import points_inside
+from asdfviz.synth.primitives import box
+from asdfviz.synth.sequences import Play, SequenceConfig, generate_sequence, plan_sequence
+
+CONFIG = SequenceConfig()
+
+
+@pytest.fixture(scope="module", params=[1, 2, 77])
+def play(toy_assets: Assets, request: pytest.FixtureRequest) -> Play:
+    return plan_sequence(toy_assets, seed=request.param, config=CONFIG)
+
+
+def test_every_state_comes_in_order_with_one_error_corrected(play: Play, toy: Assembly) -> None:
+    names = [m.state.name for m in play.moments]
+    order = [n for i, n in enumerate(names) if i == 0 or n != names[i - 1]]
+    assert order == ["plate", "block_turned", "plate", "block", "bar"]
+    for name in order:
+        assert names.count(name) >= 3
+    for moment in play.moments:
+        assert moment.attached[0] == toy.base
+        assert set(moment.attached) <= set(moment.state.attached) | {moment.held}
+
+
+def test_loose_parts_rest_on_the_table(play: Play, toy: Assembly) -> None:
+    previous = play.moments[0]
+    for moment in play.moments:
+        for name, T in moment.T_world_part.items():
+            moved = np.abs(T - previous.T_world_part[name]).max() > 1e-9
+            if name in moment.attached or name in (moment.held, previous.held) or moved:
+                continue
+            if name in previous.attached:
+                continue
+            lowest = apply(T, toy.parts[name].mesh.vertices)[:, 2].min()
+            assert abs(lowest) <= 0.001
+        previous = moment
+
+
+def test_nothing_goes_through_the_table(play: Play, toy: Assembly, toy_assets: Assets) -> None:
+    for moment in play.moments:
+        for name, T in moment.T_world_part.items():
+            assert apply(T, toy.parts[name].mesh.vertices)[:, 2].min() > -0.001
+        if moment.T_world_hand is not None:
+            hand = apply(moment.T_world_hand, toy_assets.hand_points[play.outfit.grasp])
+            assert hand[:, 2].min() > -0.005
+
+
+def test_held_parts_move_with_the_hand_and_nothing_else_moves(play: Play, toy: Assembly) -> None:
+    for before, now in zip(play.moments, play.moments[1:], strict=False):
+        for name, T in now.T_world_part.items():
+            moved = np.abs(T - before.T_world_part[name]).max() > 1e-9
+            if not moved:
+                continue
+            base_moved = now.held == toy.base and name in now.attached
+            assert name == now.held or base_moved
+            if name == now.held and before.held == name:
+                assert now.T_world_hand is not None
+                assert before.T_world_hand is not None
+                points = [
+                    apply(inverse(m.T_world_part[name]), m.T_world_hand[None, :3, 3])[0]
+                    for m in (before, now)
+                    if m.T_world_hand is not None
+                ]
+                # The hand rises a little where its fingers would go into the table.
+                assert np.linalg.norm(points[1] - points[0]) < 0.02
+
+
+def test_joined_parts_are_rigid_to_the_base(play: Play, toy: Assembly) -> None:
+    for before, now in zip(play.moments, play.moments[1:], strict=False):
+        for name in set(before.attached) & set(now.attached):
+            T_before, T_now = (
+                inverse(m.T_world_part[toy.base]) @ m.T_world_part[name] for m in (before, now)
+            )
+            assert np.abs(T_before - T_now).max() < 1e-9
+    assert (
+        np.abs(
+            play.moments[0].T_world_part[toy.base] - play.moments[-1].T_world_part[toy.base]
+        ).max()
+        > 0.01
+    )
+
+
+def test_the_pace_keeps_its_limits(play: Play) -> None:
+    for before, now in zip(play.moments, play.moments[1:], strict=False):
+        for name, T in now.T_world_part.items():
+            step = np.linalg.norm(T[:3, 3] - before.T_world_part[name][:3, 3])
+            turn = rotation_angle(T[:3, :3].T @ before.T_world_part[name][:3, :3])
+            # Parts that ride on a turning base move a little farther than the base itself.
+            assert step <= 0.03
+            assert turn <= np.deg2rad(12.1)
+
+
+def test_a_wished_number_of_frames_is_met(toy_assets: Assets) -> None:
+    free = len(plan_sequence(toy_assets, seed=5, config=CONFIG).moments)
+    wished = SequenceConfig(frames=free + 25)
+    assert len(plan_sequence(toy_assets, seed=5, config=wished).moments) == free + 25
+
+
+def test_files_hold_the_script(toy: Assembly, toy_assets: Assets, tmp_path: Path) -> None:
+    config = SequenceConfig(width=160, height=90)
+    done: list[int] = []
+    folder = tmp_path / "sequence"
+    count = generate_sequence(
+        toy, seed=4, folder=folder, config=config, stop=lambda: len(done) >= 3,
+        progress=lambda i, _: done.append(i),
+    )  # fmt: skip
+    assert count == 3
+    moments = plan_sequence(toy_assets, seed=4, config=config).moments
+    states = json.loads((folder / "states.json").read_text())
+    truth = json.loads((folder / "scene_gt.json").read_text())
+    for k, state in enumerate(states):
+        assert state["frame"] == k
+        assert state["state"] == moments[k].state.completed
+        assert state["attached"] == list(moments[k].attached)
+        assert [g["obj_id"] for g in truth[str(k)]] == list(moments[k].T_world_part)
+    assert (folder / "depth" / "000000.png").is_file()
+    assert json.loads((folder / "sequence.json").read_text())["fps"] == 10.0
+
+
+def test_points_inside_a_box() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.1, 0.1, (400, 3))
+    size = np.array([0.1, 0.06, 0.14])
+    expected = (np.abs(points) < size / 2).all(axis=1)
+    assert np.array_equal(points_inside(points, box((0.1, 0.06, 0.14))), expected)
