@@ -25,7 +25,7 @@ def top_bar(snap: Snapshot) -> str:
         f'<div class="ax-where"><b class="ax-name" data-testid="sequence">{text(snap.workspace.frames.name)}</b>'
         f'<span class="ax-sub">{text(snap.workspace.assembly.title)}</span>'
         f"{_state_badge(snap)}</div>"
-        f'<div class="ax-tools">{_job(snap.workspace.job)}{_view_switch(view)}{_zoom(view)}</div>'
+        f'<div class="ax-tools">{_job(snap.workspace.job)}{_view_switch(view)}{_zoom(view)}{_keys()}</div>'
     )
 
 
@@ -153,6 +153,10 @@ def _job(job: JobStatus | None) -> str:
         f'<span class="ax-job" data-testid="job"><span class="ax-meter"><i style="width:{100 * share:.1f}%">'
         f"</i></span>Running {text(job.method)}: {job.done}/{job.total}, {pace}</span>{stop}"
     )
+
+
+def _keys() -> str:
+    return button("Keys", act("ToggleKeys"), title="All keys", key="Shift H", testid="keys-open")
 
 
 def _view_switch(view: View) -> str:

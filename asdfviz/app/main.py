@@ -5,6 +5,7 @@ from __future__ import annotations
 import getpass
 import os
 import threading
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -197,6 +198,8 @@ def _login_name() -> str:
 
 
 def _configure(server: Any) -> None:
+    # A browser tab that closes while its thread draws is no news to anybody.
+    warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
     server.scene.set_up_direction("-y")
     server.scene.world_axes.visible = False
     server.initial_camera.position = (0.0, 0.0, 0.0)

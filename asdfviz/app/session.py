@@ -104,7 +104,8 @@ def _look(view: View, action: act.Look, facts: Facts) -> View:
 
 def _resized(view: View, action: act.Resized, facts: Facts) -> View:
     del facts
-    return replace(view, aspect=action.aspect, turns=view.turns + 1)
+    # The free camera keeps its place; the pinned one must show the whole picture again.
+    return replace(view, aspect=action.aspect, turns=view.turns + (view.mode == "ar"))
 
 
 def _set_opacity(view: View, action: act.SetOpacity, facts: Facts) -> View:

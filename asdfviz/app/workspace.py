@@ -115,9 +115,10 @@ class Workspace:
         """What happened in the background; every tab shows those that it has not shown yet."""
         self.is_judging = False
         self._runs: tuple[LoadedRun, ...] = ()
+        self._changes = 0
         self._lock = threading.RLock()
         self._listeners: list[Callable[[], None]] = []
-        self._rows: tuple[object, tuple[timeline.Row, ...]] | None = None
+        self._rows: tuple[object, tuple[timeline.Row, ...], tuple[int, ...]] | None = None
 
     @property
     def has_truth(self) -> bool:
@@ -139,6 +140,7 @@ class Workspace:
         predictions = {p.frame_index: p for p in run.predictions}
         by_place = tuple(predictions.get(index) for index in self.indices)
         with self._lock:
+            self._changes += 1
             known = next((old for old in self._runs if old.id == run_id), None)
             if known is not None:
                 fresh = replace(known, run=run, by_place=by_place, folder=folder)
@@ -152,6 +154,7 @@ class Workspace:
     def drop_run(self, run_id: str) -> None:
         """Forget a run, as when it failed before its first frame."""
         with self._lock:
+            self._changes += 1
             self._runs = tuple(run for run in self._runs if run.id != run_id)
 
     def poses(self, place: int, base: str | None) -> dict[str, Shown]:
@@ -206,11 +209,16 @@ class Workspace:
 
     def rows(self) -> tuple[timeline.Row, ...]:
         """The timeline's rows: annotation, truth, runs."""
+        return self._rows_and_boundaries()[0]
+
+    def _rows_and_boundaries(self) -> tuple[tuple[timeline.Row, ...], tuple[int, ...]]:
+        """Made anew only when a run or the annotation changed."""
         with self._lock:
-            stamp = (self.store.version(), tuple(id(run) for run in self._runs))
+            stamp = (self.store.version(), self._changes)
             if self._rows is None or self._rows[0] != stamp:
-                self._rows = (stamp, self._build_rows())
-            return self._rows[1]
+                rows = self._build_rows()
+                self._rows = (stamp, rows, timeline.boundaries(rows))
+            return self._rows[1:]
 
     def facts(self) -> Facts:
         """What the view's rules depend on."""
@@ -220,7 +228,7 @@ class Workspace:
         return Facts(
             count=len(self.indices),
             parts=tuple(self.assembly.parts),
-            boundaries=timeline.boundaries(self.rows()),
+            boundaries=self._rows_and_boundaries()[1],
             runs=tuple(runs),
             preferred=next(reversed(favourites or runs), None),
             has_truth=self.has_truth,

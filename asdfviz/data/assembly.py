@@ -63,7 +63,8 @@ def load_assembly(name_or_path: str | Path) -> Assembly:
     (`discrete`: rows of 16 numbers, `continuous`: `axis`, `offset`). A state has `name`, `poses`
     (part: `R` 9 numbers row by row, `t` 3 numbers, part to base frame) for the joined parts, and
     `joints` (part: `kind`, `axis`, `origin`, `slide`, `turn` in degrees, in the base frame); a
-    state repeats nothing: what an earlier state joined stays joined. An error has `after` too, and
+    state repeats nothing: what an earlier state joined stays joined. Parts whose joints share axis,
+    origin and a range move by that range together (a screw and the plate on its tip). An error has `after` too, and
     `remove`, the parts of that state that are missing in it.
 
     Raises:

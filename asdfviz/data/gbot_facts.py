@@ -1,7 +1,7 @@
 """What the paper's assemblies do not say of themselves: symmetries, freedoms, errors, colours.
 
 The GBOT data names parts and poses only. Symmetries were found by turning each mesh onto itself
-(95 % of the surface within 2 % of the box's diagonal, 2.3 % for the head plate); freedoms follow from
+(95 % of the surface within 2 % of the box's diagonal, 2.5 % for head plate and nut); freedoms follow from
 bores, threads and rails; errors are mistakes that the parts allow. Millimetres and degrees, in
 the base part's frame unless said otherwise.
 """

@@ -15,6 +15,7 @@ from asdfviz.detector.head import decode
 from asdfviz.detector.letterbox import Letterbox, letterbox, plan_letterbox
 from asdfviz.detector.network import Network
 from asdfviz.detector.nms import suppress
+from asdfviz.detector.precision import has_bfloat16
 from asdfviz.detector.weights import load_network
 from asdfviz.geometry.shapes import Rgb
 
@@ -74,7 +75,8 @@ def detect(
     images = picture.permute(2, 0, 1)[None].float() / 255
     images = images.contiguous(memory_format=torch.channels_last)
     kind = torch.device(config.device).type
-    with torch.autocast(kind, dtype=torch.bfloat16, enabled=config.bfloat16):
+    half = config.bfloat16 and has_bfloat16(config.device)
+    with torch.autocast(kind, dtype=torch.bfloat16, enabled=half):
         raw = network(images)
     columns = decode(raw)[0].T.float()
     scores = columns[:, 4 : 4 + len(classes)].amax(1)

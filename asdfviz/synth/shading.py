@@ -70,7 +70,7 @@ def shade(
     return total + _ambient(scenes, buffer)
 
 
-def _tensor(rows: Sequence[Vector], device: torch.device) -> Tensor:
+def _tensor(rows: Sequence[np.ndarray], device: torch.device) -> Tensor:
     return to_tensor(np.stack(rows), device, dtype=torch.float32)
 
 

@@ -11,7 +11,7 @@ from functools import cache
 
 import cv2
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Shaped
 from torch import Tensor
 
 from asdfviz.synth.tensors import to_tensor
@@ -29,6 +29,7 @@ BLURS_PX = (0.0, 1.0, 2.2, 4.5)
 
 Map = Float32[np.ndarray, "n n 4"]
 Plane = Float32[np.ndarray, "n n"]
+Weight = Shaped[np.ndarray, "n n"] | float
 
 
 def fractal(
@@ -52,8 +53,8 @@ def _axes(n: int) -> tuple[Plane, Plane]:
     return x, y
 
 
-def _stack(w1: Plane | float, w2: Plane | float, shade: Plane | float, height: Plane) -> Map:
-    n = height.shape[0]
+def _stack(w1: Weight, w2: Weight, shade: Weight, height: Weight) -> Map:
+    n = np.asarray(height).shape[0]
     planes = [np.broadcast_to(np.asarray(p, np.float32), (n, n)) for p in (w1, w2, shade, height)]
     return np.stack(planes, axis=2).astype(np.float32)
 

@@ -24,6 +24,12 @@ class ColorHistograms:
         self._frequencies = np.zeros((colors, 2), np.float32)
         self.table: ColorTable = np.full(colors, 0.5, np.float32)
 
+    @property
+    def contrast(self) -> float:
+        """Mean probability of foreground on the part minus that beside it, 0 to 1: what a right
+        pose shows."""
+        return float((self._frequencies[:, 0] - self._frequencies[:, 1]) @ self.table)
+
     def learn(self, rate: float) -> None:
         """Blend `counts` in and empty them; a side that saw no pixel keeps what it has."""
         blend(self.counts, self._frequencies, rate, self.table)

@@ -220,8 +220,8 @@ class RegionModality:
         silhouettes: Silhouettes = NO_SILHOUETTES,
         number: int = 0,
     ) -> tuple[float, float]:
-        """Return the mean contrast at the contour and the share of it that is seen."""
-        return contour_evidence(
+        """Return the contrast at the contour, as a share of the histograms', and how much is seen."""
+        contrast, seen = contour_evidence(
             rgb,
             self.histograms.table,
             self.histograms.bits,
@@ -236,6 +236,8 @@ class RegionModality:
             silhouettes.crop,
             number,
         )
+        # Colours that part and surroundings share say little whatever the pose.
+        return contrast / max(self.histograms.contrast, 0.1), seen
 
     def _gather(self, views: Views) -> int:
         """Collect the contour points of the views; return how many."""

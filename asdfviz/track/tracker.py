@@ -111,6 +111,8 @@ class Tracker:
     def replace(self, frame: Frame, poses: Mapping[str, Transform]) -> None:
         """Set some tracked bodies to new poses T_camera_part; histograms and links stay.
 
+        A body that is held goes where its base has it.
+
         Raises:
             InputError: a body is not tracked.
         """

@@ -25,7 +25,7 @@ from asdfviz.data.truth import STATES
 from asdfviz.datatypes import KEYPOINTS, Assembly, Part
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.camera import project, scaled_intrinsics
-from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Rgb, Transform
+from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels, Points, Rgb, Transform
 from asdfviz.geometry.symmetry import canonical
 from asdfviz.geometry.transforms import apply
 
@@ -118,7 +118,8 @@ def _load_scene(
         if index in files.depth:
             depth = metric_depth(read_raw_depth(files.depth[index]), camera.depth_scale or 1.0)
         rgb = read_rgb(files.rgb[index])
-        labeller = _Labeller(assembly, hulls, camera.K, depth, smallest_visible)
+        size_wh = (rgb.shape[1], rgb.shape[0])
+        labeller = _Labeller(assembly, hulls, camera.K, size_wh, depth, smallest_visible)
         labels = labeller.labels(objects[index], groups.get(index, ()))
         images.append(_reduced(f"{folder.name}/{index:06d}", rgb, camera.K, labels, image_size))
     return images
@@ -166,6 +167,7 @@ class _Labeller:
     assembly: Assembly
     hulls: dict[str, Points]
     K: Intrinsics
+    size_wh: tuple[int, int]
     depth: Depth | None
     smallest_visible: float
 
@@ -190,7 +192,7 @@ class _Labeller:
         T_camera_part = canonical(item.T_camera_object, part.symmetries)
         points = apply(T_camera_part, part.keypoints)
         pixels = project(points, self.K)
-        flags = _visibility(points, pixels, self.depth)
+        flags = _visibility(points, pixels, self.size_wh, self.depth)
         return LabelledObject(
             label=self.assembly.detector_classes.index(part.detector_class),
             outline=outline,
@@ -238,15 +240,15 @@ class _Labeller:
         return cv2.convexHull(pixels)[:, 0].astype(np.float32)
 
 
-def _visibility(points: Points, pixels: np.ndarray, depth: Depth | None) -> Flags:
-    """Tell visible keypoints (2) from hidden ones (1) by the depth picture."""
-    if depth is None:
-        return np.full(len(points), 2.0, np.float32)
-    height, width = depth.shape
+def _visibility(
+    points: Points, pixels: Pixels, size_wh: tuple[int, int], depth: Depth | None
+) -> Flags:
+    """Tell visible keypoints (2) from hidden ones (1): outside the picture or behind something."""
     u, v = np.round(np.nan_to_num(pixels, nan=-1e6)).astype(int).T
-    inside = (u >= 0) & (v >= 0) & (u < width) & (v < height)
+    inside = (u >= 0) & (v >= 0) & (u < size_wh[0]) & (v < size_wh[1])
     measured = np.zeros(len(points))
-    measured[inside] = depth[v[inside], u[inside]]
+    if depth is not None:
+        measured[inside] = depth[v[inside], u[inside]]
     in_front = (measured > 0) & (measured < points[:, 2] - OCCLUSION_TOLERANCE)
     return np.where(inside & ~in_front, 2.0, 1.0).astype(np.float32)
 

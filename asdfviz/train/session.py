@@ -19,6 +19,7 @@ from asdfviz.data.atomic import write_text
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.losses import LossConfig, pose_losses
 from asdfviz.detector.network import Network
+from asdfviz.detector.precision import has_bfloat16
 from asdfviz.errors import InputError, WeightsError
 from asdfviz.train.checkpoint import Average, Progress, load_checkpoint, save_checkpoint
 from asdfviz.train.config import LOSSES, TrainConfig
@@ -152,7 +153,8 @@ class Session:
         images = batch.images.permute(0, 3, 1, 2).float() / 255
         images = images.contiguous(memory_format=torch.channels_last)
         kind = torch.device(config.device).type
-        with torch.autocast(kind, dtype=torch.bfloat16, enabled=config.bfloat16):
+        half = config.bfloat16 and has_bfloat16(config.device)
+        with torch.autocast(kind, dtype=torch.bfloat16, enabled=half):
             raw = self.network(images)
         losses, assignment = pose_losses(raw, batch.targets, config=self.loss)
         parts = losses.parts

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -277,7 +276,7 @@ def test_missing_visibility_is_rendered(
     assert seen == {"plate": 1, "block": 0, "rod": 1}
 
 
-def test_231_frames_of_10_parts_take_seconds(
+def test_231_frames_of_10_parts(
     assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
 ) -> None:
     kinds = tuple(assembly.parts.values())
@@ -287,9 +286,7 @@ def test_231_frames_of_10_parts_take_seconds(
     found = {name: placed(0.02 * i + 0.01, turn=20 * i + 9) for i, name in enumerate(parts)}
     truth = {i: make_truth(i, poses) for i in range(231)}
     run = make_run([make_prediction(i, found) for i in range(231)])
-    start = time.process_time()
     report = evaluate_run(run, assembly=big, truth=truth)
-    assert time.process_time() - start < 20
     assert report["mean"]["e_t_mm"] == pytest.approx(10)
 
 

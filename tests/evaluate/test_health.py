@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
@@ -195,9 +194,7 @@ def test_colour_that_has_nothing_to_do_with_depth_says_nothing() -> None:
 
 def test_the_real_frames_are_about_7_px_off(shared: Path) -> None:
     sequence = open_sequence(shared / "data" / "real")
-    start = time.monotonic()
     report = check_sequence(sequence)
-    assert time.monotonic() - start < 30
     finding = only(report, "depth_shift")
     assert finding.value == pytest.approx(7.0, abs=1.0)
     assert "shift" in finding.message

@@ -1,0 +1,107 @@
+"""Corrections survive: a part is dragged by its gizmo, saved, there again after a restart, and exported."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser_steps import canvas_box, client, on_screen, opened, until
+from playwright.sync_api import Browser, Page, expect
+
+from asdfviz.annotate.paths import annotation_file
+from asdfviz.annotate.store import AnnotationStore
+from asdfviz.app.main import App, ViewConfig, open_app
+from asdfviz.data.gbot_import import import_gbot
+from asdfviz.data.sequences import open_sequence
+from asdfviz.data.truth import read_truth
+from asdfviz.datatypes import Assembly
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.filterwarnings("ignore:Queued a .* on a closed connection"),
+]
+
+
+@pytest.fixture(scope="module")
+def workpiece(
+    request: pytest.FixtureRequest, scene_folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, Path, str]:
+    """Sequence, assembly and part to correct: the real frames where they are, else the painted ones."""
+    clamp: Assembly = request.getfixturevalue("clamp")
+    try:
+        shared: Path = request.getfixturevalue("shared")
+    except pytest.skip.Exception:
+        return scene_folder, Path(clamp.path), "jaw"
+    models = tmp_path_factory.mktemp("models")
+    import_gbot(shared / "data" / "gbot", models)
+    return shared / "data" / "real", models / "gbot_nanovise", "NanoViseV2_VISE_BASE"
+
+
+def test_a_part_is_dragged_saved_reloaded_and_exported(
+    chromium: Browser, workpiece: tuple[Path, Path, str], tmp_path: Path
+) -> None:
+    sequence, assembly, part = workpiece
+    config = ViewConfig(
+        sequence=str(sequence), assembly=str(assembly), annotations=tmp_path, port=0
+    )
+    with contextlib.closing(open_app(config)) as app, opened(chromium, app) as page:
+        T_dragged = _drag(page, app, part)
+        name = app.workspace.assembly.name
+    # What is on disk is what was seen, to the last bit.
+    file = annotation_file(sequence.name, folder=tmp_path)
+    with AnnotationStore(file, sequence_name=sequence.name, assembly_name=name) as store:
+        kept = store.pose(app.workspace.indices[0], part)
+        assert kept is not None
+        assert kept.provenance == "gizmo"
+        assert kept.T_camera_part is not None
+        assert np.array_equal(kept.T_camera_part, T_dragged)
+    with contextlib.closing(open_app(config)) as app, opened(chromium, app) as page:
+        page.get_by_test_id("tab-annotate").click()
+        expect(page.get_by_test_id(f"part-{part}")).to_contain_text("corrected")
+        assert np.array_equal(app.workspace.poses(0, None)[part].T_camera_part, T_dragged)
+        page.get_by_test_id("tab-results").click()
+        page.get_by_test_id("export").click()
+        until(lambda: app.workspace.messages, "the export ends")
+        assert not app.workspace.messages[-1].is_problem, app.workspace.messages[-1]
+        folder = app.workspace.export_folder
+        index, read = app.workspace.indices[0], app.workspace.assembly
+    assert read_truth(folder, read)[index].T_camera_part[part] == pytest.approx(T_dragged, abs=1e-6)
+    assert len(open_sequence(folder, assembly=read)) == len(app.workspace.indices)
+
+
+def _drag(page: Page, app: App, part: str) -> np.ndarray:
+    """Put the part into the middle and pull the gizmo's x arrow 60 pixels to the right."""
+    page.get_by_test_id("tab-annotate").click()
+    page.get_by_test_id(f"part-{part}").click()
+    index = app.workspace.indices[0]
+    page.keyboard.press("Shift+Enter")
+    placed = until(lambda: app.workspace.store.pose(index, part), "the part is placed")
+    T = placed.T_camera_part
+    vertices = app.workspace.assembly.parts[part].mesh.vertices
+    middle = T[:3, :3] @ (vertices.min(axis=0) + vertices.max(axis=0)) / 2 + T[:3, 3]
+    u, v = on_screen(page, app, middle)
+
+    def dragged() -> Any:
+        page.mouse.move(u + 60, v)
+        page.wait_for_timeout(400)
+        page.mouse.move(u + 62, v, steps=3)
+        page.wait_for_timeout(400)
+        page.mouse.down()
+        page.mouse.move(u + 122, v, steps=12)
+        page.wait_for_timeout(400)
+        page.mouse.up()
+        page.wait_for_timeout(500)
+        found = app.workspace.store.pose(index, part)
+        return found if found and found.provenance == "gizmo" else None
+
+    # The gizmo is drawn a moment after the part; a pull before that moves nothing.
+    kept = until(dragged, "the gizmo moves the part")
+    shift = kept.T_camera_part[:3, 3] - T[:3, 3]
+    _, _, _, height = canvas_box(page)
+    metres = 60 * middle[2] * np.tan(client(app).camera.fov / 2) / (height / 2)
+    assert shift[0] == pytest.approx(metres, rel=0.15)
+    assert shift[1:] == pytest.approx([0, 0], abs=2e-4)
+    return kept.T_camera_part
