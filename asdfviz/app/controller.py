@@ -66,6 +66,11 @@ class Controller:
         self._end = workspace.subscribe(lambda: self.emit(act.Changed()))
         self._thread = threading.Thread(target=self._work, name="tab", daemon=True)
 
+    @property
+    def is_dragging(self) -> bool:
+        """Whether a gizmo is held."""
+        return self._scene.dragged is not None
+
     def start(self) -> None:
         """Build the tab and serve it."""
         self._thread.start()

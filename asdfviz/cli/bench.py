@@ -24,10 +24,10 @@ class BenchTrack:
 
     def __call__(self) -> None:
         """Print accuracy and time, mode by mode, ours beside the reference's."""
-        from asdfviz.bench.track import bench_track, format_table
+        from asdfviz.bench.track import bench_table, json_report, measure
 
-        result = bench_track(self.folder)
-        print(json.dumps(result, indent=2) if self.json else format_table(result))
+        results = measure(self.folder)
+        print(json.dumps(json_report(results), indent=2) if self.json else bench_table(results))
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,6 @@ scene_gt_info.json, scene_camera.json, states.json, sequence.json and camera.jso
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -16,6 +14,7 @@ from typing import Any, cast
 import cv2
 import numpy as np
 
+from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.datatypes import Camera
 from asdfviz.geometry.shapes import Depth, Rgb, Transform
 from asdfviz.synth.render import Picture
@@ -52,7 +51,7 @@ class SceneFolder:
             (self.folder / "depth").mkdir(exist_ok=True)
             depth_mm = np.round(np.clip(depth, 0, 65.0) * 1000).astype(np.uint16)
             _write_image(self.folder / "depth" / f"{frame:06d}.png", depth_mm, [])
-        _write_text(self._record(frame), json.dumps(frame_record(frame, true_scene, picture)))
+        write_text(self._record(frame), json.dumps(frame_record(frame, true_scene, picture)))
 
     def merge(self, *, sequence: Mapping[str, object], camera: Camera) -> int:
         """Gather all records into the BOP files; returns how many frames there are."""
@@ -68,7 +67,7 @@ class SceneFolder:
             "camera.json": camera_fields(camera),
         }
         for name, content in files.items():
-            _write_text(self.folder / name, _dump(content))
+            write_text(self.folder / name, _dump(content))
         return len(records)
 
     def finish(self) -> None:
@@ -182,15 +181,4 @@ def _write_image(path: Path, image: np.ndarray, options: Sequence[int]) -> None:
     done, data = cv2.imencode(path.suffix, image, list(options))
     if not done:
         raise OSError(f"{path} could not be encoded")
-    _write_bytes(path, data.tobytes())
-
-
-def _write_text(path: Path, text: str) -> None:
-    _write_bytes(path, text.encode())
-
-
-def _write_bytes(path: Path, data: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    with os.fdopen(handle, "wb") as file:
-        file.write(data)
-    os.replace(temporary, path)
+    write_bytes(path, data.tobytes())

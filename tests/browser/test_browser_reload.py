@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from browser_steps import canvas_box, client, on_screen, opened, until
 from playwright.sync_api import Browser, Page, expect
 
 from asdfviz.annotate.paths import annotation_file
+from asdfviz.annotate.records import PoseAnnotation
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app.main import App, ViewConfig, open_app
 from asdfviz.data.gbot_import import import_gbot
@@ -84,24 +85,34 @@ def _drag(page: Page, app: App, part: str) -> np.ndarray:
     middle = T[:3, :3] @ (vertices.min(axis=0) + vertices.max(axis=0)) / 2 + T[:3, 3]
     u, v = on_screen(page, app, middle)
 
-    def dragged() -> Any:
+    def held() -> bool:
         page.mouse.move(u + 60, v)
         page.wait_for_timeout(400)
         page.mouse.move(u + 62, v, steps=3)
         page.wait_for_timeout(400)
         page.mouse.down()
         page.mouse.move(u + 122, v, steps=12)
-        page.wait_for_timeout(400)
+        end = time.monotonic() + 5.0
+        while time.monotonic() < end:
+            if app.tabs()[-1].is_dragging:
+                return True
+            page.wait_for_timeout(50)
         page.mouse.up()
-        page.wait_for_timeout(500)
-        found = app.workspace.store.pose(index, part)
-        return found if found and found.provenance == "gizmo" else None
+        return False
 
     # The gizmo is drawn a moment after the part; a pull before that moves nothing.
-    kept = until(dragged, "the gizmo moves the part")
+    until(held, "the gizmo is held")
+    page.wait_for_timeout(500)
+    page.mouse.up()
+    kept = until(lambda: _of_gizmo(app, index, part), "the part is moved")
     shift = kept.T_camera_part[:3, 3] - T[:3, 3]
     _, _, _, height = canvas_box(page)
     metres = 60 * middle[2] * np.tan(client(app).camera.fov / 2) / (height / 2)
     assert shift[0] == pytest.approx(metres, rel=0.15)
     assert shift[1:] == pytest.approx([0, 0], abs=2e-4)
     return kept.T_camera_part
+
+
+def _of_gizmo(app: App, index: int, part: str) -> PoseAnnotation | None:
+    found = app.workspace.store.pose(index, part)
+    return found if found and found.provenance == "gizmo" else None

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from asdfviz.data import gbot_import as module
 from asdfviz.data.assembly import load_assembly
@@ -146,7 +146,7 @@ def test_meshes_are_small_and_true(models: dict[str, Assembly], shared: Path) ->
         original = read_mesh(file, unit="mm", part=kind)
         points = surface_points(original.vertices, original.faces, 500)
         dense = surface_points(part.mesh.vertices, part.mesh.faces, 30000, seed=1)
-        misfit = cKDTree(dense).query(points)[0]
+        misfit = KDTree(dense).query(points)[0]
         assert np.percentile(misfit, 98) < 1.5e-3, kind
         np.testing.assert_allclose(
             part.mesh.vertices.max(axis=0), original.vertices.max(axis=0), atol=1e-3
@@ -168,7 +168,7 @@ def test_symmetries_map_each_mesh_onto_itself(models: dict[str, Assembly]) -> No
             if not part.symmetries.is_symmetric:
                 continue
             symmetric += 1
-            tree = cKDTree(surface_points(part.mesh.vertices, part.mesh.faces, 40000))
+            tree = KDTree(surface_points(part.mesh.vertices, part.mesh.faces, 40000))
             probes = surface_points(part.mesh.vertices, part.mesh.faces, 800, seed=1)
             for S in part.symmetries.transforms(step=1.3):
                 misfit = np.percentile(tree.query(apply(S, probes))[0], 95)

@@ -80,4 +80,6 @@ def test_orthonormalized_undoes_the_rounding_of_text() -> None:
 def test_inputs_are_not_changed() -> None:
     T = random_transforms(1)[-1]
     T.flags.writeable = False
-    inverse(T), orthonormalized(T), apply(T, np.ones((2, 3)))
+    assert inverse(T) is not T
+    assert orthonormalized(T) is not T
+    assert apply(T, np.ones((2, 3))).shape == (2, 3)

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from manifold3d import Manifold
 from manifold3d import Mesh as SolidMesh
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import models_folder
@@ -105,10 +105,10 @@ def test_the_error_looks_different_from_every_step(own: Assembly) -> None:
 def test_declared_symmetries_hold_and_others_do_not(own: Assembly) -> None:
     rng = np.random.default_rng(0)
     for name, part in own.parts.items():
-        tree = cKDTree(surface_points(part.mesh.vertices, part.mesh.faces, 40000))
+        tree = KDTree(surface_points(part.mesh.vertices, part.mesh.faces, 40000))
         probes = surface_points(part.mesh.vertices, part.mesh.faces, 1500, seed=1)
 
-        def misfit(S: np.ndarray, tree: cKDTree = tree, probes: np.ndarray = probes) -> float:
+        def misfit(S: np.ndarray, tree: KDTree = tree, probes: np.ndarray = probes) -> float:
             return float(np.percentile(tree.query(apply(S, probes))[0], 95))
 
         for S in part.symmetries.transforms(step=0.4):
