@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -22,7 +22,7 @@ Report = Callable[[int, int, str], None]
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Report]:
+def progress_bar(title: str) -> Generator[Report]:
     """Show a bar on stderr while the body runs; call the yielded function to move it."""
     columns = (
         TextColumn("{task.description}"),
@@ -42,7 +42,7 @@ def progress_bar(title: str) -> Iterator[Report]:
 
 
 @contextmanager
-def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
+def stop_on_interrupt() -> Generator[Callable[[], bool]]:
     """Turn the first Ctrl+C into a flag that long jobs poll; the second one interrupts at once."""
     asked = False
 

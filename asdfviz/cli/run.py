@@ -44,7 +44,7 @@ class RunMethod:
         from asdfviz.run import run
 
         spec = find_method(self.method)
-        config = tyro.cli(
+        config: object = tyro.cli(
             spec.config, args=method_arguments, prog=f"asdfviz run --method {spec.name}"
         )
         assembly = load_assembly(self.assembly) if self.assembly else None
