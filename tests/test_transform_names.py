@@ -27,7 +27,7 @@ def frames_of(node: ast.expr) -> Pair | None:
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
         name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
         inner = frames_of(node.args[0]) if name == "inverse" and node.args else None
-        return inner and inner[::-1]
+        return (inner[1], inner[0]) if inner else None
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.MatMult):
         left, right = frames_of(node.left), frames_of(node.right)
         return (left[0], right[1]) if left and right else None

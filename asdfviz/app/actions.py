@@ -8,6 +8,8 @@ from typing import Literal, TypeAlias
 from asdfviz.geometry.shapes import Transform
 
 Tab = Literal["sequence", "methods", "annotate", "results"]
+Gizmo = Literal["move", "turn", "off"]
+GIZMOS: tuple[Gizmo, ...] = ("move", "turn", "off")
 TABS: tuple[Tab, ...] = ("sequence", "methods", "annotate", "results")
 
 
@@ -82,7 +84,19 @@ class SetOpacity:
 class Toggle:
     """Switch a part of the picture on or off."""
 
-    what: Literal["overlay", "xray", "boxes", "keypoints", "gizmo"]
+    what: Literal["overlay", "xray", "boxes", "keypoints"]
+
+
+@dataclass(frozen=True, slots=True)
+class SetGizmo:
+    """Arrows to move, arcs to turn, or nothing to drag."""
+
+    gizmo: Gizmo
+
+
+@dataclass(frozen=True, slots=True)
+class CycleGizmo:
+    """Move, turn, off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +277,7 @@ class Changed:
 
 Action: TypeAlias = (
     Seek | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
-    | Toggle | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
+    | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
     | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | SetState | SetRange | MarkRange | Cancel
     | Undo | Redo | ShowTab | RunMethod | StopRun | Evaluate | Export | ToggleKeys | DismissWelcome
     | Resized | Changed

@@ -30,6 +30,7 @@ KINDS: Mapping[str, type] = {
         actions.FitView,
         actions.SetOpacity,
         actions.Toggle,
+        actions.SetGizmo,
         actions.TogglePart,
         actions.ToggleLayer,
         actions.UseRun,

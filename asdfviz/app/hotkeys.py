@@ -80,7 +80,7 @@ HOTKEYS: tuple[Hotkey, ...] = (
     Hotkey("Correct", "Previous part", act.NextPart(-1), "P"),
     *_moves(),
     Hotkey("Correct", "Step size: fine, normal, coarse", act.CycleStep(), "0"),
-    Hotkey("Correct", "Gizmo on, off", act.Toggle("gizmo"), "G"),
+    Hotkey("Correct", "Gizmo: move, turn, off", act.CycleGizmo(), "G"),
     Hotkey("Correct", "Copy the pose from the frame before", act.CopyPrevious(), "C"),
     Hotkey("Correct", "Place the part in the frame", act.PlacePart(), "enter", "shift"),
     Hotkey("Correct", "Drop the correction", act.RevertPart(), "backspace", "shift"),

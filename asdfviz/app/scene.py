@@ -236,7 +236,8 @@ class Scene:
     def _apply_gizmo(self, snap: Snapshot) -> None:
         part = snap.view.selected
         shown = snap.poses.get(part) if part else None
-        wanted = shown is not None and snap.view.gizmo and not snap.view.playing
+        mode = snap.view.gizmo
+        wanted = shown is not None and mode != "off" and not snap.view.playing
         if self.dragged is not None:
             return
         if wanted and self._gizmo is None:
@@ -247,6 +248,10 @@ class Scene:
         if part is not None and shown is not None and wanted:
             centre = part_centre(self._workspace.assembly.parts[part])
             self._move(self._gizmo, gizmo_pose(shown.T_camera_part, centre))
+            # Not both: from straight ahead an arc lies edge-on over an arrow and would catch its drag.
+            _set(self._gizmo, "disable_axes", mode != "move")
+            _set(self._gizmo, "disable_sliders", mode != "move")
+            _set(self._gizmo, "disable_rotations", mode != "turn")
         _set(self._gizmo, "visible", wanted)
 
     def _make_gizmo(self) -> None:

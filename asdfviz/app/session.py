@@ -119,6 +119,17 @@ def _toggle(view: View, action: act.Toggle, facts: Facts) -> View:
     return replace(view, **changed)
 
 
+def _set_gizmo(view: View, action: act.SetGizmo, facts: Facts) -> View:
+    del facts
+    return replace(view, gizmo=action.gizmo)
+
+
+def _cycle_gizmo(view: View, action: act.CycleGizmo, facts: Facts) -> View:
+    del action, facts
+    order = act.GIZMOS
+    return replace(view, gizmo=order[(order.index(view.gizmo) + 1) % len(order)])
+
+
 def _toggle_part(view: View, action: act.TogglePart, facts: Facts) -> View:
     del facts
     return replace(view, hidden=view.hidden ^ {action.part})
@@ -220,6 +231,8 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.Resized: _resized,
     act.SetOpacity: _set_opacity,
     act.Toggle: _toggle,
+    act.SetGizmo: _set_gizmo,
+    act.CycleGizmo: _cycle_gizmo,
     act.TogglePart: _toggle_part,
     act.ToggleLayer: _toggle_layer,
     act.ToggleLayerAt: _toggle_layer_at,

@@ -60,7 +60,7 @@ class View:
     xray: bool = False
     boxes: bool = False
     keypoints: bool = False
-    gizmo: bool = True
+    gizmo: act.Gizmo = "move"
     hidden: frozenset[str] = frozenset()
     """Parts that are not drawn."""
     layers: frozenset[str] = frozenset()

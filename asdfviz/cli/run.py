@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 import tyro
 
@@ -44,8 +44,10 @@ class RunMethod:
         from asdfviz.run import run
 
         spec = find_method(self.method)
-        config: object = tyro.cli(
-            spec.config, args=method_arguments, prog=f"asdfviz run --method {spec.name}"
+        config = tyro.cli(
+            cast(type[object], spec.config),
+            args=method_arguments,
+            prog=f"asdfviz run --method {spec.name}",
         )
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)

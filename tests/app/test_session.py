@@ -76,6 +76,11 @@ def test_views_change_places_the_camera_anew() -> None:
     assert after(view, act.Zoom(2.0)).zoom == 1.0
 
 
+def test_another_window_keeps_the_free_camera() -> None:
+    assert after(View(), act.Resized(2.0)).turns == 1
+    assert after(View(mode="3d"), act.Resized(2.0)).turns == 0
+
+
 def test_zoom_and_fit() -> None:
     view = after(View(), act.Zoom(2.0, 0.5, 0.5))
     assert view.zoom == pytest.approx(2.0)
@@ -125,6 +130,16 @@ def test_step_sizes_go_round() -> None:
         view = after(view, act.CycleStep())
         seen.append(view.step)
     assert seen == [2, 0, 1]
+
+
+def test_the_gizmo_moves_turns_or_is_off() -> None:
+    view = View()
+    seen = []
+    for _ in range(3):
+        view = after(view, act.CycleGizmo())
+        seen.append(view.gizmo)
+    assert seen == ["turn", "off", "move"]
+    assert after(view, act.SetGizmo("off")).gizmo == "off"
 
 
 def test_a_range_follows_the_frame_until_it_is_ended() -> None:

@@ -86,12 +86,12 @@ def _drag(page: Page, app: App, part: str) -> np.ndarray:
     u, v = on_screen(page, app, middle)
 
     def held() -> bool:
-        page.mouse.move(u + 60, v)
+        page.mouse.move(u + 76, v)
         page.wait_for_timeout(400)
-        page.mouse.move(u + 62, v, steps=3)
+        page.mouse.move(u + 78, v, steps=3)
         page.wait_for_timeout(400)
         page.mouse.down()
-        page.mouse.move(u + 122, v, steps=12)
+        page.mouse.move(u + 138, v, steps=12)
         end = time.monotonic() + 5.0
         while time.monotonic() < end:
             if app.tabs()[-1].is_dragging:

@@ -138,14 +138,21 @@ def _steps(view: View) -> str:
 
 
 def _tools(snap: Snapshot, name: str) -> str:
-    gizmo = button(
-        "Gizmo",
-        act("Toggle", what="gizmo"),
-        title="Arrows and arcs to drag",
-        key="G",
-        classes="ax-switch",
-        pressed=snap.view.gizmo,
-        testid="gizmo",
+    gizmo = "".join(
+        button(
+            label,
+            act("SetGizmo", gizmo=mode),
+            title=title,
+            key="G",
+            classes="ax-seg",
+            pressed=snap.view.gizmo == mode,
+            testid=f"gizmo-{mode}",
+        )
+        for mode, label, title in (
+            ("move", "Move", "Arrows to drag"),
+            ("turn", "Turn", "Arcs to drag"),
+            ("off", "Off", "Nothing to drag"),
+        )
     )
     corrected = snap.workspace.store.pose(snap.index, name) is not None
     revert = (
@@ -163,7 +170,8 @@ def _tools(snap: Snapshot, name: str) -> str:
         '<p class="ax-note"><kbd>I</kbd><kbd>K</kbd><kbd>J</kbd><kbd>L</kbd> up, down, left, right; '
         "<kbd>U</kbd><kbd>O</kbd> nearer, farther; with <kbd>Shift</kbd> they turn.</p>"
     )
-    return f'<div class="ax-row">{gizmo}{_copy_button()}{revert}</div>{hint}'
+    segments = f'<div class="ax-group ax-segs">{gizmo}</div>'
+    return f'<div class="ax-row">{segments}{_copy_button()}{revert}</div>{hint}'
 
 
 def _copy_button() -> str:
