@@ -5,10 +5,10 @@ from __future__ import annotations
 from asdfviz.app import theme, timeline
 from asdfviz.app.actions import TABS
 from asdfviz.app.hotkeys import sheet
+from asdfviz.app.items import JobStatus
 from asdfviz.app.markup import act, button, chip, text
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import SPEEDS, STEPS_MM, View
-from asdfviz.app.workspace import JobStatus
 
 _PLAY = '<svg viewBox="0 0 16 16"><path d="M4 2.5v11l9-5.5z"/></svg>'
 _PAUSE = '<svg viewBox="0 0 16 16"><path d="M4 3h3v10H4zM9 3h3v10H9z"/></svg>'

@@ -17,6 +17,7 @@ from asdfviz.app import actions as act
 from asdfviz.app import camera, hotkeys
 from asdfviz.app.bridge import parse
 from asdfviz.app.editing import Burst, Edits, apply_edit
+from asdfviz.app.items import Shown
 from asdfviz.app.jobs import Background, truth_of
 from asdfviz.app.page import Page
 from asdfviz.app.playback import DECODE_ROUNDS, SLOTS, Pace, wait_until_shown
@@ -24,7 +25,7 @@ from asdfviz.app.scene import Scene
 from asdfviz.app.session import settled, update
 from asdfviz.app.snapshot import Snapshot, take
 from asdfviz.app.view import View
-from asdfviz.app.workspace import Shown, Workspace
+from asdfviz.app.workspace import Workspace
 from asdfviz.app.worst import WorstFrame, worst_frames
 from asdfviz.datatypes import Frame
 from asdfviz.errors import AsdfvizError, InputError
@@ -102,8 +103,8 @@ class Controller:
                 self._play()
             self._refresh()
             moved = self.view.place != before
-            if (moved or self.view.playing) and not wait_until_shown(self.client):
-                return
+            if moved or self.view.playing:
+                wait_until_shown(self.client)
 
     def _build(self) -> None:
         workspace = self._workspace

@@ -13,8 +13,9 @@ import numpy as np
 
 from asdfviz import __version__
 from asdfviz.annotate.corrected import corrected_truth
+from asdfviz.app.items import JobStatus, Message
 from asdfviz.app.view import TRUTH
-from asdfviz.app.workspace import JobStatus, Message, Workspace
+from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import save_run
 from asdfviz.datatypes import FramePrediction, FrameTruth, Run
 from asdfviz.errors import AnnotationError, AsdfvizError, MethodError

@@ -13,9 +13,10 @@ from typing import Any
 from asdfviz.annotate.paths import annotation_file, annotations_folder
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app.controller import Controller
+from asdfviz.app.items import Message
 from asdfviz.app.jobs import Background, start_check
 from asdfviz.app.server import start_server, stop_server
-from asdfviz.app.workspace import FIRST_METHOD, Message, Workspace
+from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import bundled_assemblies, models_folder
 from asdfviz.data.run_files import RUN, load_run

@@ -7,6 +7,7 @@ visibility in the same message as the poses, and the next is only sent when the 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -94,18 +95,14 @@ class Ring:
         ]
 
 
-def wait_until_shown(client: Any) -> bool:
-    """Wait for the page to have worked off what was sent; False where it is gone or hangs.
+def wait_until_shown(client: Any) -> None:
+    """Wait for the page to have worked off what was sent, but not for ever.
 
-    Reading the page's local storage is the one public round trip that viser has.
+    Reading the page's local storage is the one public round trip that viser has. An error is an
+    answer too: a page that may not use its storage, or one that has just gone.
     """
-    try:
+    with contextlib.suppress(RuntimeError, TimeoutError):
         client.local_storage.get_item("asdfviz-ack", timeout=ACK_SECONDS)
-    except TimeoutError:
-        return True
-    except RuntimeError:
-        return False
-    return True
 
 
 class Pace:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from asdfviz.app import theme, timeline
+from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.view import TRUTH, Facts, View
-from asdfviz.app.workspace import ANNOTATION, Shown, Workspace
+from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame, FramePrediction
 
 

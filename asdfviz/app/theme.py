@@ -40,16 +40,16 @@ TRUTH: Rgb3 = (255, 255, 255)
 ANNOTATION: Rgb3 = (255, 214, 92)
 UNKNOWN: Rgb3 = (58, 64, 72)
 ERROR: Rgb3 = (226, 71, 71)
-# Dark indigo to light yellow: lightness rises with progress, so the order shows without the hue.
+# Indigo to light yellow: lightness rises with progress, so the order shows without the hue.
 _RAMP = np.array(
     [
-        (59, 56, 110),
-        (55, 91, 138),
-        (42, 121, 142),
-        (33, 150, 136),
-        (64, 180, 116),
-        (140, 208, 84),
-        (236, 228, 92),
+        (98, 92, 170),
+        (74, 116, 184),
+        (58, 142, 178),
+        (44, 164, 156),
+        (84, 190, 122),
+        (152, 212, 90),
+        (238, 230, 96),
     ],
     float,
 )

@@ -10,9 +10,10 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from asdfviz.annotate.records import StateLabel
 from asdfviz.app import theme
 from asdfviz.app.markup import text
-from asdfviz.datatypes import Assembly, FramePrediction
+from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
 
 MAX_SEGMENTS = 500
 """More than a row has pixels for; longer rows are thinned out."""
@@ -58,12 +59,27 @@ def mark_of_state(assembly: Assembly, index: int) -> Mark:
     return Mark(state.completed, state.is_error, state.name)
 
 
-def mark_of(assembly: Assembly, completed: int | None, is_error: bool | None) -> Mark | None:
-    """The mark of a truth or an annotation, which keep state and error apart."""
-    if completed is None:
+def mark_of_truth(assembly: Assembly, truth: FrameTruth | None) -> Mark | None:
+    """The mark of a truth, which keeps state and error apart; None where no state is known."""
+    if truth is None or truth.state is None:
         return None
-    name = assembly.states[completed].name if completed < len(assembly.states) else str(completed)
-    return Mark(completed, bool(is_error), f"{name}, with an error" if is_error else name)
+    if not truth.is_error:
+        return Mark(truth.state, name=_name(assembly, truth.state))
+    fitting = [e for e in assembly.errors if e.completed == truth.state]
+    same = [e for e in fitting if set(e.attached) == set(truth.attached or ())]
+    name = next((e.name for e in same or fitting), f"{_name(assembly, truth.state)}, with an error")
+    return Mark(truth.state, is_error=True, name=name)
+
+
+def mark_of_label(assembly: Assembly, label: StateLabel | None) -> Mark | None:
+    """The mark of what a person said."""
+    if label is None:
+        return None
+    return Mark(label.state, label.is_error, label.name or _name(assembly, label.state))
+
+
+def _name(assembly: Assembly, index: int) -> str:
+    return assembly.states[index].name if index < len(assembly.states) else f"state {index}"
 
 
 def mark_of_prediction(assembly: Assembly, prediction: FramePrediction | None) -> Mark | None:
@@ -145,7 +161,7 @@ def _segment(piece: Segment, count: int, steps: int) -> str:
     mark = piece.mark
     color = theme.state_color(min(mark.state, steps - 1), steps)
     ink = theme.css(theme.ink(color))
-    label = f"<em>{mark.state}</em>"
+    label = f"<em>{mark.state} {text(mark.name)}</em>"
     return (
         f'<i class="{"tl-error" if mark.is_error else ""}" data-state="{mark.state}" '
         f'data-first="{piece.first}" data-last="{piece.last}" '

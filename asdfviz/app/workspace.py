@@ -7,81 +7,23 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import numpy as np
-
-from asdfviz.annotate.records import Seed, StateLabel
+from asdfviz.annotate.records import Seed
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import theme, timeline
+from asdfviz.app.items import ANNOTATION, JobStatus, LoadedRun, Message, Shown
 from asdfviz.app.view import TRUTH, Facts
 from asdfviz.data.prefetch import Prefetcher
-from asdfviz.datatypes import Assembly, FramePrediction, Run, Stage
+from asdfviz.datatypes import Assembly, Run
 from asdfviz.datatypes import Sequence as FrameSequence
 from asdfviz.evaluate.health import Finding
 from asdfviz.geometry.shapes import Transform
 
-ANNOTATION = "annotation"
 FIRST_METHOD = "asdf"
 """Its run is drawn first; it is run by itself where a sequence has no run yet."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LoadedRun:
-    """A run on this sequence, by place."""
-
-    id: str
-    label: str
-    color: theme.Rgb3
-    run: Run
-    by_place: tuple[FramePrediction | None, ...]
-    folder: Path | None = None
-    """None while it is still being computed."""
-
-    @property
-    def milliseconds(self) -> float | None:
-        """Median time of a frame."""
-        totals = [p.runtime["total"] for p in self.run.predictions if "total" in p.runtime]
-        return 1000 * float(np.median(totals)) if totals else None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Shown:
-    """The pose that a part is drawn at, and where it is from."""
-
-    T_camera_part: Transform
-    source: str
-    """ANNOTATION or a run's id."""
-    stage: Stage
-    score: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class JobStatus:
-    """A method at work, or how it ended."""
-
-    method: str
-    state: Literal["running", "stopping", "done", "stopped", "failed"]
-    done: int = 0
-    total: int = 0
-    milliseconds: float | None = None
-    message: str = ""
-
-    @property
-    def is_active(self) -> bool:
-        """Whether it still works."""
-        return self.state in ("running", "stopping")
-
-
-@dataclass(frozen=True, slots=True)
-class Message:
-    """Something to tell."""
-
-    title: str
-    body: str
-    is_problem: bool = False
 
 
 class Workspace:
@@ -270,25 +212,17 @@ class Workspace:
         assembly = self.assembly
         marks: list[timeline.Mark | None] = [None] * len(self.indices)
         for first, last, label in self.store.state_ranges():
-            mark = None if label is None else _mark_of_label(assembly, label)
+            mark = timeline.mark_of_label(assembly, label)
             for place, index in enumerate(self.indices):
                 if first <= index <= last:
                     marks[place] = mark
         rows = [timeline.Row(ANNOTATION, "annotation", theme.ANNOTATION, tuple(marks))]
-        true = tuple(
-            None if t is None else timeline.mark_of(assembly, t.state, t.is_error)
-            for t in self.truths
-        )
+        true = tuple(timeline.mark_of_truth(assembly, truth) for truth in self.truths)
         if any(mark is not None for mark in true):
             rows.append(timeline.Row(TRUTH, "truth", theme.TRUTH, true))
         for run in self._runs:
             rows.append(_run_row(assembly, run))
         return tuple(rows)
-
-
-def _mark_of_label(assembly: Assembly, label: StateLabel) -> timeline.Mark | None:
-    mark = timeline.mark_of(assembly, label.state, label.is_error)
-    return replace(mark, name=label.name) if mark and label.name else mark
 
 
 def _run_row(assembly: Assembly, run: LoadedRun) -> timeline.Row:

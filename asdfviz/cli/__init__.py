@@ -16,8 +16,9 @@ from asdfviz.cli.learn import Train
 from asdfviz.cli.run import Methods, RunMethod
 from asdfviz.cli.synth import Synth
 from asdfviz.cli.view import View
-from asdfviz.errors import InputError, Stopped
+from asdfviz.errors import AsdfvizError, InputError, Stopped
 
+FAILED = 1
 BAD_INPUT = 2
 STOPPED = 130
 
@@ -36,7 +37,7 @@ Command = (
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one command. Exits 0, 2 for bad input, 130 when stopped."""
+    """Run one command. Exits 0, 2 for bad input, 130 when stopped, 1 where the machine lacks something."""
     sys.exit(_exit_code(sys.argv[1:] if arguments is None else list(arguments)))
 
 
@@ -66,4 +67,7 @@ def _exit_code(arguments: list[str]) -> int:
     except (InputError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return BAD_INPUT
+    except AsdfvizError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return FAILED
     return 0

@@ -6,9 +6,17 @@ Estimation", ISMAR 2024. `Asdf.step` reads like the figure of the paper.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction
+from asdfviz.datatypes import (
+    Assembly,
+    Camera,
+    Detection,
+    Frame,
+    FramePrediction,
+    PoseEstimate,
+)
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.assignment import assign_detections
@@ -20,6 +28,7 @@ from asdfviz.methods.part_poses import (
     poses_from_keypoints,
     poses_refined_by_depth,
 )
+from asdfviz.methods.rivals import RivalsConfig, settled_poses
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.box_fit import BoxFitConfig
@@ -42,6 +51,8 @@ class AsdfConfig:
     """Distances that the boxes contradict."""
     translation: TranslationConfig = field(default_factory=TranslationConfig)
     """Depth refinement, section 3.1.1."""
+    rivals: RivalsConfig = field(default_factory=RivalsConfig)
+    """Further boxes of a part whose best one depth rules out."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """S_DL: from state boxes to probabilities."""
     relative_pose: RelativePoseConfig = field(default_factory=RelativePoseConfig)
@@ -91,24 +102,50 @@ class Asdf:
 
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
-        if self._scene is None:
-            raise MethodError("asdf: reset() must come before step()")
-        config, scene, timed = self._config, self._scene, StageTimer()
+        config, scene, timed = self._config, self._started(), StageTimer()
         assembly, shapes = scene.assembly, scene.shapes
         with timed("detect"):
             detections = scene.detector.detect(frame.rgb)
         with timed("pnp"):
             found = assign_detections(detections, assembly, previous=self._boxes)
-            self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
-            poses = poses_from_keypoints(found, frame, assembly, config=config.pnp)
-            poses = poses_fitted_to_boxes(poses, found, shapes, frame, config=config.box_fit)
+            poses = self._poses_by_pnp(found, frame)
         with timed("refine"):
             poses = poses_refined_by_depth(poses, found, shapes, frame, config=config.translation)
+            poses, found = settled_poses(
+                poses,
+                found,
+                detections,
+                frame,
+                assembly=assembly,
+                shapes=shapes,
+                solve=lambda boxes: self._poses_by_pnp_and_depth(boxes, frame),
+                config=config.rivals,
+            )
+            self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
         with timed("state"):
             looks = appearance_probabilities(detections, assembly, config=config.appearance)
             places = relative_pose_probabilities(poses, assembly, config=config.relative_pose)
             state = scene.pose2state.step(looks, places)
         return FramePrediction(frame.index, poses, state, detections, timed.seconds)
+
+    def _poses_by_pnp(
+        self, found: Mapping[str, Detection], frame: Frame
+    ) -> dict[str, PoseEstimate]:
+        config, scene = self._config, self._started()
+        poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)
+        return poses_fitted_to_boxes(poses, found, scene.shapes, frame, config=config.box_fit)
+
+    def _poses_by_pnp_and_depth(
+        self, found: Mapping[str, Detection], frame: Frame
+    ) -> dict[str, PoseEstimate]:
+        poses = self._poses_by_pnp(found, frame)
+        shapes = self._started().shapes
+        return poses_refined_by_depth(poses, found, shapes, frame, config=self._config.translation)
+
+    def _started(self) -> _Scene:
+        if self._scene is None:
+            raise MethodError("asdf: reset() must come before step()")
+        return self._scene
 
 
 SPEC = MethodSpec(

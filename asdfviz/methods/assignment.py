@@ -44,6 +44,14 @@ def assign_detections(
     return {name: assigned[name] for name in assembly.parts if name in assigned}
 
 
+def rival_boxes(
+    detections: Sequence[Detection], taken: Detection, *, count: int
+) -> tuple[Detection, ...]:
+    """The next best boxes of the same class that show another object than `taken`, best first."""
+    same = sorted((d for d in detections if d.label == taken.label), key=lambda d: -d.score)
+    return tuple(_best_apart([taken, *(d for d in same if d is not taken)], count + 1)[1:])
+
+
 def _best_apart(candidates: Sequence[Detection], count: int) -> list[Detection]:
     """The `count` best that are different objects."""
     kept: list[Detection] = []

@@ -61,9 +61,13 @@ class Context:
             for i, node in enumerate(nodes)
         }
         picture, depth = self._draw(K, self._gl.flags.SEG, codes)
-        weights = np.array([1, 256, 65536], dtype=np.int32)
-        ids = picture.astype(np.int32) @ weights - 1
-        return np.ascontiguousarray(depth, dtype=np.float32), ids.astype(np.int32)
+        ids = picture[..., 0].astype(np.int32) - 1
+        # Most scenes need one byte; an integer product over all three costs more than the drawing.
+        if len(meshes) > 254:
+            ids += (picture[..., 1].astype(np.int32) << 8) + (
+                picture[..., 2].astype(np.int32) << 16
+            )
+        return np.ascontiguousarray(depth, dtype=np.float32), ids
 
     def color(
         self,

@@ -28,7 +28,7 @@ class AppearanceConfig:
 
     temperature: float = 0.2
     """Softmax temperature, in units of the box score: 0.2 makes 0.9 against 0 a ratio of 90."""
-    absence: float = 0.5
+    absence: float = 0.2
     """Score of a state without a class where no state box is found, 0 to 1."""
 
 

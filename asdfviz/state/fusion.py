@@ -44,9 +44,9 @@ from asdfviz.geometry.shapes import Scores
 class FusionConfig:
     """The weights of equations 3 to 5; the paper names them and gives no values."""
 
-    w_dl: float = 0.4
+    w_dl: float = 0.3
     """w_DL, equation 3: weight of the network's state boxes."""
-    w_p: float = 0.6
+    w_p: float = 0.7
     """w_P, equation 3: weight of the relative poses."""
     w_f: float = 0.35
     """w_f, equation 5: weight of this frame."""

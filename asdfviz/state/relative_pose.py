@@ -1,17 +1,25 @@
 """The pose term S_P of Pose2State: how well the parts' places fit each state.
 
-Every detected part is seen from the base part and compared with where each state has it. A part's
-likelihood under a state is
+Every detected part is seen from the base part and compared with where each state has it:
 
-- joined there:     eps + (1 - eps) * g(its own place)
-- not joined there: eps + (1 - eps) * (1 - max over all its places of g)
+- g(place) = exp(-(distance / sigma_t)^2 / 2 - (angle / sigma_r)^2 / 2), 1 at the place, 0 far away;
+- n(place) = exp(-(difference of the distances between the centres / sigma_t)^2 / 2): whether the
+  part is as far from the base as it would be there, whatever either one's rotation.
 
-with g(place) = exp(-(distance / sigma_t)^2 / 2 - (angle / sigma_r)^2 / 2), 1 at the place and 0 far
-away, and eps the share of poses that are plainly wrong. So a part far from its place speaks against
-the states that join it, a part at its place against the states that do not, and one bad pose never
-vetoes. Symmetric parts are compared by the nearest symmetric pose, free joints by what is left
-outside their freedom. Missing parts speak neither for nor against. Parts are taken as independent
-given the state; the power `1 / temperature` makes up for the base pose's error, which they share.
+A part's likelihood under a state is
+
+- joined there:     eps + (1 - eps) * ((1 - u) * g + u * n)
+- not joined there: eps + (1 - eps) * (1 - max over its places of ((1 - v) * n + v * g))
+
+with eps the share of poses that are plainly wrong, doubt = 1 - score of base * score of part,
+u = `wrong_rotations` * doubt and v = 1 - doubt. A lightly trained network finds parts long before
+it tells their rotations apart, and its scores say so: then a part as far from the base as it should
+be speaks for the joined states whatever its rotation, though less than one that fits. With scores
+of 1 the full pose alone decides. A part far from its place speaks against the states that join it,
+one at its place against those that do not, and one bad pose never vetoes. Symmetric parts are
+compared by the nearest symmetric pose, free joints by what is left outside their freedom. Missing
+parts speak neither for nor against. Parts are taken as independent given the state; the power
+`1 / temperature` makes up for the base pose's error, which they share.
 
 The paper compares relative poses with the known ones and gives no formula; this one is ours.
 """
@@ -20,11 +28,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Joint, PoseEstimate
-from asdfviz.geometry.shapes import Scores, Transform
+from asdfviz.datatypes import Assembly, Joint, Part, PoseEstimate
+from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.joints import deviation
 
@@ -41,6 +50,8 @@ class RelativePoseConfig:
     since two parts err, and more for a lightly trained network (GBOT switches at 0.35)."""
     outliers: float = 0.05
     """eps: share of part poses that are plainly wrong, 0 to 1."""
+    wrong_rotations: float = 0.9
+    """u of a pose with score 0: share of joined parts of which the rotation says nothing, 0 to 1."""
     temperature: float = 1.5
     """Above 1 the parts are trusted less than independent witnesses."""
 
@@ -70,7 +81,10 @@ def relative_pose_probabilities(
         places = _places(assembly, name) if name != assembly.base else ()
         if places:
             T_base_part = T_base_camera @ estimate.T_camera_part
-            log_likelihood += _log_likelihoods(T_base_part, name, places, assembly, config)
+            doubt = 1.0 - float(np.clip(base.score * estimate.score, 0.0, 1.0))
+            log_likelihood += _log_likelihoods(
+                T_base_part, name, places, assembly, doubt=doubt, config=config
+            )
             compared += 1
     if not compared:
         return None
@@ -100,11 +114,14 @@ def _log_likelihoods(
     name: str,
     places: tuple[_Place, ...],
     assembly: Assembly,
+    *,
+    doubt: float,
     config: RelativePoseConfig,
 ) -> Scores:
     """Logarithm of one part's likelihood under every state."""
     part = assembly.parts[name]
-    center = (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0)) / 2
+    center = _center(part)
+    reach = np.linalg.norm(_moved(T_base_part, center) - _center(assembly.parts[assembly.base]))
     fit_of_state = np.full(len(assembly.states), np.nan)
     best = 0.0
     for place in places:
@@ -115,9 +132,23 @@ def _log_likelihoods(
             symmetries=part.symmetries,
             joint=place.joint,
         )
-        squares = (distance / config.sigma_translation) ** 2 + (angle / config.sigma_rotation) ** 2
-        fit = float(np.exp(-0.5 * squares))
-        fit_of_state[list(place.states)] = fit
-        best = max(best, fit)
+        there = _moved(place.T_base_part, center) - _center(assembly.parts[assembly.base])
+        near = _bell((reach - np.linalg.norm(there)) / config.sigma_translation)
+        fit = _bell(distance / config.sigma_translation) * _bell(angle / config.sigma_rotation)
+        u, v = config.wrong_rotations * doubt, 1.0 - doubt
+        fit_of_state[list(place.states)] = (1.0 - u) * fit + u * near
+        best = max(best, (1.0 - v) * near + v * fit)
     fit_of_state = np.where(np.isnan(fit_of_state), 1.0 - best, fit_of_state)
     return np.log(config.outliers + (1.0 - config.outliers) * fit_of_state)
+
+
+def _bell(x: float | np.floating[Any]) -> float:
+    return float(np.exp(-0.5 * x**2))
+
+
+def _center(part: Part) -> Vector:
+    return (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0)) / 2
+
+
+def _moved(T_base_part: Transform, point_part: Vector) -> Vector:
+    return T_base_part[:3, :3] @ point_part + T_base_part[:3, 3]

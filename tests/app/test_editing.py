@@ -10,8 +10,9 @@ import pytest
 from asdfviz.annotate.edits import part_centre
 from asdfviz.app import actions as act
 from asdfviz.app.editing import Burst, Done, Edits, apply_edit
+from asdfviz.app.items import ANNOTATION
 from asdfviz.app.view import TRUTH, View
-from asdfviz.app.workspace import ANNOTATION, Workspace
+from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
 
 JAW = View(place=1, base="first", selected="jaw")

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from asdfviz.app import chrome, hotkeys
+from asdfviz.app.items import JobStatus
 from asdfviz.app.markup import number
 from asdfviz.app.panels import annotate, methods, results, sequence
 from asdfviz.app.session import settled
 from asdfviz.app.snapshot import Snapshot, take
 from asdfviz.app.view import View
-from asdfviz.app.workspace import JobStatus, Workspace
+from asdfviz.app.workspace import Workspace
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.geometry.transforms import rotation_about
 from asdfviz.methods.spec import BrokenMethod, MethodSpec

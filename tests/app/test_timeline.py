@@ -7,7 +7,7 @@ import pytest
 
 from asdfviz.app import theme, timeline
 from asdfviz.app.timeline import Mark, Row, Segment
-from asdfviz.datatypes import Assembly, FramePrediction, StateEstimate
+from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, StateEstimate
 
 A, B, BAD = Mark(0, name="a"), Mark(1, name="b"), Mark(0, is_error=True, name="bad")
 
@@ -74,7 +74,19 @@ def test_marks_of_predictions(clamp: Assembly) -> None:
     assert mark == Mark(error.completed, True, error.name)
     assert timeline.mark_of_prediction(clamp, None) is None
     assert timeline.mark_of_prediction(clamp, FramePrediction(0, {}, None)) is None
-    assert timeline.mark_of(clamp, None, None) is None
+
+
+def test_marks_of_the_truth_name_the_error(clamp: Assembly) -> None:
+    error = clamp.errors[0]
+    wrong = FrameTruth(0, {}, error.completed, is_error=True, attached=error.attached)
+    assert timeline.mark_of_truth(clamp, wrong) == Mark(error.completed, True, error.name)
+    right = FrameTruth(0, {}, 1, is_error=False)
+    assert timeline.mark_of_truth(clamp, right) == Mark(1, False, clamp.states[1].name)
+    last = len(clamp.steps) - 1
+    unheard = timeline.mark_of_truth(clamp, FrameTruth(0, {}, last, is_error=True))
+    assert unheard == Mark(last, True, f"{clamp.states[last].name}, with an error")
+    assert timeline.mark_of_truth(clamp, FrameTruth(0, {}, None)) is None
+    assert timeline.mark_of_truth(clamp, None) is None
 
 
 def test_the_ramp_rises_and_text_on_it_reads() -> None:

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from asdfviz.app import jobs
+from asdfviz.app.items import ANNOTATION, Message
 from asdfviz.app.jobs import Background, drawn_truth, next_run_folder, start_judging, truth_of
 from asdfviz.app.view import TRUTH
-from asdfviz.app.workspace import ANNOTATION, Message, Workspace
+from asdfviz.app.workspace import Workspace
 from asdfviz.app.worst import worst_frames
 from asdfviz.data.run_files import load_run
 from asdfviz.datatypes import Frame, FramePrediction, PoseEstimate

@@ -86,7 +86,7 @@ def place() -> Callable[..., dict[str, PoseEstimate]]:
 
     def make(Ts_base_part: Mapping[str, Transform]) -> dict[str, PoseEstimate]:
         return {
-            name: PoseEstimate(name, T_camera_base @ T_base_part, 0.9, "refined")
+            name: PoseEstimate(name, T_camera_base @ T_base_part, 1.0, "refined")
             for name, T_base_part in Ts_base_part.items()
         }
 

@@ -61,7 +61,7 @@ def test_state_0_gets_what_the_boxes_leave(assembly: Assembly) -> None:
         shares.append(probabilities[0])
     assert shares == sorted(shares, reverse=True)
     expected = np.exp(np.array([0.5 * 0.4, 0.6, 0, 0, 0]) / 0.2)
-    probabilities = looks(assembly, ("toy:s1", 0.6))
+    probabilities = looks(assembly, ("toy:s1", 0.6), absence=0.5)
     assert probabilities == pytest.approx(expected / expected.sum())
 
 

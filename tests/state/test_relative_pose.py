@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -93,6 +94,21 @@ def test_a_round_pin_may_be_turned_about_its_axis(assembly: Assembly, place: Cal
         probabilities = fitting(assembly, place(scene(assembly, 2, pin=pin @ T_turn)))
         assert probabilities is not None
         assert int(probabilities.argmax()) == expected
+
+
+def test_a_doubtful_rotation_beside_the_place_still_says_joined(
+    assembly: Assembly, place: Callable
+) -> None:
+    turned = assembly.states[1].T_base_part["block"] @ transform_from(
+        rotation_about(np.array([0.0, 0, 1]), 1.5), np.zeros(3)
+    )
+    poses = place({"base": np.eye(4), "block": turned})
+    doubtful = {name: replace(pose, score=0.4) for name, pose in poses.items()}
+    sure, unsure = fitting(assembly, poses), fitting(assembly, doubtful)
+    assert sure is not None
+    assert unsure is not None
+    assert int(sure.argmax()) == 0
+    assert unsure[1] > unsure[0]
 
 
 def test_a_wider_tolerance_forgives_more(assembly: Assembly, place: Callable) -> None:

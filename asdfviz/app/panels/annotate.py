@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from asdfviz.app import theme
+from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.markup import EYE, act, bar, button, chip, empty, heading, number, table, text
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import STEP_NAMES, STEPS_MM, View
-from asdfviz.app.workspace import ANNOTATION, Shown
 from asdfviz.datatypes import State
 from asdfviz.geometry.shapes import Rotation
 

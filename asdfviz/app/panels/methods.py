@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from asdfviz.app import theme
+from asdfviz.app.items import JobStatus, LoadedRun
 from asdfviz.app.markup import EYE, act, button, chip, empty, heading, number, text
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import TRUTH, View
-from asdfviz.app.workspace import JobStatus, LoadedRun
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
 

@@ -201,6 +201,7 @@
   };
   timeline.addEventListener("pointerdown", (event) => {
     if (event.button !== 0 || !strip()) return;
+    if (event.clientX < strip().getBoundingClientRect().left - 6) return;
     event.preventDefault();
     timeline.setPointerCapture(event.pointerId);
     NS.seeking = true;
@@ -242,7 +243,7 @@
   // ---- the server has gone: viser says so in its own header, which we do not show
   const offline = root.querySelector(".ax-offline");
   const watch = () => {
-    const header = document.querySelector("[data-dock-group]");
+    const header = document.querySelector("[data-dock-group] > :first-child");
     const lost = Boolean(header && /Connecting\.\.\.|Inactive/.test(header.textContent));
     offline.hidden = !lost;
   };
