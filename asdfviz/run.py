@@ -27,7 +27,7 @@ from asdfviz.datatypes import (
     StateEstimate,
 )
 from asdfviz.errors import AsdfvizError, MethodError, SequenceError
-from asdfviz.geometry.transforms import is_rigid
+from asdfviz.methods.answers import check_answer
 from asdfviz.methods.network import NetworkConfig, weights_path
 from asdfviz.methods.registry import build_method
 from asdfviz.methods.spec import Method, MethodSpec
@@ -151,7 +151,7 @@ def _guarded_reset(
         method.reset(assembly, sequence.camera, initial)
     except AsdfvizError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # a plug-in must not end the program
         raise MethodError(
             f"method '{spec.name}' failed to start: {type(error).__name__}: {error}"
         ) from error
@@ -162,35 +162,16 @@ def _timed_step(
 ) -> FramePrediction:
     start = time.perf_counter()
     try:
-        prediction = method.step(frame)
+        answer = method.step(frame)
     except AsdfvizError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise MethodError(
             f"method '{spec.name}' failed in frame {frame.index}: {type(error).__name__}: {error}"
         ) from error
     seconds = time.perf_counter() - start
-    _check(prediction, spec, frame, assembly)
+    prediction = check_answer(answer, assembly, frame_index=frame.index, method=spec.name)
     return dataclasses.replace(prediction, runtime={**prediction.runtime, "total": seconds})
-
-
-def _check(prediction: FramePrediction, spec: MethodSpec, frame: Frame, assembly: Assembly) -> None:
-    where = f"method '{spec.name}', frame {frame.index}"
-    if prediction.frame_index != frame.index:
-        raise MethodError(f"{where}: it answered for frame {prediction.frame_index}")
-    for name, pose in prediction.poses.items():
-        if name not in assembly.parts:
-            raise MethodError(
-                f"{where}: no part '{name}' in {assembly.name}; parts: {', '.join(assembly.parts)}"
-            )
-        if not is_rigid(pose.T_camera_part):
-            raise MethodError(f"{where}: the pose of '{name}' is not a rigid transform")
-    state = prediction.state
-    if state is not None and len(state.probabilities) != len(assembly.states):
-        raise MethodError(
-            f"{where}: {len(state.probabilities)} state probabilities, "
-            f"{assembly.name} has {len(assembly.states)} states"
-        )
 
 
 def _with_absolute_weights(config: Any, assembly: Assembly) -> Any:

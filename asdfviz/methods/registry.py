@@ -40,7 +40,7 @@ def find_method(name: str) -> MethodSpec:
     """
     file, _, variable = name.rpartition(":")
     if file.endswith(".py"):
-        return _spec_in_file(Path(file).expanduser().resolve(), variable)
+        return _spec_in_file(Path(file).expanduser().resolve(), variable or "SPEC")
     methods = available_methods()
     spec = methods.get(name)
     if spec is None:
@@ -69,9 +69,10 @@ def build_method(spec: MethodSpec, config: object | None = None) -> Method:
         return cast(Method, factory(config))
     except AsdfvizError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
+        file = getattr(sys.modules.get(module), "__file__", None) or module
         raise MethodError(
-            f"method '{spec.name}': {spec.factory} cannot be made: {_reason(error)}"
+            f"method '{spec.name}': {attribute} of {file} cannot be made: {_reason(error)}"
         ) from error
 
 
@@ -124,7 +125,15 @@ def _checked(loaded: object, where: str) -> MethodSpec:
         raise MethodError(f"{where} is a {type(loaded).__name__}, not a MethodSpec")
     if not dataclasses.is_dataclass(loaded.config):
         raise MethodError(f"{where}: its config must be a dataclass with defaults")
+    bare = [f.name for f in dataclasses.fields(loaded.config) if f.init and not _has_default(f)]
+    if bare:
+        raise MethodError(f"{where}: its config needs a default for {', '.join(bare)}")
     return loaded
+
+
+def _has_default(field: dataclasses.Field[object]) -> bool:
+    missing = dataclasses.MISSING
+    return field.default is not missing or field.default_factory is not missing
 
 
 def _reason(error: BaseException) -> str:

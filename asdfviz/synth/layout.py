@@ -8,65 +8,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.datatypes import Assembly, Joint, State
+from asdfviz.datatypes import Assembly
 from asdfviz.geometry.shapes import Intrinsics, Points, Rotation, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
 from asdfviz.synth.assets import SLEEVE_CUTS, Assets
 from asdfviz.synth.description import Finish, Placed
 from asdfviz.synth.hands import HOLDING
+from asdfviz.synth.joint_motion import random_rotation
 from asdfviz.synth.looks import plastic, random_hue, skin, sleeve
 from asdfviz.synth.resting import RestingFace, footprint, overlap, resting_faces
-
-
-def random_rotation(rng: np.random.Generator) -> Rotation:
-    """Even over all rotations (a normalised Gaussian quaternion)."""
-    w, x, y, z = (q := rng.normal(size=4)) / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def turn_z(angle: float) -> Rotation:
     """Rotation about the vertical."""
     return rotation_about(np.array([0.0, 0.0, 1.0]), angle)
-
-
-def joined_poses(
-    state: State, rng: np.random.Generator, *, spread: float = 1.0
-) -> Mapping[str, Transform]:
-    """T_base_part of a state with its joints at random places within `spread` of their travel.
-
-    Parts whose joints are equal hang on one another (a jaw and its screw, all that sits on a ball)
-    and move as one.
-    """
-    motions: dict[tuple[object, ...], Transform] = {}
-    travels: dict[tuple[object, ...], float] = {}
-    poses: dict[str, Transform] = {}
-    for name, T_base_part in state.T_base_part.items():
-        joint = state.joints.get(name)
-        if joint is None:
-            poses[name] = T_base_part
-            continue
-        line = (joint.axis.tobytes(), joint.slide)
-        travel = travels.setdefault(line, rng.random())
-        key = (joint.kind, *line, joint.origin.tobytes(), joint.turn)
-        if key not in motions:
-            motions[key] = _motion(joint, travel, rng, spread)
-        poses[name] = motions[key] @ T_base_part
-    return poses
-
-
-def _motion(joint: Joint, travel: float, rng: np.random.Generator, spread: float) -> Transform:
-    """A motion that the joint allows, in the base frame."""
-    low, high = joint.slide
-    slide = spread * (low + (high - low) * travel) * joint.axis
-    axis = random_rotation(rng)[0] if joint.kind == "ball" else joint.axis
-    R = rotation_about(axis, spread * rng.uniform(*joint.turn))
-    return transform_from(R, joint.origin - R @ joint.origin + slide)
 
 
 def group_points(assembly: Assembly, T_base_part: Mapping[str, Transform]) -> Points:

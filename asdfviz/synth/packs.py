@@ -16,7 +16,8 @@ from asdfviz.geometry.shapes import Points, Transform
 from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Placed, Scene
-from asdfviz.synth.layout import hand_at, joined_poses, random_rotation
+from asdfviz.synth.joint_motion import joined_poses, random_rotation
+from asdfviz.synth.layout import hand_at
 from asdfviz.synth.looks import any_grounds, part_colors, plastic, random_hue, random_lights
 from asdfviz.synth.scene import Group, TrueScene, camera_for
 from asdfviz.synth.shading import look_at

@@ -17,11 +17,11 @@ from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, rotation_about, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Ground, Placed, Scene
+from asdfviz.synth.joint_motion import joined_poses
 from asdfviz.synth.layout import (
     Table,
     group_points,
     holding_hand,
-    joined_poses,
     passing_hand,
     place_distractor,
     place_group,

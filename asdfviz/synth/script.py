@@ -17,7 +17,8 @@ from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.contact import approach
-from asdfviz.synth.layout import Outfit, joined_poses
+from asdfviz.synth.joint_motion import joined_poses
+from asdfviz.synth.layout import Outfit
 from asdfviz.synth.motion import Pace, carry, reach, slide
 from asdfviz.synth.stage import Stage
 
