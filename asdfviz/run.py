@@ -59,9 +59,11 @@ def run(
     """
     assembly = sequence.assembly
     if assembly is None:
-        raise SequenceError(
-            f"{sequence.path} does not name its assembly: say which with --assembly PATH"
+        named = getattr(sequence, "missing_assembly", None)
+        found = (
+            f"names the assembly '{named}', not found" if named else "does not name its assembly"
         )
+        raise SequenceError(f"{sequence.path} {found}: say which with --assembly PATH")
     if not len(sequence):
         raise SequenceError(f"{sequence.path} has no frames")
     config = spec.config() if config is None else config

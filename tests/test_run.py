@@ -63,6 +63,10 @@ class Mine:
         fault = self.config.fault
         if fault == "step" and frame.index == 12:
             raise ValueError("twelve is too much")
+        if fault == "exit":
+            raise SystemExit(7)
+        if fault == "none":
+            return None
         time.sleep(0.002)
         pose = PoseEstimate("base", np.eye(4) * (2.0 if fault == "rigid" else 1.0), 0.9, "pnp")
         poses = {"bose" if fault == "part" else "base": pose}
@@ -84,6 +88,7 @@ class ToySequence:
     name: str = "toy"
     has_truth: bool = True
     truth_asked: Listing[int] = ()
+    missing_assembly: str | None = None
 
     camera: Camera = field(default_factory=lambda: Camera(np.eye(3), 8, 6))
     frame_indices: tuple[int, ...] = (10, 11, 12, 13)
@@ -265,6 +270,17 @@ def test_a_sequence_without_an_assembly_asks_for_it(
         run(spec, sequence)
 
 
+def test_an_assembly_that_is_named_but_not_there_is_said(
+    spec: MethodSpec, sequence: ToySequence
+) -> None:
+    sequence.assembly = None
+    sequence.missing_assembly = "my_clamp"
+    with pytest.raises(
+        SequenceError, match=r"names the assembly 'my_clamp', not found.*--assembly"
+    ):
+        run(spec, sequence)
+
+
 def test_an_empty_sequence_is_an_error(spec: MethodSpec, sequence: ToySequence) -> None:
     sequence.frame_indices = ()
     with pytest.raises(SequenceError, match="no frames"):
@@ -279,6 +295,8 @@ def test_an_empty_sequence_is_an_error(spec: MethodSpec, sequence: ToySequence) 
         ("part", "frame 10: no part 'bose'.*parts: base"),
         ("rigid", "frame 10: the pose of 'base' is not a rigid transform"),
         ("state", "2 state probabilities, toy has 3 states"),
+        ("exit", "frame 10: SystemExit: 7"),
+        ("none", r"frame 10: step\(\) returned None, expected a FramePrediction"),
         ("index", "frame 10: it answered for frame 11"),
     ],
 )

@@ -111,7 +111,10 @@ def annotation_truth(
     assembly = _known(sequence.assembly)
     file = annotation_file(sequence.name, folder=annotations)
     if not file.is_file():
-        raise AnnotationError(f"nothing is annotated in '{sequence.name}': there is no {file}")
+        raise AnnotationError(
+            f"nothing is annotated in '{sequence.name}': there is no {file}; correct it in "
+            "`asdfviz view` first, or name the folder of the corrections with --annotations"
+        )
     with AnnotationStore(file, sequence_name=sequence.name, assembly_name=assembly.name) as store:
         return corrected_truth(
             store,

@@ -271,6 +271,11 @@ class Resized:
 
 
 @dataclass(frozen=True, slots=True)
+class Drifted:
+    """The pinned camera is not where AR needs it."""
+
+
+@dataclass(frozen=True, slots=True)
 class Changed:
     """Runs, corrections or a background job changed, here or in another tab."""
 
@@ -280,5 +285,5 @@ Action: TypeAlias = (
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
     | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | SetState | SetRange | MarkRange | Cancel
     | Undo | Redo | ShowTab | RunMethod | StopRun | Evaluate | Export | ToggleKeys | DismissWelcome
-    | Resized | Changed
+    | Resized | Drifted | Changed
 )  # fmt: skip

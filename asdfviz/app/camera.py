@@ -12,6 +12,8 @@ from asdfviz.app.drawings import T_from_wxyz
 from asdfviz.app.view import Facts, View, centre_of, window_of
 from asdfviz.geometry.shapes import Vector
 
+DRIFT = 1e-4
+"""Metres off the pinned centre that are put right; turning by hand moves it by less."""
 _FREE_FOV = 0.75
 _FAR = 60.0
 
@@ -25,11 +27,19 @@ def place_ar(client: Any, view: View, facts: Facts) -> None:
         camera.min_orbit_distance = ORBIT
         camera.max_orbit_distance = ORBIT
         camera.up_direction = (0.0, -1.0, 0.0)
+        # viser sends only what differs from what it believes, which a page that comes back has lost.
+        camera.position = (0.0, 0.0, -1.0)
         camera.position = (0.0, 0.0, 0.0)
+        camera.look_at = tuple(float(c) for c in z)
         camera.look_at = tuple(float(c) for c in z * ORBIT)
         camera.fov = window_of(view, facts).fov(view.zoom)
         camera.near = 0.01
         camera.far = _FAR
+
+
+def has_drifted(camera: Any, view: View) -> bool:
+    """Whether the centre that AR pins is anywhere else, as after a lost connection."""
+    return view.mode == "ar" and float(np.linalg.norm(camera.position)) > DRIFT
 
 
 def place_free(client: Any, target: Vector) -> None:

@@ -87,26 +87,6 @@ def timeline_rows(snap: Snapshot) -> str:
     return timeline.build(snap.rows, count=snap.facts.count, steps=steps)
 
 
-def welcome() -> str:
-    """The first visit's card: the five keys that matter."""
-    five = (
-        ("Space", "play and pause"),
-        ("← →", "step one frame, with Shift ten"),
-        ("T", "the picture, or the scene in 3D"),
-        ("N", "next part: then drag its arrows, or nudge with I J K L U O"),
-        ("Ctrl Z", "take back any change; every change is saved at once"),
-    )
-    rows = "".join(f"<li><kbd>{text(k)}</kbd><span>{text(say)}</span></li>" for k, say in five)
-    close = button("Got it", act("DismissWelcome"), classes="ax-primary", testid="welcome-close")
-    return (
-        '<div class="ax-card" role="dialog" aria-label="Welcome" data-testid="welcome">'
-        "<h2>Five keys are enough to begin</h2>"
-        f"<ul class='ax-keys'>{rows}</ul>"
-        "<p>All keys: <kbd>Shift H</kbd>. All commands: <kbd>Ctrl K</kbd>.</p>"
-        f"<div class='ax-end'>{close}</div></div>"
-    )
-
-
 def keys_sheet() -> str:
     """All keys, by what they are for."""
     columns = "".join(

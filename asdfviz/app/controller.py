@@ -6,6 +6,7 @@ empties it, so nothing here needs a lock, and no click is lost while something w
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 import time
@@ -25,13 +26,13 @@ from asdfviz.app.scene import Scene
 from asdfviz.app.session import settled, update
 from asdfviz.app.snapshot import Snapshot, take
 from asdfviz.app.view import View
+from asdfviz.app.welcome import is_first_visit, remember_visit
 from asdfviz.app.workspace import Workspace
 from asdfviz.app.worst import WorstFrame, worst_frames
 from asdfviz.datatypes import Frame
 from asdfviz.errors import AsdfvizError, InputError
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
-_WELCOMED = "asdfviz-welcomed"
 _AHEAD = 12
 """Frames that are decoded before they are needed."""
 _NOTE_SECONDS = 6.0
@@ -101,16 +102,18 @@ class Controller:
                 return
             if self.view.playing:
                 self._play()
-            self._refresh()
+            was_shown = self._refresh()
             moved = self.view.place != before
-            if moved or self.view.playing:
+            if (moved or self.view.playing) and not was_shown:
                 wait_until_shown(self.client)
 
     def _build(self) -> None:
         workspace = self._workspace
         aspect = float(self.client.camera.aspect)
         base = workspace.base_of_seed()
-        view = View(aspect=aspect, base=base, welcome=self._is_first_visit())
+        view = View(
+            aspect=aspect, base=base, chosen=base is not None, welcome=is_first_visit(self.client)
+        )
         self.view = settled(view, workspace.facts())
         with self.client.atomic():
             self._page = Page(self.client.gui, self._methods)
@@ -133,17 +136,14 @@ class Controller:
             if abs(aspect - self.view.aspect) > 1e-6:
                 self.emit(act.Resized(aspect))
                 return
+            if camera.has_drifted(cam, self.view):
+                self.emit(act.Drifted())
+                return
             look = camera.looked_at(cam, self.view, self._workspace.facts())
             if look is not None:
                 self.emit(look)
 
         self.client.camera.on_update(moved)
-
-    def _is_first_visit(self) -> bool:
-        try:
-            return self.client.local_storage.get_item(_WELCOMED, timeout=5.0) is None
-        except (RuntimeError, TimeoutError):
-            return False
 
     def _next_actions(self) -> list[act.Action]:
         """Wait for actions, or while playing for the next frame's time; take all that are there."""
@@ -183,7 +183,7 @@ class Controller:
             case act.Export():
                 self._background.export(self.view.base)
             case act.DismissWelcome():
-                self.client.local_storage.set_item(_WELCOMED, "yes")
+                remember_visit(self.client)
             case act.UseRun():
                 self._use_run()
             case _:
@@ -224,13 +224,15 @@ class Controller:
             self.view = replace(self.view, playing=False)
         self._pace.advance(now, 1.0 / (self._workspace.fps * self.view.speed))
 
-    def _refresh(self) -> None:
+    def _refresh(self) -> bool:
+        """Show the view; True where the page has answered meanwhile, so that it keeps up."""
         frame = self._frame()
         snap = take(self._workspace, self.view, frame=frame, status=self._status)
         if self._drag is not None:
             held = Shown(self._drag.T_camera_part, "annotation", "annotated")
             snap.poses[self._drag.part] = held
-        if frame is not None and self._scene.load(self.view.place, frame):
+        is_new = frame is not None and self._scene.load(self.view.place, frame)
+        if is_new:
             # The page decodes it meanwhile, so that picture and poses change together.
             for _ in range(DECODE_ROUNDS):
                 wait_until_shown(self.client)
@@ -239,6 +241,7 @@ class Controller:
             self._page.show(snap, self._worst_now())
         self._place_camera(snap)
         self._send_ahead()
+        return is_new
 
     def _frame(self) -> Frame | None:
         place = self.view.place
@@ -264,12 +267,10 @@ class Controller:
         )
         ready: dict[int, Any] = {}
         for place in coming:
-            try:
+            with contextlib.suppress(InputError):
                 frame = self._workspace.frames.peek(place)
-            except InputError:
-                continue
-            if frame is not None:
-                ready[place] = frame.rgb
+                if frame is not None:
+                    ready[place] = frame.rgb
         self._scene.ring.send_ahead(ready)
 
     def _place_camera(self, snap: Snapshot) -> None:

@@ -93,6 +93,10 @@ class App:
         with self._lock:
             return tuple(self._tabs.values())
 
+    def drop_connections(self) -> None:
+        """Close every connection; pages connect again by themselves."""
+        self._server._websock_server.disconnect_all_clients()
+
     def _open_tab(self, client: Any) -> None:
         tab = Controller(client, self.workspace, self.background, self._methods)
         with self._lock:
@@ -203,9 +207,6 @@ def _configure(server: Any) -> None:
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
     server.scene.set_up_direction("-y")
     server.scene.world_axes.visible = False
-    server.initial_camera.position = (0.0, 0.0, 0.0)
-    server.initial_camera.look_at = (0.0, 0.0, 0.01)
-    server.initial_camera.up = (0.0, -1.0, 0.0)
     server.gui.configure_theme(
         dark_mode=True,
         show_logo=False,

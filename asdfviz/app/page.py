@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from asdfviz.app import chrome, timeline
+from asdfviz.app import chrome, timeline, welcome
 from asdfviz.app.markup import mount
 from asdfviz.app.panels import annotate, methods, results, sequence
 from asdfviz.app.snapshot import Snapshot
@@ -74,7 +74,7 @@ class Page:
     def _card(self, snap: Snapshot) -> str:
         if snap.view.keys:
             return chrome.keys_sheet()
-        return chrome.welcome() if snap.view.welcome else ""
+        return welcome.card() if snap.view.welcome else ""
 
     def _put(self, slot: str, content: str) -> None:
         if self._sent.get(slot) != content:

@@ -24,7 +24,9 @@ def update(view: View, action: act.Action, facts: Facts) -> View:
 def settled(view: View, facts: Facts) -> View:
     """The view after the workspace changed: what is gone is no longer shown."""
     base = view.base
-    if base not in facts.layers:
+    # The truth stands in where there is no run yet, unless somebody chose it.
+    stands_in = base == TRUTH and not view.chosen and facts.preferred is not None
+    if base not in facts.layers or stands_in:
         base = facts.preferred or (TRUTH if facts.has_truth else None)
     return replace(
         view,
@@ -108,6 +110,11 @@ def _resized(view: View, action: act.Resized, facts: Facts) -> View:
     return replace(view, aspect=action.aspect, turns=view.turns + (view.mode == "ar"))
 
 
+def _drifted(view: View, action: act.Drifted, facts: Facts) -> View:
+    del action, facts
+    return replace(view, turns=view.turns + (view.mode == "ar"))
+
+
 def _set_opacity(view: View, action: act.SetOpacity, facts: Facts) -> View:
     del facts
     return replace(view, opacity=min(max(action.opacity, 0.05), 1.0))
@@ -146,7 +153,7 @@ def _toggle_layer_at(view: View, action: act.ToggleLayerAt, facts: Facts) -> Vie
 
 
 def _use_run(view: View, action: act.UseRun, facts: Facts) -> View:
-    return replace(view, base=action.run) if action.run in facts.layers else view
+    return replace(view, base=action.run, chosen=True) if action.run in facts.layers else view
 
 
 def _select(view: View, action: act.SelectPart, facts: Facts) -> View:
@@ -229,6 +236,7 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.FitView: _fit,
     act.Look: _look,
     act.Resized: _resized,
+    act.Drifted: _drifted,
     act.SetOpacity: _set_opacity,
     act.Toggle: _toggle,
     act.SetGizmo: _set_gizmo,

@@ -67,6 +67,8 @@ class View:
     """Runs (or the truth) whose outlines are drawn as well."""
     base: str | None = None
     """The run (or the truth) whose poses are shown where nothing was corrected."""
+    chosen: bool = False
+    """Whether a person chose the base."""
     selected: str | None = None
     step: int = 1
     marked: tuple[int, int] | None = None

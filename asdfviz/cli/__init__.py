@@ -13,7 +13,7 @@ from asdfviz.cli.bench import Bench
 from asdfviz.cli.data import Check, Export, ImportGbot
 from asdfviz.cli.judge import Evaluate
 from asdfviz.cli.learn import Train
-from asdfviz.cli.run import Methods, RunMethod
+from asdfviz.cli.run import Methods, RunMethod, print_method_help
 from asdfviz.cli.synth import Synth
 from asdfviz.cli.view import View
 from asdfviz.errors import AsdfvizError, InputError, Stopped
@@ -42,21 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _exit_code(arguments: list[str]) -> int:
-    command, rest = tyro.cli(
-        Command,  # pyright: ignore[reportArgumentType]  a union of annotated types is tyro's own idiom
-        prog="asdfviz",
-        description="Assembly states and 6D poses from RGB-D: run, inspect, correct, judge.",
-        args=arguments,
-        return_unknown_args=True,
-        config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
-    )
     try:
-        if isinstance(command, RunMethod):
-            command(rest)
-        elif rest:
-            raise InputError(f"unknown arguments: {' '.join(rest)}; see asdfviz --help")
-        else:
-            command()
+        _obey(arguments)
         sys.stdout.flush()
     except (KeyboardInterrupt, Stopped) as stopped:
         print(f"stopped{f': {stopped}' if str(stopped) else ''}", file=sys.stderr)
@@ -71,3 +58,25 @@ def _exit_code(arguments: list[str]) -> int:
         print(f"error: {error}", file=sys.stderr)
         return FAILED
     return 0
+
+
+def _obey(arguments: list[str]) -> None:
+    try:
+        command, rest = tyro.cli(
+            Command,  # pyright: ignore[reportArgumentType]  a union of annotated types is tyro's own idiom
+            prog="asdfviz",
+            description="Assembly states and 6D poses from RGB-D: run, inspect, correct, judge.",
+            args=arguments,
+            return_unknown_args=True,
+            config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
+        )
+    except SystemExit as ended:
+        if arguments[:1] == ["run"] and not ended.code:  # it was --help
+            print_method_help(arguments)
+        raise
+    if isinstance(command, RunMethod):
+        command(rest)
+    elif rest:
+        raise InputError(f"unknown arguments: {' '.join(rest)}; see asdfviz --help")
+    else:
+        command()

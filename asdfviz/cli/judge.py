@@ -24,19 +24,25 @@ class Evaluate:
     """strict: a missing pose is a miss. gbot: the rules of the authors' own script."""
     truth: Path | None = None
     """Folder with scene_gt.json and states.json. Default: the run's own sequence."""
+    assembly: str | None = None
+    """assembly.yaml, its folder, or a bundled name. Default: the one that the run used."""
     json: bool = False
     """JSON only, no table."""
 
     def __call__(self) -> None:
         """Print one object, or a list for several runs."""
+        from asdfviz.data.assembly import load_assembly
         from asdfviz.errors import InputError
         from asdfviz.evaluate.evaluate import evaluate_folder
         from asdfviz.evaluate.tables import markdown_table
 
         if not self.runs:
             raise InputError("name at least one run folder, as in: asdfviz evaluate runs/asdf")
+        assembly = load_assembly(self.assembly) if self.assembly else None
         results = [
-            evaluate_folder(folder, protocol=self.protocol, truth_folder=self.truth)
+            evaluate_folder(
+                folder, protocol=self.protocol, truth_folder=self.truth, assembly=assembly
+            )
             for folder in self.runs
         ]
         if not self.json:

@@ -44,6 +44,8 @@ class Train:
 
     def __call__(self) -> None:
         """Train, export the best weights and print where they are."""
+        from asdfviz.data.atomic import make_folder
+        from asdfviz.detector.device import require_device
         from asdfviz.errors import Stopped
         from asdfviz.train.config import TrainConfig
         from asdfviz.train.loop import export_weights, train
@@ -51,6 +53,8 @@ class Train:
 
         values = {k: v for k, v in vars(self).items() if k != "out"}
         config = TrainConfig(**values, output=self.out)
+        require_device(self.device)
+        make_folder(self.out)
         with progress_bar("train") as report, stop_on_interrupt() as stop:
 
             def show(state: TrainReport) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, cast
 
@@ -12,6 +13,7 @@ import tyro
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 from asdfviz.datatypes import FramePrediction
 from asdfviz.errors import Stopped
+from asdfviz.methods.spec import MethodSpec
 
 
 @dataclass(frozen=True)
@@ -38,20 +40,18 @@ class RunMethod:
     def __call__(self, method_arguments: list[str]) -> None:
         """Run, save, and say where."""
         from asdfviz.data.assembly import load_assembly
+        from asdfviz.data.atomic import make_folder
         from asdfviz.data.run_files import save_run
         from asdfviz.data.sequences import open_sequence
         from asdfviz.methods.registry import find_method
         from asdfviz.run import run
 
         spec = find_method(self.method)
-        config = tyro.cli(
-            cast(type[object], spec.config),
-            args=method_arguments,
-            prog=f"asdfviz run --method {spec.name}",
-        )
+        config = method_config(spec, method_arguments)
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         out = self.out or Path("runs") / f"{sequence.name}-{spec.name}"
+        make_folder(out)
         with progress_bar(spec.name) as report, stop_on_interrupt() as stop:
 
             def show(done: int, total: int, prediction: FramePrediction) -> None:
@@ -64,6 +64,22 @@ class RunMethod:
         if len(result.predictions) < len(sequence):
             done = len(result.predictions)
             raise Stopped(f"{done} of {len(sequence)} frames are saved in {out}")
+
+
+def method_config(spec: MethodSpec, arguments: list[str]) -> object:
+    """Read a method's own options; `--help` among them prints them and exits."""
+    return tyro.cli(
+        cast(type[object], spec.config), args=arguments, prog=f"asdfviz run --method {spec.name}"
+    )
+
+
+def print_method_help(arguments: list[str]) -> None:
+    """Print the options of the method that the line names, if it names one."""
+    from asdfviz.methods.registry import find_method
+
+    named = [value for flag, value in pairwise(arguments) if flag in ("--method", "-m")]
+    if named:
+        method_config(find_method(named[-1]), ["--help"])
 
 
 @dataclass(frozen=True)
@@ -79,7 +95,6 @@ class Methods:
     def __call__(self) -> None:
         """Print one line a method; a broken plug-in is listed with its reason."""
         from asdfviz.methods.registry import available_methods
-        from asdfviz.methods.spec import MethodSpec
 
         rows: list[dict[str, object]] = []
         for name, spec in available_methods().items():

@@ -39,11 +39,15 @@ class SynthImages:
     def __call__(self) -> None:
         """Generate; Ctrl+C stops after the image in work, the same line goes on."""
         from asdfviz.data.assembly import load_assembly
+        from asdfviz.data.atomic import make_folder
+        from asdfviz.detector.device import require_device
         from asdfviz.synth.images import generate_images
         from asdfviz.synth.packs import PackConfig
         from asdfviz.synth.scene import SceneConfig
 
         kind = PackConfig if self.packs else SceneConfig
+        require_device(self.device)
+        make_folder(self.out)
         with progress_bar("images") as report, stop_on_interrupt() as stop:
             written = generate_images(
                 load_assembly(self.assembly),
@@ -81,8 +85,10 @@ class SynthSequence:
     def __call__(self) -> None:
         """Generate the sequence."""
         from asdfviz.data.assembly import load_assembly
+        from asdfviz.data.atomic import make_folder
         from asdfviz.synth.sequences import SequenceConfig, generate_sequence
 
+        make_folder(self.out)
         with progress_bar("sequence") as report, stop_on_interrupt() as stop:
             written = generate_sequence(
                 load_assembly(self.assembly),

@@ -22,6 +22,9 @@ from asdfviz.geometry.sampling import diameter
 from asdfviz.geometry.shapes import Points
 from asdfviz.geometry.symmetry import Axis, Symmetries
 
+FILE_KEYS = ("name", "title", "unit", "base", "parts", "states", "errors", "transitions")
+PART_KEYS = ("mesh", "unit", "color", "keypoints", "detector_class", "obj_id", "symmetries")
+
 # Okabe and Ito's colours, for parts whose real colour nobody gave.
 FALLBACK_COLORS = (
     (0, 114, 178),
@@ -72,6 +75,7 @@ def load_assembly(name_or_path: str | Path) -> Assembly:
     """
     file = find_assembly(name_or_path)
     fields = Fields(_read_yaml(file), where=str(file))
+    fields.only(*FILE_KEYS)
     unit = fields.choice("unit", tuple(METRES_PER_UNIT))
     raw_parts = fields.mapping("parts")
     if not raw_parts:
@@ -106,13 +110,15 @@ def _read_yaml(file: Path) -> Mapping[str, Any]:
     try:
         content = yaml.safe_load(file.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
-        raise AssemblyError(f"{file} cannot be read: {error}") from error
+        reason = " ".join(str(error).split())  # YAML's own messages have several lines
+        raise AssemblyError(f"{file} cannot be read: {reason}") from error
     if not isinstance(content, dict):
         raise AssemblyError(f"{file} is not a YAML mapping")
     return cast(Mapping[str, Any], content)
 
 
 def _parse_part(name: str, fields: Fields, file: Path, unit: str, place: int) -> Part:
+    fields.only(*PART_KEYS)
     unit = fields.choice("unit", tuple(METRES_PER_UNIT), default=unit)
     mesh = read_mesh(file.parent / fields.text("mesh"), unit=unit, part=name)
     size = diameter(mesh.vertices)
@@ -122,13 +128,18 @@ def _parse_part(name: str, fields: Fields, file: Path, unit: str, place: int) ->
             f"'unit' says {unit}: should it be {'m' if size <= 1e-3 else 'mm'}?"
         )
     color = fields.numbers("color", 3, default=FALLBACK_COLORS[place % len(FALLBACK_COLORS)])
+    if color.min() < 0 or color.max() > 255:
+        raise AssemblyError(
+            f"{fields.where}: 'color' must be red, green and blue from 0 to 255, "
+            f"got {color.tolist()}"
+        )
     return Part(
         name=name,
         mesh=mesh,
         keypoints=_keypoints(fields, file, mesh),
         symmetries=_symmetries(fields, METRES_PER_UNIT[unit]),
         diameter=size,
-        color=np.clip(color, 0, 255).astype(np.uint8),
+        color=color.astype(np.uint8),
         detector_class=fields.text("detector_class", default=name),
         obj_id=fields.integer("obj_id", default=place + 1),
     )
@@ -155,10 +166,12 @@ def _keypoints(fields: Fields, file: Path, mesh: Mesh) -> Points:
 
 def _symmetries(fields: Fields, scale: float) -> Symmetries:
     raw = Fields(fields.mapping("symmetries"), where=f"{fields.where}: symmetries")
+    raw.only("discrete", "continuous")
     discrete = [raw.transform_row(row, scale) for row in raw.sequence("discrete")]
     axes: list[Axis] = []
     for entry in raw.sequence("continuous"):
         item = Fields(entry, where=raw.where)
+        item.only("axis", "offset")
         direction = item.numbers("axis", 3)
         length = float(np.linalg.norm(direction))
         if length < 1e-9:

@@ -6,6 +6,28 @@ import os
 import secrets
 from pathlib import Path
 
+from asdfviz.errors import InputError
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for results and try that it takes files, before hours go into what belongs there.
+
+    Raises:
+        InputError: a file stands in the way, or nothing can be written there.
+    """
+    for place in (folder, *folder.parents):
+        if place.exists() and not place.is_dir():
+            raise InputError(f"{place} is a file; results need a folder, so name another one")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        trial = folder / f".trial.{secrets.token_hex(6)}"
+        trial.touch()
+        trial.unlink()
+    except OSError as error:
+        raise InputError(
+            f"cannot write into {folder}: {error.strerror}; name a folder that takes files"
+        ) from error
+
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Write `data` to `path` in one step, making its folder if needed.

@@ -52,7 +52,9 @@ class Json:
 
     def get(self, key: str) -> Json:
         """A member of an object that must be there."""
-        member = self.find(key)
+        member = self.items().get(key)
+        if member is not None and member.value is None:
+            raise self.error(f"{self.where}: '{key}' is missing (it is null)")
         if member is None:
             known = ", ".join(self.items()) or "nothing"
             raise self.error(f"{self.where}: '{key}' is missing (found: {known})")

@@ -29,7 +29,10 @@ def read_mesh(path: Path, *, unit: str, part: str) -> Mesh:
         AssemblyError: the file is missing, is no mesh, or is not finite.
     """
     if not path.is_file():
-        raise AssemblyError(f"part '{part}': mesh {path} does not exist")
+        raise AssemblyError(
+            f"part '{part}': mesh {path} does not exist; 'mesh' names a PLY, OBJ or STL file, "
+            "relative to assembly.yaml"
+        )
     try:
         loaded = load_any(path)
     except Exception as error:

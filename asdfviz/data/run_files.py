@@ -54,6 +54,10 @@ def load_run(folder: Path, *, assembly: Assembly | None = None) -> Run:
     Raises:
         RunError: a file is missing, cut off, corrupt, of a newer format, or does not fit.
     """
+    if not (folder / RUN).is_file():
+        raise RunError(
+            f"no run in {folder}: it has no {RUN}; give a folder that `asdfviz run --out` wrote"
+        )
     about = read_json(folder / RUN, error=RunError)
     version = about.get("format").integer()
     if not 1 <= version <= FORMAT:

@@ -54,6 +54,8 @@ def find_scene_files(folder: Path) -> SceneFiles:
 
 
 def _numbered(folder: Path, suffixes: tuple[str, ...]) -> tuple[dict[int, Path], tuple[str, ...]]:
+    if folder.exists() and not folder.is_dir():
+        raise SequenceError(f"{folder} is a file; it must be a folder with images")
     numbered: dict[int, Path] = {}
     ignored: list[str] = []
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import cast
@@ -13,6 +14,7 @@ from asdfviz.datatypes import Joint, State
 from asdfviz.errors import AssemblyError
 from asdfviz.geometry.shapes import Transform
 
+STATE_KEYS = ("name", "poses", "joints", "detector_class")
 JOINT_KINDS = ("prismatic", "revolute", "cylindrical", "ball")
 
 
@@ -29,6 +31,7 @@ def parse_states(
     states: list[State] = []
     for index, raw in enumerate(fields.sequence("states")):
         item = Fields(raw, where=f"{fields.where}: state {index}")
+        item.only(*STATE_KEYS)
         poses = {**poses, **_poses(item, parts, scale)}
         joints = {**joints, **_joints(item, tuple(poses), scale)}
         states.append(
@@ -69,6 +72,7 @@ def _parse_errors(
     errors: list[State] = []
     for raw in fields.sequence("errors"):
         item = Fields(raw, where=f"{fields.where}: error {len(errors)}")
+        item.only(*STATE_KEYS, "after", "remove")
         after = item.text("after")
         if after not in by_name:
             raise AssemblyError(
@@ -99,7 +103,9 @@ def _poses(item: Fields, parts: tuple[str, ...], scale: float) -> dict[str, Tran
     found: dict[str, Transform] = {}
     for name, raw in item.mapping("poses").items():
         _known(name, parts, f"{item.where}: poses")
-        found[name] = Fields(raw, where=f"{item.where}: pose of '{name}'").pose(scale)
+        pose = Fields(raw, where=f"{item.where}: pose of '{name}'")
+        pose.only("R", "t")
+        found[name] = pose.pose(scale)
     return found
 
 
@@ -111,14 +117,14 @@ def _joints(item: Fields, attached: tuple[str, ...], scale: float) -> dict[str, 
         axis = joint.numbers("axis", 3, default=(0, 0, 1))
         if np.linalg.norm(axis) < 1e-9:
             raise AssemblyError(f"{joint.where}: the axis has length 0")
-        slide = joint.numbers("slide", 2, default=(0, 0)) * scale
-        turn = np.deg2rad(joint.numbers("turn", 2, default=(0, 0)))
+        joint.only("kind", "axis", "origin", "slide", "turn")
+        slide, turn = joint.span("slide"), joint.span("turn")
         found[name] = Joint(
             kind=joint.choice("kind", JOINT_KINDS),  # pyright: ignore[reportArgumentType]
             axis=axis / np.linalg.norm(axis),
             origin=joint.numbers("origin", 3, default=(0, 0, 0)) * scale,
-            slide=(float(slide[0]), float(slide[1])),
-            turn=(float(turn[0]), float(turn[1])),
+            slide=(slide[0] * scale, slide[1] * scale),
+            turn=(math.radians(turn[0]), math.radians(turn[1])),
         )
     return found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any, cast
 
 import numpy as np
@@ -23,6 +24,23 @@ class Fields:
     def __post_init__(self) -> None:
         if not isinstance(self.content, Mapping):
             raise AssemblyError(f"{self.where}: expected a mapping, got {self.content!r}")
+
+    def only(self, *known: str) -> None:
+        """Refuse keys that nobody reads: a slip of the pen would change the meaning in silence."""
+        for key in map(str, cast(Mapping[object, object], self.content)):
+            if key not in known:
+                near = get_close_matches(key, known, n=1, cutoff=0.7)
+                hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
+                raise AssemblyError(f"{self.where}: unknown key '{key}'; {hint}")
+
+    def span(self, key: str) -> tuple[float, float]:
+        """Two numbers, the lower one first; 0 and 0 when absent."""
+        low, high = self.numbers(key, 2, default=(0, 0))
+        if low > high:
+            raise AssemblyError(
+                f"{self.where}: '{key}' goes from {low:g} to {high:g}; give the lower end first"
+            )
+        return float(low), float(high)
 
     def _get(self, key: str, default: object) -> object:
         value = cast(Mapping[str, object], self.content).get(key, default)
@@ -98,5 +116,9 @@ class Fields:
     def _rigid(self, T: Transform, scale: float) -> Transform:
         T[:3, 3] *= scale
         if not is_rigid(T, tolerance=1e-2):
-            raise AssemblyError(f"{self.where}: not a rotation and a translation:\n{T}")
+            R = T[:3, :3].round(4).tolist()
+            raise AssemblyError(
+                f"{self.where}: not a rotation and a translation: R is {R} with determinant "
+                f"{np.linalg.det(T[:3, :3]):.4g}; give it row by row with R R^T = 1"
+            )
         return orthonormalized(T)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -44,17 +45,24 @@ class DetectorConfig:
 class Detector:
     """A network with its weights, ready to run; results do not depend on earlier pictures."""
 
-    def __init__(self, weights: Path, *, config: DetectorConfig | None = None) -> None:
+    def __init__(
+        self,
+        weights: Path,
+        *,
+        config: DetectorConfig | None = None,
+        classes: Sequence[str] | None = None,
+    ) -> None:
         """Load the weights.
 
         Args:
             weights: file for `load_network`.
             config: None means the defaults.
+            classes: names for a file that holds none, in the order of the outputs.
 
         Raises:
             WeightsError: the file is missing, corrupt or of another network.
         """
-        loaded = load_network(weights)
+        loaded = load_network(weights, classes=classes)
         self.classes = loaded.classes
         self.config = config or DetectorConfig()
         self._network = loaded.network.fuse().to(self.config.device)

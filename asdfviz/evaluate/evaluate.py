@@ -16,7 +16,7 @@ from asdfviz.data.run_files import load_run
 from asdfviz.data.sequences import open_sequence
 from asdfviz.data.truth import read_truth
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
-from asdfviz.errors import SequenceError
+from asdfviz.errors import RunError, SequenceError
 from asdfviz.evaluate.protocols import Figures, ProtocolName, mean, median, pose_figures
 from asdfviz.evaluate.records import compare_poses, predictions_by_frame
 from asdfviz.evaluate.state_scores import micro_f1, state_figures, state_records
@@ -24,7 +24,11 @@ from asdfviz.evaluate.visibility import lacks_visibility, visible_shares
 
 
 def evaluate_folder(
-    run_folder: Path, *, protocol: ProtocolName = "strict", truth_folder: Path | None = None
+    run_folder: Path,
+    *,
+    protocol: ProtocolName = "strict",
+    truth_folder: Path | None = None,
+    assembly: Assembly | None = None,
 ) -> dict[str, Any]:
     """Judge a saved run against the truth of its own sequence or of another folder.
 
@@ -32,22 +36,50 @@ def evaluate_folder(
         run_folder: what `asdfviz run` wrote.
         protocol: what counts, see `asdfviz.evaluate.protocols`.
         truth_folder: holds scene_gt.json and states.json; None for the run's sequence.
+        assembly: None for the one that the run names.
 
     Raises:
         InputError: the run, its assembly or the truth cannot be read or do not fit.
     """
     run = load_run(run_folder)
-    assembly = load_assembly(run.assembly)
-    folder = Path(run.sequence) if truth_folder is None else truth_folder
-    truth = read_truth(folder, assembly)
-    if not truth:
-        raise SequenceError(f"{folder} holds no truth: scene_gt.json or states.json is needed")
+    assembly = _assembly_of(run, run_folder) if assembly is None else assembly
+    truth = _truth_for(run, run_folder, truth_folder, assembly)
     camera = None
     if any(lacks_visibility(frame, assembly) for frame in truth.values()):
         camera = open_sequence(run.sequence, assembly=assembly).camera
     report = evaluate_run(run, assembly=assembly, truth=truth, camera=camera, protocol=protocol)
     warnings = [*report.get("warnings", ()), *changed_inputs(run, assembly)]
     return {**report, "warnings": warnings} if warnings else report
+
+
+def _assembly_of(run: Run, run_folder: Path) -> Assembly:
+    if not Path(run.assembly).is_file():
+        raise RunError(
+            f"{run_folder}: its assembly {run.assembly} is gone; say where it is with --assembly"
+        )
+    return load_assembly(run.assembly)
+
+
+def _truth_for(
+    run: Run, run_folder: Path, truth_folder: Path | None, assembly: Assembly
+) -> dict[int, FrameTruth]:
+    folder = Path(run.sequence) if truth_folder is None else truth_folder
+    if not folder.is_dir():
+        whose = f"{run_folder}: its sequence" if truth_folder is None else "the truth"
+        raise SequenceError(
+            f"{whose} {folder} is no folder; say with --truth where scene_gt.json and "
+            "states.json are"
+        )
+    truth = read_truth(folder, assembly)
+    if not truth:
+        raise SequenceError(f"{folder} holds no truth: scene_gt.json or states.json is needed")
+    frames = [prediction.frame_index for prediction in run.predictions]
+    if frames and truth.keys().isdisjoint(frames):
+        raise SequenceError(
+            f"{folder} holds the truth of frames {min(truth)} to {max(truth)}, the run {run_folder} "
+            f"frames {min(frames)} to {max(frames)}: they share none, so this is another sequence's"
+        )
+    return truth
 
 
 def changed_inputs(run: Run, assembly: Assembly) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import cast, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from asdfviz.datatypes import (
     Assembly,
@@ -72,9 +73,9 @@ def _check_pose(name: object, pose: object, assembly: Assembly, where: str) -> N
 def _check_state(state: object, assembly: Assembly, where: str) -> None:
     if not isinstance(state, StateEstimate):
         raise MethodError(f"{where}: the state is {_kind(state)}, expected a StateEstimate or None")
-    probabilities = cast(object, state.probabilities)
+    probabilities = state.probabilities
     expected = len(assembly.states)
-    if not isinstance(probabilities, np.ndarray) or probabilities.ndim != 1:
+    if not _is_array(probabilities, (None,)):
         raise MethodError(
             f"{where}: the state's probabilities must be an array of {expected} numbers"
         )
@@ -121,10 +122,12 @@ def _items(value: object, where: str) -> tuple[object, ...]:
 
 def _is_array(value: object, shape: tuple[int | None, ...]) -> bool:
     """Whether this is an array of real numbers of that shape; None stands for any length."""
-    if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
+    if not isinstance(value, np.ndarray):
         return False
-    fits = (wanted in (None, got) for wanted, got in zip(shape, value.shape, strict=False))
-    return value.ndim == len(shape) and all(fits)
+    array = cast(NDArray[np.generic], value)
+    if array.dtype.kind not in "fiu" or array.ndim != len(shape):
+        return False
+    return all(wanted in (None, got) for wanted, got in zip(shape, array.shape, strict=True))
 
 
 def _is_number(value: object) -> bool:

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from asdfviz.datatypes import Assembly, Detection
-from asdfviz.errors import WeightsError
+from asdfviz.errors import MethodError, WeightsError
 from asdfviz.geometry.shapes import Rgb
 
 WEIGHTS = "weights.safetensors"
 """File beside assembly.yaml that methods use unless told otherwise."""
+SMALLEST_INPUT = 32
+"""Pixels; the network halves its input five times."""
 
 
 @runtime_checkable
@@ -32,8 +34,9 @@ class NetworkConfig:
     in the assembly's folder."""
     image_size: int = 640
     """Longer side of the network's input, pixels. Paper: 1280. Here: 640, what ours is trained at."""
-    confidence: float = 0.25
-    """Smallest score of a box, 0 to 1 (the authors: 0.25 to 0.5)."""
+    confidence: float = 0.1
+    """Boxes with a lower score are left out, 0 to 1. The authors take 0.3; lower here, because
+    poses are checked against depth afterwards, and a weak true box beats none."""
     device: str = "cpu"
     """Torch device, such as cpu or cuda."""
     bfloat16: bool = False
@@ -50,9 +53,14 @@ def weights_path(config: NetworkConfig, assembly: Assembly) -> Path:
 def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
     """Load the network for an assembly.
 
+    A .pt names no classes: its outputs are taken for the assembly's detector classes, in their
+    order.
+
     Raises:
+        InputError: an option is impossible, or the device is not there.
         WeightsError: there are no weights, or they know none of the assembly's classes.
     """
+    _check_options(config)
     path = weights_path(config, assembly)
     if not path.is_file():
         raise WeightsError(
@@ -60,7 +68,9 @@ def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
             f"`asdfviz train --assembly {assembly.path}`, or name a file with --detector.weights"
         )
     from asdfviz.detector.detector import Detector, DetectorConfig
+    from asdfviz.detector.device import require_device
 
+    require_device(config.device)
     detector = Detector(
         path,
         config=DetectorConfig(
@@ -69,6 +79,7 @@ def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
             device=config.device,
             bfloat16=config.bfloat16,
         ),
+        classes=None if path.suffix == ".safetensors" else assembly.detector_classes,
     )
     parts = {part.detector_class for part in assembly.parts.values()}
     if not parts & set(detector.classes):
@@ -77,3 +88,10 @@ def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
             f"{', '.join(detector.classes)}; the assembly needs {', '.join(sorted(parts))}"
         )
     return detector
+
+
+def _check_options(config: NetworkConfig) -> None:
+    if not 0.0 <= config.confidence <= 1.0:
+        raise MethodError(f"confidence is {config.confidence:g}, use a score from 0 to 1")
+    if config.image_size < SMALLEST_INPUT:
+        raise MethodError(f"image_size is {config.image_size}, use {SMALLEST_INPUT} pixels or more")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from asdfviz.detector.losses import PAPER, PUBLISHED, LossConfig
 from asdfviz.detector.network import Scale
+from asdfviz.errors import InputError
 from asdfviz.train.packing import AugmentConfig
 
 LOSSES: dict[str, LossConfig] = {"mix": LossConfig(), "oks": PUBLISHED, "paper": PAPER}
@@ -90,3 +92,17 @@ class TrainConfig:
     """Frames of each intermediate validation; the last one takes all."""
     resume: bool = True
     """Go on from output/last.pt if it is there."""
+
+
+def check_config(config: TrainConfig) -> None:
+    """Refuse figures with which no training can start.
+
+    Raises:
+        InputError: with the field and what would be right.
+    """
+    if not (math.isfinite(config.minutes) and config.minutes > 0):
+        raise InputError(f"minutes is {config.minutes:g}, give a budget above 0")
+    least = {"threads": 1, "image_size": 32, "keypoint_width": 0}
+    for name, smallest in least.items():
+        if getattr(config, name) < smallest:
+            raise InputError(f"{name} is {getattr(config, name)}, use {smallest} or more")

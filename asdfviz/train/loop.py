@@ -16,6 +16,7 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
 from asdfviz.train.checkpoint import export_weights as export_weights
 from asdfviz.train.config import TrainConfig as TrainConfig
+from asdfviz.train.config import check_config
 from asdfviz.train.session import Session, TrainReport
 from asdfviz.train.validation import Validation
 
@@ -50,6 +51,7 @@ def train(
     Raises:
         InputError: the data or the assembly is wrong, or the loss is no longer finite.
     """
+    check_config(config)
     torch.set_num_threads(config.threads)
     run = Session(config, assembly or load_assembly(config.assembly))
     finished = run.go(progress or (lambda _: None), stop or (lambda: False))

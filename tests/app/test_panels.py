@@ -9,7 +9,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from asdfviz.app import chrome, hotkeys
+from asdfviz.app import chrome, hotkeys, welcome
 from asdfviz.app.items import JobStatus
 from asdfviz.app.markup import number
 from asdfviz.app.panels import annotate, methods, results, sequence
@@ -166,7 +166,7 @@ def test_the_sheet_names_every_key_that_is_not_shared() -> None:
 
 
 def test_cards_are_whole() -> None:
-    for html in (chrome.welcome(), chrome.keys_sheet()):
+    for html in (welcome.card(), chrome.keys_sheet()):
         balance = Balance()
         balance.feed(html)
         assert balance.open == []

@@ -79,6 +79,8 @@ def test_views_change_places_the_camera_anew() -> None:
 def test_another_window_keeps_the_free_camera() -> None:
     assert after(View(), act.Resized(2.0)).turns == 1
     assert after(View(mode="3d"), act.Resized(2.0)).turns == 0
+    assert after(View(), act.Drifted()).turns == 1
+    assert after(View(mode="3d"), act.Drifted()).turns == 0
 
 
 def test_zoom_and_fit() -> None:
@@ -174,6 +176,9 @@ def test_without_runs_the_truth_is_drawn_and_without_truth_nothing() -> None:
     bare = replace(FACTS, runs=(), preferred=None)
     assert settled(View(), bare).base == TRUTH
     assert settled(View(), replace(bare, has_truth=False)).base is None
+    # The first run takes over, but not from somebody who chose the truth.
+    assert settled(settled(View(), bare), FACTS).base == "a"
+    assert settled(after(View(), act.UseRun(TRUTH)), FACTS).base == TRUTH
 
 
 @pytest.mark.parametrize("action", [act.Undo(), act.Export(), act.Changed(), act.StopRun()])

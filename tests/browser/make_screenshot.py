@@ -42,7 +42,6 @@ def main(out: Path, sequence: str = "sample", assembly: str | None = None) -> No
         page.evaluate(f"() => window.asdfviz.send({{kind: 'Seek', place: {middle}}})")
         page.get_by_test_id("tab-annotate").click()
         page.keyboard.press("n")
-        page.keyboard.press("g")
         page.wait_for_timeout(8000)
         page.screenshot(path=str(out))
         browser.close()

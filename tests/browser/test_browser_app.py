@@ -324,3 +324,17 @@ def test_keys_are_on_a_sheet(page: Page) -> None:
     expect(page.get_by_test_id("keys")).to_contain_text("Nudge up, down, left, right")
     page.keyboard.press("Escape")
     expect(page.get_by_test_id("keys")).to_be_hidden()
+
+
+def test_a_lost_connection_comes_back_as_it_was(page: Page, app: App) -> None:
+    page.keyboard.press("End")
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "11")
+    before = app.tabs()
+    app.drop_connections()
+    until(lambda: app.tabs() and app.tabs() != before, "the page connects again")
+    until(lambda: app.tabs()[-1].view.place == 11, "it is where it was")
+    expect(page.get_by_test_id("welcome")).to_be_hidden()
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "11")
+    centre = "() => Math.hypot(...window.__viserMutable.camera.position.toArray())"
+    until(lambda: page.evaluate(centre) < 1e-4, "the camera is pinned")
+    settled(page, lambda rgb: count(green(rgb)) == 4)

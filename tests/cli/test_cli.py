@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -65,6 +66,48 @@ def test_bad_input_exits_2_with_one_line(
     error = capsys.readouterr().err
     assert said in error
     assert "Traceback" not in error
+
+
+def test_the_help_of_run_shows_the_options_of_the_method(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert exit_code("run", "--method", "asdf", "--help") == 0
+    shown = capsys.readouterr().out
+    assert "Example: asdfviz run" in shown
+    assert "--detector.confidence" in shown
+    assert exit_code("run", "--method", "nonsense", "--help") == 2
+    assert "no method 'nonsense'" in capsys.readouterr().err
+
+
+def test_a_file_where_results_should_go_is_said_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "notes.txt"
+    file.write_text("mine")
+    out = ("--out", str(file))
+    images = ("synth", "images", "--assembly", "corner_clamp")
+    for arguments in (("run", "sample", "--method", "asdf"), images):
+        assert exit_code(*arguments, *out) == 2
+        assert "notes.txt is a file; results need a folder" in capsys.readouterr().err
+    assert exit_code(*images, "--device", "toaster", "--out", str(tmp_path / "new")) == 2
+    assert "device 'toaster' cannot be used here" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_the_readme_s_own_method_runs_as_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    indented = re.search(r"^    # mine\.py\n.*?^    SPEC = .*?$", README.read_text(), re.M | re.S)
+    assert indented is not None
+    file = tmp_path / "mine.py"
+    file.write_text(textwrap.dedent(indented.group()))
+    out = tmp_path / "run"
+    assert exit_code("run", "--method", f"{file}:SPEC", "sample", "--out", str(out)) == 0
+    assert capsys.readouterr().out == f"{out}\n"
+    assert exit_code("evaluate", str(out), "--json") == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["mean"]["detection_recall"] == 0
+    assert said.err == ""
 
 
 def test_methods_lists_the_paper_ones(capsys: pytest.CaptureFixture[str]) -> None:

@@ -180,6 +180,34 @@ BROKEN = [
     ),
     pytest.param(change("parts", "pin", "unit", to="m"), "should it be mm", id="mesh in m"),
     pytest.param(change("parts", "pin", "color", to=[1, 2]), "'color' must be 3", id="color"),
+    pytest.param(
+        change("parts", "pin", "color", to=[0, 300, 0]), "from 0 to 255", id="color range"
+    ),
+    pytest.param(
+        change("titel", to="A toy"), "unknown key 'titel'; did you mean 'title'", id="slip"
+    ),
+    pytest.param(change("lens", to=1), "unknown key 'lens'; known: name, title", id="key"),
+    pytest.param(
+        change("parts", "pin", "symmetry", to={}), "did you mean 'symmetries'", id="part key"
+    ),
+    pytest.param(
+        change("parts", "pin", "symmetries", "axes", to=[]), "unknown key 'axes'", id="axes"
+    ),
+    pytest.param(change("states", 1, "pose", to={}), "did you mean 'poses'", id="state key"),
+    pytest.param(
+        change("states", 1, "poses", "pin", "T", to=[]), "unknown key 'T'; known: R, t", id="T"
+    ),
+    pytest.param(
+        change("states", 1, "joints", "pin", "slides", to=[]), "did you mean 'slide'", id="joint"
+    ),
+    pytest.param(
+        change("states", 1, "after", to="plate"), "state 1: unknown key 'after'", id="after a state"
+    ),
+    pytest.param(
+        change("states", 1, "joints", "pin", "slide", to=[5, -5]),
+        "'slide' goes from 5 to -5; give the lower end first",
+        id="slide turned round",
+    ),
     pytest.param(change("parts", "pin", "obj_id", to="7"), "whole number, got '7'", id="obj_id"),
     pytest.param(change("parts", "pin", "keypoints", to="k.txt"), "cannot be read", id="keypoints"),
     pytest.param(
@@ -256,6 +284,7 @@ def test_one_clear_error(
     file = write(content)
     with pytest.raises(AssemblyError, match=message) as caught:
         load_assembly(file)
+    assert "\n" not in str(caught.value)
     # It says where: the file, or for a mesh the part.
     assert str(file) in str(caught.value) or "part '" in str(caught.value)
 
@@ -271,8 +300,9 @@ def test_one_clear_error(
 )
 def test_a_file_that_is_no_assembly(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "assembly.yaml").write_text(text)
-    with pytest.raises(AssemblyError, match=message):
+    with pytest.raises(AssemblyError, match=message) as caught:
         load_assembly(tmp_path)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

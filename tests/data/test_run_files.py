@@ -153,7 +153,7 @@ POSE = {"T_camera_part": np.eye(4).tolist(), "score": 1.0, "stage": "pnp"}
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda folder: (folder / "run.json").unlink(), r"run\.json does not exist"),
+        (lambda folder: (folder / "run.json").unlink(), r"it has no run\.json; give a folder"),
         (lambda folder: (folder / "predictions.jsonl").unlink(), r"predictions\.jsonl does not"),
         (lambda folder: (folder / "run.json").write_text('{"format":'), r"not valid JSON"),
         (lambda folder: (folder / "run.json").write_bytes(b"\xff\xfe"), r"cannot be read"),

@@ -157,6 +157,14 @@ def put(name: str, content: object) -> Callable[[Path], object]:
     return lambda folder: (folder / name).write_text(text, encoding="utf-8")
 
 
+def as_file(name: str) -> Callable[[Path], object]:
+    def damage(folder: Path) -> None:
+        shutil.rmtree(folder / name)
+        (folder / name).write_text("not a folder")
+
+    return damage
+
+
 def no_frames(folder: Path) -> None:
     for image in (folder / "rgb").iterdir():
         image.rename(image.with_name(f"view_{image.name}"))
@@ -174,6 +182,7 @@ CAMERA = {"fx": 90.0, "fy": 91.0, "cx": 47.0, "cy": 31.0, "width": 96, "height":
     ("kind", "damage", "message"),
     [
         ("folder", drop("rgb"), r"no folder rgb/"),
+        ("folder", as_file("depth"), r"depth is a file; it must be a folder"),
         ("folder", no_frames, r"holds no frames; name them 000000\.png"),
         ("folder", twin, r"000003\.png and 3\.jpg are both frame 3"),
         ("folder", drop("camera.json"), r"no camera file; add camera\.json"),
@@ -182,6 +191,7 @@ CAMERA = {"fx": 90.0, "fy": 91.0, "cx": 47.0, "cy": 31.0, "width": 96, "height":
         ("folder", put("camera.json", {"fx": 1}), r"'fy' is missing"),
         ("folder", put("camera.json", {**CAMERA, "fx": float("nan")}), r"'fx': .*finite"),
         ("folder", put("camera.json", {**CAMERA, "fx": "90"}), r"'fx': expected a number"),
+        ("folder", put("camera.json", {**CAMERA, "fx": None}), r"'fx' is missing \(it is null\)"),
         ("folder", put("camera.json", {**CAMERA, "fy": -3}), r"focal lengths must be positive"),
         ("folder", put("camera.json", {**CAMERA, "width": 0}), r"must be positive pixels"),
         ("folder", put("camera.json", {**CAMERA, "depth_scale": 0}), r"millimetres per unit"),

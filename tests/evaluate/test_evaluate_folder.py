@@ -18,7 +18,7 @@ from asdfviz.data.hashes import assembly_sha256, sequence_sha256
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import FramePrediction, Run
-from asdfviz.errors import InputError, SequenceError
+from asdfviz.errors import InputError, RunError, SequenceError
 from asdfviz.evaluate.evaluate import evaluate_folder
 
 MakePrediction = Callable[..., FramePrediction]
@@ -136,3 +136,28 @@ def test_no_truth_and_no_run(case: Case, tmp_path: Path) -> None:
         evaluate_folder(case.run_folder, truth_folder=empty)
     with pytest.raises(InputError):
         evaluate_folder(empty)
+
+
+def test_the_truth_of_another_sequence_is_refused(case: Case, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    other.mkdir()
+    states = [{"frame": 100 + i, "state": 0, "is_error": False} for i in range(3)]
+    (other / "states.json").write_text(json.dumps(states))
+    with pytest.raises(
+        SequenceError, match=r"frames 100 to 102, the run .* 0 to 2: they share none"
+    ):
+        evaluate_folder(case.run_folder, truth_folder=other)
+
+
+def test_what_was_moved_since_the_run_can_be_named(case: Case, tmp_path: Path) -> None:
+    moved = replace(case.run, sequence="/gone/scene", assembly="/gone/assembly.yaml", hashes={})
+    save_run(moved, case.run_folder)
+    with pytest.raises(RunError, match=r"/gone/assembly\.yaml is gone.*--assembly"):
+        evaluate_folder(case.run_folder)
+    assembly = load_assembly(case.assembly)
+    with pytest.raises(SequenceError, match=r"its sequence /gone/scene is no folder.*--truth"):
+        evaluate_folder(case.run_folder, assembly=assembly)
+    with pytest.raises(SequenceError, match=r"the truth .*nowhere is no folder"):
+        evaluate_folder(case.run_folder, assembly=assembly, truth_folder=tmp_path / "nowhere")
+    report = evaluate_folder(case.run_folder, assembly=assembly, truth_folder=case.scene)
+    assert report["mean"]["add_s_01d"] == 100

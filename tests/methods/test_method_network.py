@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import Assembly, Detection
-from asdfviz.errors import WeightsError
+from asdfviz.errors import InputError, WeightsError
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.network import NetworkConfig, load_detector, weights_path
 
@@ -44,6 +44,34 @@ def test_weights_of_another_assembly_are_refused(assembly: Assembly, tmp_path: P
     path = save_random(tmp_path / "weights.safetensors", ("wheel", "axle"))
     with pytest.raises(WeightsError, match="wheel, axle"):
         load_detector(NetworkConfig(weights=path), assembly)
+
+
+def test_a_state_dict_without_names_takes_the_assembly_s_classes(toy, tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch")
+    from asdfviz.detector.network import Network
+
+    classes = toy.assembly.detector_classes
+    torch.save(Network("n", classes=len(classes)).state_dict(), tmp_path / "own.pt")
+    detector = load_detector(NetworkConfig(weights=tmp_path / "own.pt"), toy.assembly)
+    assert getattr(detector, "classes") == classes  # noqa: B009 - not part of the protocol
+    torch.save(Network("n", classes=len(classes) + 1).state_dict(), tmp_path / "more.pt")
+    with pytest.raises(WeightsError, match=f"has {len(classes) + 1} classes"):
+        load_detector(NetworkConfig(weights=tmp_path / "more.pt"), toy.assembly)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"confidence": 5.0}, "confidence is 5, use a score from 0 to 1"),
+        ({"confidence": float("nan")}, "confidence is nan"),
+        ({"image_size": 0}, "image_size is 0, use 32 pixels or more"),
+        ({"device": "toaster"}, "device 'toaster' cannot be used here"),
+    ],
+)
+def test_an_impossible_option_is_an_error(toy, tmp_path: Path, options, message: str) -> None:
+    path = save_random(tmp_path / "weights.safetensors", toy.assembly.detector_classes)
+    with pytest.raises(InputError, match=message):
+        load_detector(NetworkConfig(weights=path, **options), toy.assembly)
 
 
 def test_another_number_of_keypoints_is_an_error(toy, detector) -> None:

@@ -99,6 +99,11 @@ def test_two_files_of_one_name_do_not_mix(plugin: Path, tmp_path: Path) -> None:
         (None, "SPEC", "no file"),
         ("SPEC = 3\n", "SPEC", "not a MethodSpec"),
         (PLUGIN, "SPEK", "no 'SPEK'"),
+        (
+            PLUGIN.replace("gain: float = 2.0", "gain: float"),
+            "SPEC",
+            "its config needs a default for gain",
+        ),
         ("import there_is_no_such_module\n", "SPEC", "there_is_no_such_module"),
         ("raise SystemExit(3)\n", "SPEC", "SystemExit"),
         ("SPEC = (\n", "SPEC", "SyntaxError"),
@@ -148,4 +153,17 @@ def test_a_factory_that_cannot_be_made_says_so(tmp_path: Path, factory: str) -> 
     file = tmp_path / "mine.py"
     file.write_text(PLUGIN.replace('"FACTORY"', factory))
     with pytest.raises(MethodError, match="cannot be made"):
+        build_method(find_method(f"{file}:SPEC"))
+
+
+def test_a_file_without_a_name_behind_it_means_spec(plugin: Path) -> None:
+    assert find_method(f"{plugin}:").name == "mine"
+
+
+@pytest.mark.parametrize("fault", ["raise ValueError('no luck')", "raise SystemExit(3)"])
+def test_a_method_that_fails_when_made_names_its_file(tmp_path: Path, fault: str) -> None:
+    file = tmp_path / "mine.py"
+    content = PLUGIN.replace("self.gain = config.gain", fault)
+    file.write_text(content.replace('"FACTORY"', '"mine:Mine"'))
+    with pytest.raises(MethodError, match=r"Mine of .*mine\.py cannot be made: (Val|Sys)"):
         build_method(find_method(f"{file}:SPEC"))

@@ -164,3 +164,21 @@ def test_a_perfect_network_validates_perfectly(
         assert score.rotation_deg is not None
         assert score.rotation_deg < 0.5
     assert joined.keypoint_px is None
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"minutes": -1.0}, "minutes is -1, give a budget above 0"),
+        ({"minutes": float("nan")}, "minutes is nan"),
+        ({"threads": 0}, "threads is 0, use 1 or more"),
+        ({"image_size": 0}, "image_size is 0, use 32 or more"),
+        ({"keypoint_width": -4}, "keypoint_width is -4, use 0 or more"),
+    ],
+)
+def test_an_impossible_figure_is_refused_before_the_work(
+    config: TrainConfig, assembly: Assembly, change: dict[str, float], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        train(dataclasses.replace(config, **change), assembly=assembly)
+    assert not (config.output / "last.pt").exists()

@@ -73,7 +73,13 @@
 
   const mount = (template) => {
     const name = template.dataset.asdfMount;
-    if (name === "bridge") NS.bridge = template.dataset.uuid;
+    if (name === "bridge") {
+      // A connection that was lost and found again begins at the first frame: go back to where we were.
+      const place = Number(NS.view.place || 0);
+      const again = NS.bridge !== null && NS.bridge !== template.dataset.uuid && place > 0;
+      NS.bridge = template.dataset.uuid;
+      if (again) send({ kind: "Seek", place });
+    }
     else if (name === "view") applyView({ ...template.dataset });
     else {
       const target = slot(name);
