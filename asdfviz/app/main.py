@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import getpass
 import os
+import stat
 import threading
 import warnings
 from dataclasses import dataclass
@@ -188,7 +189,9 @@ def _load_earlier_runs(workspace: Workspace, folders: tuple[Path, ...]) -> None:
 
 def _is_ours_to_write(scene: Path) -> bool:
     """Runs go beside the images, but not into the bundled models or a folder that is read-only."""
-    return not scene.is_relative_to(models_folder()) and os.access(scene, os.W_OK)
+    # The bits are asked as well: root may write everywhere, but a folder marked read-only is meant so.
+    is_open = bool(scene.stat().st_mode & stat.S_IWUSR) and os.access(scene, os.W_OK)
+    return is_open and not scene.is_relative_to(models_folder())
 
 
 def _has_weights(assembly: Assembly) -> bool:

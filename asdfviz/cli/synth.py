@@ -77,8 +77,8 @@ class SynthSequence:
     """Scene folder to write."""
     seed: int = 77
     """The same seed gives the same sequence."""
-    frames: int = 72
-    """Frames in all."""
+    frames: int | None = None
+    """Frames in all. Default: as many as the pace of the hands needs, which is also the least."""
     fps: float = 10.0
     """Frames a second."""
 
@@ -98,8 +98,9 @@ class SynthSequence:
                 progress=lambda done, total: report(done, total, ""),
                 stop=stop,
             )
-        if written < self.frames:
-            raise Stopped(f"{written} of {self.frames} frames are in {self.out}")
+            stopped = stop()
+        if stopped:
+            raise Stopped(f"{written} frames are in {self.out}; the same line goes on")
         print(self.out)
 
 

@@ -16,9 +16,25 @@ import numpy as np
 
 from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.datatypes import Camera
+from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Depth, Rgb, Transform
 from asdfviz.synth.render import Picture
 from asdfviz.synth.scene import Group, TrueScene
+
+SMALLEST, LARGEST = 64, 4096
+"""Sides of an image that the generator takes, pixels."""
+
+
+def require_size(width: int, height: int) -> None:
+    """Refuse image sizes that cannot be rendered.
+
+    Raises:
+        InputError: with the size and what would be right.
+    """
+    if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
+        raise InputError(
+            f"image size {width}x{height}: sides must be {SMALLEST} to {LARGEST} pixels"
+        )
 
 
 class SceneFolder:
@@ -28,6 +44,24 @@ class SceneFolder:
         self.folder = folder
         for name in ("rgb", "records"):
             (folder / name).mkdir(parents=True, exist_ok=True)
+
+    def require_same(self, *, sequence: Mapping[str, object], camera: Camera) -> None:
+        """Refuse to go on in a folder that was begun with another assembly, seed or size.
+
+        Raises:
+            InputError: naming the file and both values.
+        """
+        wanted = {"sequence.json": dict(sequence), "camera.json": camera_fields(camera)}
+        for name, content in wanted.items():
+            file = self.folder / name
+            if not file.is_file():
+                continue
+            begun = json.loads(file.read_text(encoding="utf-8"))
+            for key, value in content.items():
+                if begun.get(key) != value:
+                    raise InputError(
+                        f"{file} was begun with {key} {begun.get(key)}, not {value}: take another folder"
+                    )
 
     def has(self, frame: int) -> bool:
         """Whether a frame is already complete."""

@@ -10,7 +10,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.synth.assets import Assets, load_assets
-from asdfviz.synth.bop_writer import SceneFolder
+from asdfviz.synth.bop_writer import SceneFolder, require_size
 from asdfviz.synth.packs import PackConfig, make_pack
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, TrueScene, camera_for, make_scene
@@ -55,15 +55,17 @@ def generate_images(
         How many images the folder holds.
 
     Raises:
-        InputError: the count is not positive.
+        InputError: the count or the size is impossible, or the folder holds images of another kind.
     """
     if count < 1:
         raise InputError(f"count is {count}, use 1 or more")
     chosen = config or SceneConfig()
-    output = SceneFolder(folder)
-    assets: Assets | None = None
+    require_size(chosen.width, chosen.height)
     camera = camera_for(chosen.width, chosen.height)
     description = {"assembly": assembly.name, "fps": 0, "seed": seed}
+    output = SceneFolder(folder)
+    output.require_same(sequence=description, camera=camera)
+    assets: Assets | None = None
     for index in range(count):
         if stop is not None and stop():
             break

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from asdfviz.datatypes import Assembly
+from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Depth
 from asdfviz.geometry.transforms import apply
 from asdfviz.synth.assets import Assets, load_assets
-from asdfviz.synth.bop_writer import SceneFolder
+from asdfviz.synth.bop_writer import SceneFolder, require_size
 from asdfviz.synth.description import Ground, Light, Placed, Scene
 from asdfviz.synth.gbuffer import Views
 from asdfviz.synth.layout import Outfit, Table, dress
@@ -21,13 +22,7 @@ from asdfviz.synth.motion import Pace
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import Group, TrueScene, camera_for, random_view
 from asdfviz.synth.script import Director, Moment, chosen_error
-from asdfviz.synth.sensor import (
-    DepthSensor,
-    RgbSensor,
-    blur_moving,
-    measure_depth,
-    photograph,
-)
+from asdfviz.synth.sensor import DepthSensor, RgbSensor, blur_moving, measure_depth, photograph
 from asdfviz.synth.stage import Stage, set_stage
 
 
@@ -214,8 +209,14 @@ def generate_sequence(
 
     Returns:
         How many frames the folder holds.
+
+    Raises:
+        InputError: the size, the rate or the number of frames is impossible.
     """
     chosen = config or SequenceConfig()
+    require_size(chosen.width, chosen.height)
+    if not chosen.fps > 0 or (chosen.frames is not None and chosen.frames < 1):
+        raise InputError(f"{chosen.frames} frames at {chosen.fps} a second: use positive numbers")
     assets = load_assets(assembly, device=device)
     play = plan_sequence(assets, seed=seed, config=chosen)
     scenes = scenes_of(play, assets, seed=seed, config=chosen)

@@ -256,12 +256,15 @@ class Session:
         if not (self.config.resume and self.last.is_file()):
             return
         content = load_checkpoint(self.last)
-        about = json.loads(content["about"])
-        if about["classes"] != list(self.assembly.detector_classes):
-            raise WeightsError(
-                f"'{self.last}' was trained for {about['classes']}, this assembly has "
-                f"{list(self.assembly.detector_classes)}: take another run folder"
-            )
+        known, wanted = json.loads(content["about"])["classes"], self.assembly.detector_classes
+        if known != list(wanted):
+            classes = f"was trained for {known}, this assembly has {list(wanted)}"
+            raise WeightsError(f"'{self.last}' {classes}: take another run folder")
+        had = (content["scale"], content["keypoint_width"])
+        asked = (self.network.scale, self.network.keypoint_width or 0)
+        if had != asked:
+            sizes = f"of scale and keypoint_width {had}, asked for were {asked}"
+            raise WeightsError(f"'{self.last}' is {sizes}: take another run folder")
         self.network.load_state_dict(content["network"])
         self.average.state = {
             k: v.to(self.config.device)

@@ -6,10 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
+from asdfviz.errors import InputError
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.contact import points_inside
+from asdfviz.synth.images import generate_images
 from asdfviz.synth.primitives import box
 from asdfviz.synth.sequences import Play, SequenceConfig, generate_sequence, plan_sequence
 
@@ -133,3 +136,16 @@ def test_points_inside_a_box() -> None:
     size = np.array([0.1, 0.06, 0.14])
     expected = (np.abs(points) < size / 2).all(axis=1)
     assert np.array_equal(points_inside(points, box((0.1, 0.06, 0.14))), expected)
+
+
+@pytest.mark.parametrize("options", [{"fps": 0.0}, {"frames": 0}, {"width": 0}, {"height": 99999}])
+def test_impossible_recordings_are_refused(tmp_path: Path, options: dict[str, float]) -> None:
+    config = SequenceConfig(**options)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError):
+        generate_sequence(load_assembly("corner_clamp"), seed=1, folder=tmp_path, config=config)
+
+
+def test_a_folder_begun_with_another_seed_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "sequence.json").write_text('{"assembly": "corner_clamp", "fps": 0, "seed": 5}')
+    with pytest.raises(InputError, match="seed 5, not 6"):
+        generate_images(load_assembly("corner_clamp"), count=1, seed=6, folder=tmp_path)

@@ -98,6 +98,13 @@ def test_a_run_of_another_assembly_is_not_gone_on_with(
         train(config, assembly=other)
 
 
+def test_a_run_of_another_size_is_not_gone_on_with(config: TrainConfig, assembly: Assembly) -> None:
+    train(dataclasses.replace(config, steps=1), assembly=assembly)
+    wider = dataclasses.replace(config, keypoint_width=config.keypoint_width + 8)
+    with pytest.raises(WeightsError, match=r"'n', 64\), asked .*72\): take another run"):
+        train(wider, assembly=assembly)
+
+
 def test_a_few_pictures_are_learned(config: TrainConfig, assembly: Assembly) -> None:
     """Thirty steps on eight pictures bring keypoints and rotations well down."""
     reports: list[TrainReport] = []

@@ -1,0 +1,97 @@
+"""Opening: what is found, what is refused, and where new runs go."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from asdfviz.app.main import ViewConfig, open_app, open_workspace
+from asdfviz.data.run_files import save_run
+from asdfviz.datatypes import Assembly, Run
+from asdfviz.errors import InputError
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    folder = tmp_path / "desk"
+    (folder / "rgb").mkdir(parents=True)
+    cv2.imwrite(str(folder / "rgb" / "000000.png"), np.full((48, 64, 3), 90, np.uint8))
+    camera = {
+        "fx": 60,
+        "fy": 60,
+        "cx": 31.5,
+        "cy": 23.5,
+        "width": 64,
+        "height": 48,
+        "depth_scale": 1,
+    }
+    (folder / "camera.json").write_text(json.dumps(camera))
+    return folder
+
+
+def config(scene: Path, **changes: object) -> ViewConfig:
+    given = {
+        "assembly": "corner_clamp",
+        "annotations": scene.parent / "notes",
+        "port": 0,
+        **changes,
+    }
+    return ViewConfig(sequence=str(scene), **given)  # pyright: ignore[reportArgumentType]
+
+
+def test_runs_go_beside_the_images(scene: Path) -> None:
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        assert workspace.runs_folder == scene / "runs"
+
+
+def test_a_read_only_folder_stays_as_it_is(scene: Path) -> None:
+    scene.chmod(0o555)
+    try:
+        with contextlib.closing(open_workspace(config(scene))) as workspace:
+            assert workspace.runs_folder == scene.parent / "notes" / "runs" / "desk"
+    finally:
+        scene.chmod(0o755)
+
+
+def test_nothing_is_written_into_the_bundled_sample(tmp_path: Path) -> None:
+    with contextlib.closing(open_workspace(ViewConfig(annotations=tmp_path))) as workspace:
+        assert workspace.runs_folder == tmp_path / "runs" / "sample"
+        assert workspace.export_folder == tmp_path / "exports" / "sample"
+
+
+def test_earlier_runs_are_there_and_a_broken_one_is_told(scene: Path, clamp: Assembly) -> None:
+    save_run(Run("mine", {}, str(scene), clamp.path, "0", ()), scene / "runs" / "mine")
+    (scene / "runs" / "bad").mkdir()
+    (scene / "runs" / "bad" / "run.json").write_text("{")
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        assert [run.label for run in workspace.runs] == ["mine"]
+        assert [m.is_problem for m in workspace.messages] == [True]
+        assert "bad" in workspace.messages[0].body
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"assembly": None}, "--assembly PATH"),
+        ({"assembly": "no_such"}, "no assembly at 'no_such'"),
+        ({"format": "gbot", "sequence": "/no/such/folder"}, "no scene folder"),
+        ({"runs": (Path("/no/such/run"),)}, "/no/such/run"),
+    ],
+)
+def test_what_cannot_be_opened_says_why(
+    scene: Path, changes: dict[str, object], words: str
+) -> None:
+    wanted = {"sequence": str(scene), **changes}
+    sequence = Path(str(wanted.pop("sequence")))
+    with pytest.raises(InputError, match=words):
+        open_app(config(sequence, **wanted) if sequence == scene else config(sequence))
+
+
+def test_a_token_is_in_the_address(scene: Path) -> None:
+    with contextlib.closing(open_app(config(scene, token="open sesame"[:4]))) as app:
+        assert app.url.endswith("?token=open")
