@@ -24,6 +24,9 @@ from asdfviz.datatypes import Frame
 from asdfviz.geometry.shapes import Transform, Vector
 
 GIZMO_PX = 90.0
+GIZMO_REACH = 0.2
+"""In AR the gizmo hangs at this share of the part's distance, before every mesh that could catch its
+drags. Scaling about the camera's centre changes nothing of what is seen."""
 _SELECTED: Rgb3 = (255, 255, 255)
 _CLOUD_STRIDE = 2
 
@@ -51,6 +54,7 @@ class Scene:
         self._cloud: Any = None
         self._cloud_place = -1
         self._gizmo: Any = None
+        self._reach = 1.0
         self._held: str | None = None
         self.dragged: tuple[str, Transform] | None = None
         """Part and pose while a gizmo is held."""
@@ -247,7 +251,10 @@ class Scene:
         self._held = part if wanted else None
         if part is not None and shown is not None and wanted:
             centre = part_centre(self._workspace.assembly.parts[part])
-            self._move(self._gizmo, gizmo_pose(shown.T_camera_part, centre))
+            self._reach = GIZMO_REACH if snap.view.mode == "ar" else 1.0
+            T_camera_gizmo = gizmo_pose(shown.T_camera_part, centre)
+            T_camera_gizmo[:3, 3] *= self._reach
+            self._move(self._gizmo, T_camera_gizmo)
             # Not both: from straight ahead an arc lies edge-on over an arrow and would catch its drag.
             _set(self._gizmo, "disable_axes", mode != "move")
             _set(self._gizmo, "disable_sliders", mode != "move")
@@ -264,7 +271,7 @@ class Scene:
             if part is None or part not in self._frames:
                 return
             centre = part_centre(self._workspace.assembly.parts[part])
-            T_camera_gizmo = T_from_wxyz(event.target.wxyz, event.target.position)
+            T_camera_gizmo = T_from_wxyz(event.target.wxyz, event.target.position / self._reach)
             T_camera_part = pose_from_gizmo(T_camera_gizmo, centre)
             done = event.phase == "end"
             self.dragged = None if done else (part, T_camera_part)

@@ -39,6 +39,8 @@ def workpiece(
         return scene_folder, Path(clamp.path), "jaw"
     models = tmp_path_factory.mktemp("models")
     import_gbot(shared / "data" / "gbot", models)
+    # An annotator's blank start: without weights no run lays its own meshes over the gizmo.
+    (models / "gbot_nanovise" / "weights.safetensors").unlink()
     # A copy: what is shared stays as it is.
     frames = tmp_path_factory.mktemp("frames") / "real"
     shutil.copytree(shared / "data" / "real", frames, copy_function=shutil.copyfile)
