@@ -17,7 +17,7 @@ from asdfviz.app.drawings import T_from_wxyz, box_segments, depth_cloud, keypoin
 from asdfviz.app.outlines import feature_edges
 from asdfviz.app.playback import Ring
 from asdfviz.app.snapshot import Snapshot
-from asdfviz.app.theme import TRUTH, Rgb3
+from asdfviz.app.theme import TRUTH, Rgb3, lighter
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame
@@ -137,7 +137,9 @@ class Scene:
 
         mesh.on_click(select)
         self._meshes[name] = mesh
-        self._lines[name] = self._add_lines(f"{root}/edges", self._edges[name], _bright(mesh.color))
+        self._lines[name] = self._add_lines(
+            f"{root}/edges", self._edges[name], lighter(self._workspace.colors[name])
+        )
 
     def _add_lines(self, name: str, segments: np.ndarray, color: Rgb3) -> Any:
         return self._scene.add_line_segments(
@@ -149,7 +151,7 @@ class Scene:
         _set(mesh, "visible", not view.xray)
         _set(mesh, "opacity", view.opacity)
         selected = view.selected == name
-        color = _SELECTED if selected else _bright(self._workspace.colors[name])
+        color = _SELECTED if selected else lighter(self._workspace.colors[name])
         self._paint(name, color)
         _set(lines, "thickness", 2.4 if selected else 1.3)
 
@@ -294,9 +296,3 @@ def _set(handle: Any, name: str, value: object) -> None:
     """Set a property only where it differs: every assignment is a message to the page."""
     if getattr(handle, name) != value:
         setattr(handle, name, value)
-
-
-def _bright(color: Any) -> Rgb3:
-    """A lighter shade, for edges over faces."""
-    r, g, b = (int(c) + (255 - int(c)) // 2 for c in color)
-    return r, g, b

@@ -79,6 +79,12 @@ def css(color: Rgb3, alpha: float = 1.0) -> str:
     return f"rgb({r} {g} {b})" if alpha >= 1 else f"rgb({r} {g} {b} / {alpha:.2f})"
 
 
+def lighter(color: Rgb3) -> Rgb3:
+    """Half-way to white: edges over faces of the colour."""
+    r, g, b = (c + (255 - c) // 2 for c in color)
+    return r, g, b
+
+
 def luminance(color: Rgb3) -> float:
     """Relative luminance of WCAG 2, 0 to 1."""
     c = np.asarray(color, float) / 255
