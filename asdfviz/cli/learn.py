@@ -12,19 +12,22 @@ from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 
 @dataclass(frozen=True)
 class Train:
-    """Train the detector of an assembly; run the same line again to go on where it stopped.
+    """Train the detector of one or several assemblies; run the same line again to go on where it
+    stopped.
 
     Example: asdfviz train --assembly corner_clamp --data data/train --validation data/val --out runs/train
     """
 
-    assembly: str
-    """assembly.yaml, its folder, or a bundled name."""
+    assembly: tuple[str, ...]
+    """assembly.yaml, its folder, or a bundled name; several share one network."""
     data: tuple[Path, ...]
-    """Scene folders with truth, as `asdfviz synth` writes them."""
+    """Scene folders with truth, as `asdfviz synth` writes them, of all the assemblies."""
     out: Path
     """Run folder: checkpoints, log, curve.png, and weights.safetensors at the end."""
-    validation: Path | None = None
-    """Scene folder that is never trained on."""
+    validation: tuple[Path, ...] = ()
+    """Scene folders that are never trained on."""
+    start: Path | None = None
+    """Checkpoint of another run to begin with (best.pt or last.pt): what fits is taken over."""
     scale: Literal["n", "s", "m", "l", "x", "x-p6"] = "n"
     """Size of the network."""
     keypoint_width: int = 72
@@ -51,8 +54,8 @@ class Train:
         from asdfviz.train.loop import export_weights, train
         from asdfviz.train.session import TrainReport
 
-        values = {k: v for k, v in vars(self).items() if k != "out"}
-        config = TrainConfig(**values, output=self.out)
+        values = {k: v for k, v in vars(self).items() if k not in ("out", "assembly")}
+        config = TrainConfig(**values, assemblies=self.assembly, output=self.out)
         require_device(self.device)
         make_folder(self.out)
         with progress_bar("train") as report, stop_on_interrupt() as stop:

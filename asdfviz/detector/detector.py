@@ -13,6 +13,7 @@ from jaxtyping import Float32
 
 from asdfviz.datatypes import Detection
 from asdfviz.detector.head import decode
+from asdfviz.detector.joint import keep_classes, own_columns
 from asdfviz.detector.letterbox import Letterbox, letterbox, plan_letterbox
 from asdfviz.detector.network import Network
 from asdfviz.detector.nms import suppress
@@ -51,6 +52,7 @@ class Detector:
         *,
         config: DetectorConfig | None = None,
         classes: Sequence[str] | None = None,
+        assembly: str | None = None,
     ) -> None:
         """Load the weights.
 
@@ -58,14 +60,20 @@ class Detector:
             weights: file for `load_network`.
             config: None means the defaults.
             classes: names for a file that holds none, in the order of the outputs.
+            assembly: of a joint network, keep only this assembly's classes.
 
         Raises:
-            WeightsError: the file is missing, corrupt or of another network.
+            WeightsError: the file is missing, corrupt, of another network or another assembly.
         """
         loaded = load_network(weights, classes=classes)
-        self.classes = loaded.classes
+        network, self.classes = loaded.network, loaded.classes
+        if assembly is not None:
+            columns = own_columns(loaded.classes, assembly)
+            self.classes = tuple(columns)
+            if len(columns) < len(loaded.classes):
+                network = keep_classes(network, tuple(columns.values()))
         self.config = config or DetectorConfig()
-        self._network = loaded.network.fuse().to(self.config.device)
+        self._network = network.fuse().to(self.config.device)
         self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
 
     def detect(self, rgb: Rgb) -> tuple[Detection, ...]:

@@ -11,7 +11,7 @@ from asdfviz.errors import MethodError, WeightsError
 from asdfviz.geometry.shapes import Rgb
 
 WEIGHTS = "weights.safetensors"
-"""File beside assembly.yaml that methods use unless told otherwise."""
+"""File beside assembly.yaml, or one folder up, that methods use unless told otherwise."""
 SMALLEST_INPUT = 32
 """Pixels; the network halves its input five times."""
 
@@ -31,7 +31,7 @@ class NetworkConfig:
 
     weights: Path | None = None
     """Trained weights (.safetensors, or .pt of the public package). Default: weights.safetensors
-    in the assembly's folder."""
+    in the assembly's folder, or in the folder above, where a network for several assemblies lies."""
     image_size: int = 640
     """Longer side of the network's input, pixels. Paper: 1280. Here: 640, what ours is trained at."""
     confidence: float = 0.1
@@ -47,7 +47,9 @@ def weights_path(config: NetworkConfig, assembly: Assembly) -> Path:
     """Return the file that the network is read from; it need not exist."""
     if config.weights is not None:
         return config.weights.expanduser().resolve()
-    return Path(assembly.path).parent / WEIGHTS
+    own = Path(assembly.path).parent / WEIGHTS
+    joint = own.parent.parent / WEIGHTS
+    return joint if joint.is_file() and not own.is_file() else own
 
 
 def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
@@ -80,6 +82,7 @@ def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
             bfloat16=config.bfloat16,
         ),
         classes=None if path.suffix == ".safetensors" else assembly.detector_classes,
+        assembly=assembly.name,
     )
     parts = {part.detector_class for part in assembly.parts.values()}
     if not parts & set(detector.classes):

@@ -5,9 +5,11 @@ from __future__ import annotations
 import io
 import json
 import pickle
+import platform
+import sys
 import zipfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,9 +17,12 @@ import torch
 from torch import Tensor, nn
 
 from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.datatypes import Assembly
+from asdfviz.detector.joint import SEPARATOR, joint_classes
 from asdfviz.detector.network import Network, Scale
 from asdfviz.detector.weights import save_network
 from asdfviz.errors import WeightsError
+from asdfviz.train.config import TrainConfig
 
 
 class Average:
@@ -103,6 +108,51 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
     return cast(dict[str, Any], content)
 
 
+@torch.no_grad()
+def begin_from(network: Network, checkpoint: Path, *, classes: Sequence[str]) -> int:
+    """Take over what another run learned: layers of the same shape, class outputs by their names.
+
+    A class "vise/jaw" takes the outputs of "vise/jaw" or, from a network of one assembly, of "jaw".
+
+    Args:
+        network: to change.
+        checkpoint: best.pt or last.pt of the other run, of the same size of network.
+        classes: what `network` puts out.
+
+    Returns:
+        How many tensors were taken over whole.
+
+    Raises:
+        WeightsError: the checkpoint is missing, corrupt or of another size.
+    """
+    content = load_checkpoint(checkpoint)
+    if content["scale"] != network.scale:
+        raise WeightsError(
+            f"'{checkpoint}' is of size {content['scale']}, asked for was {network.scale}"
+        )
+    known = [str(name) for name in json.loads(content["about"])["classes"]]
+    rows = [
+        (place, known.index(name))
+        for place, full in enumerate(classes)
+        for name in dict.fromkeys((full, full.split(SEPARATOR)[-1]))
+        if name in known
+    ]
+    own, given = network.state_dict(), cast(dict[str, Tensor], content["average"])
+    taken = 0
+    for name, tensor in own.items():
+        source = given.get(name)
+        if source is None:
+            continue
+        is_class = ".cv3." in name and name.split(".")[-2] == "2"
+        if source.shape == tensor.shape and not is_class:
+            tensor.copy_(source)
+            taken += 1
+        elif is_class and source.shape[1:] == tensor.shape[1:] and rows:
+            to, origin = zip(*rows, strict=True)
+            tensor[list(to)] = source[list(origin)]
+    return taken
+
+
 def network_of(content: Mapping[str, Any]) -> Network:
     """Build the network of a checkpoint with its averaged weights, in evaluation mode."""
     about = json.loads(content["about"])
@@ -146,3 +196,16 @@ def export_weights(checkpoint: Path, path: Path) -> Path:
         record["validation"] = json.loads(report.read_text(encoding="utf-8"))
     write_text(path.with_suffix(".json"), json.dumps(record, indent=2) + "\n")
     return path
+
+
+def about_run(config: TrainConfig, assemblies: Sequence[Assembly]) -> dict[str, object]:
+    """What exported weights should say of themselves."""
+    return {
+        "assemblies": [assembly.name for assembly in assemblies],
+        "classes": list(joint_classes(assemblies)),
+        "image_size": config.image_size,
+        "command": " ".join(sys.argv),
+        "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
+        "torch": torch.__version__,
+        "config": json.loads(json.dumps(asdict(config), default=str)),
+    }

@@ -40,14 +40,17 @@ def two_stages() -> tuple[Stage, ...]:
 class TrainConfig:
     """A training run of the detector."""
 
-    assembly: str
-    """Name or path of the assembly."""
+    assemblies: tuple[str, ...]
+    """Names or paths of the assemblies; several share one network."""
     data: tuple[Path, ...]
-    """Scene folders with truth."""
+    """Scene folders with truth; with several assemblies, each folder's sequence.json says whose."""
     output: Path
     """Run folder: checkpoints, log, curve, weights."""
-    validation: Path | None = None
-    """Scene folder that is never trained on."""
+    validation: tuple[Path, ...] = ()
+    """Scene folders that are never trained on."""
+    start: Path | None = None
+    """Checkpoint of another run to begin with: layers of the same shape are taken over, outputs of
+    classes by their names."""
     scale: Scale = "n"
     """Size of the network."""
     keypoint_width: int = 128

@@ -6,7 +6,7 @@ validation.json, curve.png and config.json; `export_weights` makes weights of a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,15 +36,15 @@ class TrainResult:
 def train(
     config: TrainConfig,
     *,
-    assembly: Assembly | None = None,
+    assemblies: Sequence[Assembly] | None = None,
     progress: Callable[[TrainReport], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> TrainResult:
-    """Train the detector of an assembly and leave a run folder.
+    """Train the detector of one or several assemblies and leave a run folder.
 
     Args:
         config: all of the run.
-        assembly: instead of loading config.assembly.
+        assemblies: instead of loading config.assemblies.
         progress: called every 20 s and after every validation.
         stop: asked before every step; True ends the run with a checkpoint.
 
@@ -53,7 +53,7 @@ def train(
     """
     check_config(config)
     torch.set_num_threads(config.threads)
-    run = Session(config, assembly or load_assembly(config.assembly))
+    run = Session(config, assemblies or [load_assembly(name) for name in config.assemblies])
     finished = run.go(progress or (lambda _: None), stop or (lambda: False))
     return TrainResult(
         output=config.output,

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import platform
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -17,11 +15,19 @@ from torch import Tensor, nn
 
 from asdfviz.data.atomic import write_text
 from asdfviz.datatypes import Assembly
+from asdfviz.detector.joint import joint_classes
 from asdfviz.detector.losses import LossConfig, pose_losses
 from asdfviz.detector.network import Network
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.errors import InputError, WeightsError
-from asdfviz.train.checkpoint import Average, Progress, load_checkpoint, save_checkpoint
+from asdfviz.train.checkpoint import (
+    Average,
+    Progress,
+    about_run,
+    begin_from,
+    load_checkpoint,
+    save_checkpoint,
+)
 from asdfviz.train.config import LOSSES, TrainConfig
 from asdfviz.train.dataset import load_images
 from asdfviz.train.loader import Batch, Recipe, batches
@@ -53,18 +59,19 @@ class TrainReport:
 class Session:
     """The state of a run in progress; `train` drives it."""
 
-    def __init__(self, config: TrainConfig, assembly: Assembly) -> None:
-        self.config, self.assembly = config, assembly
+    def __init__(self, config: TrainConfig, assemblies: Sequence[Assembly]) -> None:
+        self.config, self.assemblies = config, tuple(assemblies)
+        self.classes = joint_classes(self.assemblies)
         config.output.mkdir(parents=True, exist_ok=True)
-        self.images = load_images(config.data, assembly, image_size=config.image_size)
+        self.images = load_images(config.data, self.assemblies, image_size=config.image_size)
         self.validation_images = (
-            ()
-            if config.validation is None
-            else load_images((config.validation,), assembly, image_size=config.image_size)
+            load_images(config.validation, self.assemblies, image_size=config.image_size)
+            if config.validation
+            else ()
         )
         torch.manual_seed(config.seed)  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         width = config.keypoint_width or None
-        classes = len(assembly.detector_classes)
+        classes = len(self.classes)
         network = Network(config.scale, classes=classes, keypoint_width=width)
         hint_width = cast(nn.Conv2d, cast(nn.Sequential, network.head.cv4[0])[2]).in_channels
         hint = RotationHint(classes=classes, width=hint_width, levels=len(network.strides))
@@ -79,7 +86,7 @@ class Session:
         self._before = 0.0
         self._resume()
         self.log = CsvLog(config.output / "log.csv", LOG_COLUMNS)
-        columns = [f"{n}:{f}" for n in assembly.detector_classes for f in VALIDATION_FIELDS]
+        columns = [f"{n}:{f}" for n in self.classes for f in VALIDATION_FIELDS]
         self.validation_log = CsvLog(
             config.output / "validation.csv", ("step", "minutes", "score", *columns)
         )
@@ -207,7 +214,7 @@ class Session:
         network.load_state_dict(self.average.state)
         network.eval()
         found = validate(
-            network, images, self.assembly, image_size=config.image_size, device=config.device
+            network, images, self.assemblies, image_size=config.image_size, device=config.device
         )
         self.log_validation(found)
         if found.score > self.progress.best:
@@ -248,17 +255,20 @@ class Session:
             network=self.network,
             average=self.average,
             progress=self.progress,
-            about=_about(self.config, self.assembly),
+            about=about_run(self.config, self.assemblies),
             trainer=trainer if whole else None,
         )
 
     def _resume(self) -> None:
         if not (self.config.resume and self.last.is_file()):
+            if self.config.start is not None:
+                begin_from(self.network, self.config.start, classes=self.classes)
+                self.average.state = {k: v.clone() for k, v in self.network.state_dict().items()}
             return
         content = load_checkpoint(self.last)
-        known, wanted = json.loads(content["about"])["classes"], self.assembly.detector_classes
-        if known != list(wanted):
-            classes = f"was trained for {known}, this assembly has {list(wanted)}"
+        known, wanted = json.loads(content["about"])["classes"], list(self.classes)
+        if known != wanted:
+            classes = f"was trained for {known}, asked for are {wanted}"
             raise WeightsError(f"'{self.last}' {classes}: take another run folder")
         had = (content["scale"], content["keypoint_width"])
         asked = (self.network.scale, self.network.keypoint_width or 0)
@@ -284,16 +294,3 @@ class Session:
             losses=dict(zip(LOSS_NAMES, meter.means(), strict=True)),
             inputs_per_s=meter.inputs_per_s,
         )
-
-
-def _about(config: TrainConfig, assembly: Assembly) -> dict[str, object]:
-    """What exported weights should say of themselves."""
-    return {
-        "assembly": assembly.name,
-        "classes": list(assembly.detector_classes),
-        "image_size": config.image_size,
-        "command": " ".join(sys.argv),
-        "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
-        "torch": torch.__version__,
-        "config": json.loads(json.dumps(dataclasses.asdict(config), default=str)),
-    }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 
@@ -9,13 +10,15 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, Detection, Part
 from asdfviz.detector.detector import DetectorConfig, detect
+from asdfviz.detector.joint import joint_classes, keep_classes, own_columns
 from asdfviz.detector.network import Network
 from asdfviz.detector.nms import iou_matrix
 from asdfviz.geometry.shapes import Intrinsics, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import rotation_angle
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
-from asdfviz.train.dataset import LabelledImage, LabelledObject
+from asdfviz.train.dataset import LabelledImage
+from asdfviz.train.labels import LabelledObject
 
 MATCH_IOU = 0.5
 
@@ -93,7 +96,7 @@ class _Tally:
 def validate(
     network: Network,
     images: Sequence[LabelledImage],
-    assembly: Assembly,
+    assemblies: Sequence[Assembly],
     *,
     image_size: int,
     device: str = "cpu",
@@ -101,30 +104,46 @@ def validate(
     """Run a network in evaluation mode on every picture and count.
 
     Args:
-        network: with this assembly's classes.
-        images: with labels.
-        assembly: gives keypoints and symmetries for the poses.
+        network: with the classes of `joint_classes(assemblies)`.
+        images: with labels; on each, only the classes of its own assembly are asked for.
+        assemblies: give keypoints and symmetries for the poses.
         image_size: of the input, pixels.
         device: where the network is.
     """
-    classes = assembly.detector_classes
-    tallies = {name: _Tally() for name in classes}
+    names = joint_classes(assemblies)
+    tallies = [_Tally() for _ in names]
     config = DetectorConfig(image_size=image_size, device=device)
-    for image in images:
-        found = detect(network, image.rgb, classes=classes, config=config)
-        for label, name in enumerate(classes):
-            objects = [item for item in image.objects if item.label == label]
-            mine = [d for d in found if d.label == name]
-            tallies[name].objects += len(objects)
-            tallies[name].claims += len(mine)
-            for item, detection in _matches(objects, mine):
-                _count(tallies[name], item, detection, image.K, assembly, image.rgb.shape[1])
-    scores = [_class_score(name, tally) for name, tally in tallies.items()]
-    parts = {part.detector_class for part in assembly.parts.values()}
-    accuracies = [_accuracy(tallies[n]) for n in classes if n in parts and tallies[n].objects]
+    part_labels: list[int] = []
+    for assembly in assemblies:
+        columns = own_columns(names, assembly.name)
+        own = keep_classes(copy.deepcopy(network), tuple(columns.values()))
+        classes = {part.detector_class for part in assembly.parts.values()}
+        part_labels += [columns[name] for name in columns if name in classes]
+        for image in images:
+            if len(assemblies) == 1 or image.assembly == assembly.name:
+                found = detect(own, image.rgb, classes=tuple(columns), config=config)
+                for name, label in columns.items():
+                    mine = [d for d in found if d.label == name]
+                    _count_class(tallies[label], label, mine, image, assembly)
+    accuracies = [_accuracy(tallies[label]) for label in part_labels if tallies[label].objects]
     return Validation(
-        score=float(np.mean(accuracies)) if accuracies else 0.0, classes=tuple(scores)
+        score=float(np.mean(accuracies)) if accuracies else 0.0,
+        classes=tuple(map(_class_score, names, tallies)),
     )
+
+
+def _count_class(
+    tally: _Tally,
+    label: int,
+    found: Sequence[Detection],
+    image: LabelledImage,
+    assembly: Assembly,
+) -> None:
+    objects = [item for item in image.objects if item.label == label]
+    tally.objects += len(objects)
+    tally.claims += len(found)
+    for item, detection in _matches(objects, found):
+        _count(tally, item, detection, image.K, assembly, image.rgb.shape[1])
 
 
 def _matches(

@@ -13,7 +13,8 @@ from asdfviz.train.augment import (
     similarity,
     view,
 )
-from asdfviz.train.dataset import LabelledImage, LabelledObject
+from asdfviz.train.dataset import LabelledImage
+from asdfviz.train.labels import LabelledObject
 from asdfviz.train.packing import AugmentConfig, Packer
 
 DOT = np.array([41.0, 22.0])
@@ -37,7 +38,7 @@ def dotted(*, part: str | None = "body") -> LabelledImage:
         part=part,
         T_camera_part=T_camera_part if part else None,
     )
-    return LabelledImage(name="dot", rgb=rgb, K=K_TILTED, objects=(item,))
+    return LabelledImage(name="dot", assembly="toy", rgb=rgb, K=K_TILTED, objects=(item,))
 
 
 def bright_spot(sample: Sample, box: np.ndarray | None = None) -> np.ndarray:
@@ -131,7 +132,7 @@ QUIET = AugmentConfig(
 @pytest.mark.parametrize("seed", range(4))
 def test_tiles_keep_every_label_on_its_dot(seed: int) -> None:
     image = dotted()
-    dark = LabelledImage(image.name, image.rgb, image.K, image.objects)
+    dark = LabelledImage(image.name, "toy", image.rgb, image.K, image.objects)
     packer = Packer([dark], scale=1.0, config=QUIET)
     sample = packer.packed(np.random.default_rng(seed), width=320, height=192, spread=1.0)
     assert len(sample.labels) >= 4
@@ -165,7 +166,7 @@ def test_the_same_seed_draws_the_same_input() -> None:
 
 def test_states_get_tiles_of_their_own() -> None:
     part, state = dotted(), dotted(part=None)
-    both = [part, LabelledImage("state", state.rgb, state.K, state.objects)]
+    both = [part, LabelledImage("state", "toy", state.rgb, state.K, state.objects)]
     for share, seen in ((0.0, False), (1.0, True)):
         packer = Packer(both, scale=1.0, config=AugmentConfig(states=share))
         sample = packer.packed(np.random.default_rng(0), width=320, height=192, spread=1.0)

@@ -16,7 +16,7 @@ from asdfviz.train.dataset import load_images
 
 
 def test_labels_are_the_projected_truth(scene: Path, assembly: Assembly) -> None:
-    images = load_images([scene], assembly, image_size=640)
+    images = load_images([scene], (assembly,), image_size=640)
     assert len(images) == 8
     body = next(o for o in images[0].objects if o.part == "body")
     part = assembly.parts["body"]
@@ -30,7 +30,7 @@ def test_labels_are_the_projected_truth(scene: Path, assembly: Assembly) -> None
 
 def test_a_state_is_the_union_of_its_own_group(scene: Path, assembly: Assembly) -> None:
     """The loose bar comes first in the list and is no part of the joined state."""
-    images = load_images([scene], assembly, image_size=640)
+    images = load_images([scene], (assembly,), image_size=640)
     states = [[o for o in image.objects if o.part is None] for image in images]
     assert [len(s) for s in states] == [0, 1] * 4
     loose, body, bar = (o for o in images[1].objects if o.part is not None)
@@ -56,8 +56,8 @@ def test_symmetric_poses_get_one_label(scene: Path, assembly: Assembly, tmp_path
                 entry["cam_R_m2c"] = R.ravel().tolist()
     (turned / "scene_gt.json").write_text(json.dumps(truth))
     for a, b in zip(
-        load_images([scene], assembly, image_size=640),
-        load_images([turned], assembly, image_size=640),
+        load_images([scene], (assembly,), image_size=640),
+        load_images([turned], (assembly,), image_size=640),
         strict=True,
     ):
         for left, right in zip(a.objects, b.objects, strict=True):
@@ -65,7 +65,7 @@ def test_symmetric_poses_get_one_label(scene: Path, assembly: Assembly, tmp_path
 
 
 def test_keypoints_behind_something_are_hidden(scene: Path, assembly: Assembly) -> None:
-    images = load_images([scene], assembly, image_size=640)
+    images = load_images([scene], (assembly,), image_size=640)
     flags = np.concatenate([o.keypoints[:, 2] for i in images for o in i.objects if o.part])
     assert set(flags) == {1.0, 2.0}
     assert 0.2 < float((flags == 2).mean()) < 0.9
@@ -78,13 +78,13 @@ def test_hardly_visible_objects_have_no_label(
     info = json.loads((folder / "scene_gt_info.json").read_text())
     info["1"][2]["visib_fract"] = 0.1
     (folder / "scene_gt_info.json").write_text(json.dumps(info))
-    images = load_images([folder], assembly, image_size=640)
+    images = load_images([folder], (assembly,), image_size=640)
     assert [o.part for o in images[1].objects] == ["bar", "body"]
 
 
 def test_large_pictures_shrink_with_their_labels(scene: Path, assembly: Assembly) -> None:
     (full, *_), (small, *_) = (
-        load_images([scene], assembly, image_size=size, limit=2) for size in (640, 160)
+        load_images([scene], (assembly,), image_size=size, limit=2) for size in (640, 160)
     )
     assert small.rgb.shape == (90, 160, 3)
     for a, b in zip(full.objects, small.objects, strict=True):
@@ -98,7 +98,7 @@ def test_large_pictures_shrink_with_their_labels(scene: Path, assembly: Assembly
 
 def test_the_outline_lies_on_the_picture(scene: Path, assembly: Assembly) -> None:
     """The drawn body and the label agree to a pixel."""
-    image = load_images([scene], assembly, image_size=640)[0]
+    image = load_images([scene], (assembly,), image_size=640)[0]
     body = next(o for o in image.objects if o.part == "body")
     background = image.rgb[0, 0]
     seen = np.zeros(image.rgb.shape[:2], np.uint8)
@@ -114,4 +114,4 @@ def test_a_folder_without_truth_is_refused(
     folder = new_scene(1)
     (folder / missing).unlink()
     with pytest.raises(SequenceError, match=r"scene_gt|scene_camera"):
-        load_images([folder], assembly, image_size=640)
+        load_images([folder], (assembly,), image_size=640)

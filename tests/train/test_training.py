@@ -3,6 +3,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ import torch
 
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.detector import Detector, DetectorConfig
+from asdfviz.detector.network import Network
 from asdfviz.detector.weights import load_network
-from asdfviz.errors import InputError, WeightsError
-from asdfviz.train.checkpoint import load_checkpoint
+from asdfviz.errors import InputError, SequenceError, WeightsError
+from asdfviz.train.checkpoint import begin_from, load_checkpoint
 from asdfviz.train.config import Stage, TrainConfig
 from asdfviz.train.dataset import load_images
 from asdfviz.train.loop import TrainResult, export_weights, train
@@ -25,7 +27,7 @@ from asdfviz.train.validation import validate
 @pytest.fixture
 def config(scene: Path, tmp_path: Path) -> TrainConfig:
     return TrainConfig(
-        assembly="toy",
+        assemblies=("toy",),
         data=(scene,),
         output=tmp_path / "run",
         steps=6,
@@ -44,8 +46,8 @@ def test_a_run_leaves_everything_behind(
     config: TrainConfig, scene: Path, assembly: Assembly
 ) -> None:
     reports: list[TrainReport] = []
-    whole = dataclasses.replace(config, validation=scene)
-    result = train(whole, assembly=assembly, progress=reports.append)
+    whole = dataclasses.replace(config, validation=(scene,))
+    result = train(whole, assemblies=(assembly,), progress=reports.append)
     assert result.finished
     assert result.steps == 6
     assert reports[-1].step == 6
@@ -63,7 +65,7 @@ def test_a_run_leaves_everything_behind(
 def test_weights_are_exported_and_detect(
     config: TrainConfig, assembly: Assembly, tmp_path: Path
 ) -> None:
-    result = train(config, assembly=assembly)
+    result = train(config, assemblies=(assembly,))
     path = export_weights(result.output / "best.pt", tmp_path / "weights.safetensors")
     record = json.loads(path.with_suffix(".json").read_text())
     assert record["classes"] == list(assembly.detector_classes)
@@ -77,12 +79,12 @@ def test_weights_are_exported_and_detect(
 def test_a_stopped_run_goes_on_as_if_nothing_had_happened(
     config: TrainConfig, assembly: Assembly, tmp_path: Path
 ) -> None:
-    straight = train(config, assembly=assembly)
+    straight = train(config, assemblies=(assembly,))
     broken = dataclasses.replace(config, output=tmp_path / "broken")
     calls = iter(range(100))
-    first = train(broken, assembly=assembly, stop=lambda: next(calls) >= 3)
+    first = train(broken, assemblies=(assembly,), stop=lambda: next(calls) >= 3)
     assert (first.finished, first.steps) == (False, 3)
-    second = train(broken, assembly=assembly)
+    second = train(broken, assemblies=(assembly,))
     assert (second.finished, second.steps) == (True, 6)
     one, other = weights_of(straight), weights_of(second)
     for name in one:
@@ -92,17 +94,17 @@ def test_a_stopped_run_goes_on_as_if_nothing_had_happened(
 def test_a_run_of_another_assembly_is_not_gone_on_with(
     config: TrainConfig, assembly: Assembly
 ) -> None:
-    train(dataclasses.replace(config, steps=1), assembly=assembly)
+    train(dataclasses.replace(config, steps=1), assemblies=(assembly,))
     other = dataclasses.replace(assembly, detector_classes=("bar", "body", "toy:joined"))
     with pytest.raises(WeightsError, match="another run folder"):
-        train(config, assembly=other)
+        train(config, assemblies=(other,))
 
 
 def test_a_run_of_another_size_is_not_gone_on_with(config: TrainConfig, assembly: Assembly) -> None:
-    train(dataclasses.replace(config, steps=1), assembly=assembly)
+    train(dataclasses.replace(config, steps=1), assemblies=(assembly,))
     wider = dataclasses.replace(config, keypoint_width=config.keypoint_width + 8)
     with pytest.raises(WeightsError, match=r"'n', 64\), asked .*72\): take another run"):
-        train(wider, assembly=assembly)
+        train(wider, assemblies=(assembly,))
 
 
 def test_a_few_pictures_are_learned(config: TrainConfig, assembly: Assembly) -> None:
@@ -112,7 +114,7 @@ def test_a_few_pictures_are_learned(config: TrainConfig, assembly: Assembly) -> 
     # Each session reports its own mean: steps 1 to 4, then 5 to 24, then 25 to 30.
     for steps in (4, 24, 30):
         session = dataclasses.replace(longer, steps=steps)
-        train(session, assembly=assembly, progress=reports.append)
+        train(session, assemblies=(assembly,), progress=reports.append)
     early, late = reports[0].losses, reports[-1].losses
     for name, share in (("keypoint", 0.7), ("visibility", 0.95), ("rotation", 0.99)):
         assert late[name] < share * early[name], (name, early, late)
@@ -121,7 +123,7 @@ def test_a_few_pictures_are_learned(config: TrainConfig, assembly: Assembly) -> 
 def test_a_loss_that_blows_up_is_named(config: TrainConfig, assembly: Assembly) -> None:
     wild = dataclasses.replace(config, learning_rate=1e30, warmup_steps=0, steps=20, clip=1e30)
     with pytest.raises(InputError, match="not finite at step"):
-        train(wild, assembly=assembly)
+        train(wild, assemblies=(assembly,))
 
 
 @pytest.mark.parametrize(("share", "width"), [(0.0, 96), (0.49, 96), (0.51, 160), (1.0, 160)])
@@ -141,10 +143,9 @@ def test_a_perfect_network_validates_perfectly(
 ) -> None:
     """Feed the labels back as detections: recall 1, no pixel error, small pose errors."""
     from asdfviz.datatypes import Detection
-    from asdfviz.detector.network import Network
     from asdfviz.train import validation
 
-    images = load_images([scene], assembly, image_size=640)
+    images = load_images([scene], (assembly,), image_size=640)
     by_picture = {image.rgb.tobytes(): image for image in images}
 
     def answer(network: object, rgb: np.ndarray, **_: object) -> tuple[Detection, ...]:
@@ -160,7 +161,7 @@ def test_a_perfect_network_validates_perfectly(
         )
 
     monkeypatch.setattr(validation, "detect", answer)
-    found = validate(Network("n", classes=3), images, assembly, image_size=640)
+    found = validate(Network("n", classes=3), images, (assembly,), image_size=640)
     assert found.score == pytest.approx(1.0, abs=1e-3)
     for score in found.classes:
         assert (score.recall, score.precision) == (1.0, 1.0)
@@ -187,5 +188,49 @@ def test_an_impossible_figure_is_refused_before_the_work(
     config: TrainConfig, assembly: Assembly, change: dict[str, float], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        train(dataclasses.replace(config, **change), assembly=assembly)
+        train(dataclasses.replace(config, **change), assemblies=(assembly,))
     assert not (config.output / "last.pt").exists()
+
+
+def test_one_network_learns_two_assemblies(
+    config: TrainConfig, scene: Path, assembly: Assembly, tmp_path: Path
+) -> None:
+    other = dataclasses.replace(assembly, name="other")
+    scenes: list[Path] = []
+    for name in ("toy", "other"):
+        copied = Path(shutil.copytree(scene, tmp_path / name))
+        (copied / "sequence.json").write_text(json.dumps({"assembly": name}))
+        scenes.append(copied)
+    both = (assembly, other)
+    images = load_images(scenes, both, image_size=320)
+    labels = {
+        name: {o.label for i in images if i.assembly == name for o in i.objects}
+        for name in ("toy", "other")
+    }
+    assert labels["other"] == {label + 3 for label in labels["toy"]}
+    joint = dataclasses.replace(config, data=tuple(scenes), validation=tuple(scenes), steps=1)
+    result = train(joint, assemblies=both)
+    assert result.validation is not None
+    assert [c.label for c in result.validation.classes][3:] == [
+        "other/body",
+        "other/bar",
+        "other/toy:joined",
+    ]
+    (scenes[0] / "sequence.json").write_text('{"assembly": "third"}')
+    with pytest.raises(SequenceError, match=r"one of the assemblies that are trained: toy, other"):
+        load_images(scenes, both, image_size=320)
+
+
+def test_a_run_begins_from_another(config: TrainConfig, assembly: Assembly, tmp_path: Path) -> None:
+    first = train(dataclasses.replace(config, steps=2), assemblies=(assembly,))
+    network = Network("n", classes=6, keypoint_width=64)
+    classes = [f"{name}/{c}" for name in ("new", "toy") for c in ("bar", "body", "toy:joined")]
+    taken = begin_from(network, first.output / "last.pt", classes=classes)
+    assert taken > 300
+    learned = load_checkpoint(first.output / "last.pt")["average"]
+    own = network.state_dict()
+    assert torch.equal(own["model.0.conv.weight"], learned["model.0.conv.weight"])
+    last = "model.22.cv3.0.2.weight"
+    assert torch.equal(own[last][[0, 1, 2]], learned[last][[1, 0, 2]])
+    with pytest.raises(WeightsError, match="of size n, asked for was x"):
+        begin_from(Network("x", classes=2), first.output / "last.pt", classes=["a", "b"])

@@ -1,0 +1,116 @@
+"""A small network that looks at one part in a crop: rotation, place and visible outline.
+
+The rotation is a distribution over an even grid (geometry/rotation_grid.py), because parts without
+texture often look alike from several sides, and a mean of two good answers is a bad one. Which
+part it is comes in as a number: it scales and shifts feature maps (FiLM), and every part class has
+a small layer of its own before the grid that all share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Int64
+from torch import Tensor, nn
+
+from asdfviz.detector.blocks import Bottleneck, Conv
+
+GRID = 2304
+"""Rotations, about 17 degrees apart."""
+STRIDE = 4
+"""Of the outline against the crop."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CropOutput:
+    """What the network says of a batch of crops."""
+
+    rotations: Float[Tensor, "b g"]
+    """Logits of the grid's rotations R_crop_part."""
+    place: Float[Tensor, "b 3"]
+    """Offset of the part's middle from the crop's centre over half the side (x, y), and the log of
+    the crop's focal length times diameter over depth times side."""
+    outline: Float[Tensor, "b i j"]
+    """Logits that the part is visible, at a quarter of the resolution."""
+
+
+class Film(nn.Module):
+    """Scales and shifts channels by what is known of a part class."""
+
+    def __init__(self, classes: int, channels: int) -> None:
+        super().__init__()
+        self.table = nn.Embedding(classes, 2 * channels)
+        nn.init.normal_(self.table.weight, 0, 0.02)
+
+    def forward(self, x: Float[Tensor, "b c h w"], part: Int64[Tensor, "b"]) -> Tensor:
+        """Modulate a feature map."""
+        gain, shift = self.table(part)[:, :, None, None].chunk(2, dim=1)
+        return x * (1 + gain) + shift
+
+
+class CropNetwork(nn.Module):
+    """About 3 million parameters and 0.1 GMAC a crop with the default widths."""
+
+    def __init__(
+        self,
+        *,
+        classes: int,
+        grid: int = GRID,
+        widths: tuple[int, ...] = (24, 48, 96, 160, 224),
+        hidden: int = 256,
+        own: int = 128,
+    ) -> None:
+        """Build it with random weights.
+
+        Args:
+            classes: part classes.
+            grid: rotations.
+            widths: channels at strides 2, 4, 8, 16 and 32.
+            hidden: features of the whole crop.
+            own: features after each class's own layer.
+        """
+        super().__init__()
+        self.classes, self.grid, self.widths, self.hidden, self.own = (
+            classes, grid, widths, hidden, own,
+        )  # fmt: skip
+        a, b, c, d, e = widths
+        self.quarter = nn.Sequential(
+            Conv(3, a, 3, stride=2), Conv(a, b, 3, stride=2), Bottleneck(b, shortcut=True)
+        )
+        self.know_quarter = Film(classes, b)
+        self.eighth = nn.Sequential(
+            Conv(b, c, 3, stride=2), Bottleneck(c, shortcut=True), Bottleneck(c, shortcut=True)
+        )
+        self.know_eighth = Film(classes, c)
+        self.sixteenth = nn.Sequential(Conv(c, d, 3, stride=2), Bottleneck(d, shortcut=True))
+        self.know_sixteenth = Film(classes, d)
+        self.last = Conv(d, e, 3, stride=2)
+        self.features = nn.Linear(9 * e, hidden)
+        self.own_layer = nn.Linear(hidden, classes * own)
+        self.to_grid = nn.Linear(own, grid)
+        self.to_place = nn.Linear(own, 3)
+        self.lift = nn.ModuleList(
+            [nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)]
+        )
+        self.draw = nn.Sequential(Conv(b, b // 2, 3), nn.Conv2d(b // 2, 1, 1))
+
+    def forward(
+        self, crops: Float[Tensor, "b 3 s s"], part: Int64[Tensor, "b"]
+    ) -> CropOutput:
+        """Look at crops (RGB, -0.5 to 0.5; a multiple of 32 on a side, 96 by default) of parts."""
+        quarter = self.know_quarter(self.quarter(crops), part)
+        eighth = self.know_eighth(self.eighth(quarter), part)
+        sixteenth = self.know_sixteenth(self.sixteenth(eighth), part)
+        last = self.last(sixteenth)
+        features = nn.functional.silu(self.features(last.flatten(1)))
+        everyone = self.own_layer(features).view(len(part), self.classes, self.own)
+        mine = nn.functional.silu(everyone[torch.arange(len(part), device=part.device), part])
+        small, middle, large = self.lift
+        up = middle(eighth) + _doubled(small(sixteenth))
+        outline = self.draw(nn.functional.silu(large(quarter) + _doubled(up)))[:, 0]
+        return CropOutput(self.to_grid(mine), self.to_place(mine), outline)
+
+
+def _doubled(x: Tensor) -> Tensor:
+    return nn.functional.interpolate(x, scale_factor=2.0, mode="nearest")

@@ -1,0 +1,228 @@
+"""Draws what a training crop shows: a part on its own or joined with others, clutter, hands, a plane.
+
+Frame: the crop's own camera (x right, y down, z forward), which looks at the middle of the part's
+box. Every pose is exact; nothing is rendered here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.datatypes import Assembly, State
+from asdfviz.detector.crop_classes import PartClass, part_classes
+from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
+from asdfviz.geometry.shapes import Points, Rotation, Transform, Vector
+from asdfviz.geometry.transforms import inverse, rotation_about, transform_from
+from asdfviz.synth.hands import GRASPS, hand_mesh
+from asdfviz.synth.joint_motion import joined_poses, random_rotation
+from asdfviz.synth.looks import part_colors, random_hue, skin
+from asdfviz.synth.mesh_bank import MeshBank
+from asdfviz.synth.primitives import distractor_meshes
+
+STORED_PIXELS = 128
+"""Side of a stored crop; it is cut to the network's input with any roll while training."""
+FOCALS = (303.6, 607.2)
+"""Of the frames that crops come from, pixels: 640 and 1280 wide."""
+
+
+@dataclass(frozen=True, slots=True)
+class CropConfig:
+    """How crops are drawn; probabilities unless said otherwise."""
+
+    distance: tuple[float, float] = (0.35, 1.1)
+    """From the camera to the part, metres."""
+    joined: float = 0.5
+    """A part that can be joined is shown so."""
+    neighbours: float = 0.5
+    """Other things stand beside or behind it."""
+    occluder: float = 0.3
+    """Something stands in front."""
+    hand: float = 0.15
+    """A hand holds it or reaches across."""
+    true_colors: float = 0.6
+    standing: float = 0.5
+    """The part touches the plane behind it; otherwise that is up to 0.2 m away."""
+    tilt: float = 0.9
+    """Largest angle between the plane's normal and the optical axis, radians."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Thing:
+    """One mesh in front of the crop's camera."""
+
+    mesh: int
+    T_crop_mesh: Transform
+    """May be affine (distractors are stretched)."""
+    color: Vector
+    """Linear RGB."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CropScene:
+    """What one crop shows; the first thing is the part itself."""
+
+    label: int
+    focal: float
+    """Of the stored crop, pixels; its centre is the principal point."""
+    detail: float
+    """Pixels of the frame a pixel of the network's input: below 1 the crop is blurred."""
+    things: tuple[Thing, ...]
+    normal: Vector
+    """Of the plane behind, towards the camera."""
+    height: float
+    """The plane's points p have normal @ p = height, metres."""
+
+    @property
+    def T_crop_part(self) -> Transform:
+        """The truth."""
+        return self.things[0].T_crop_mesh
+
+
+class CropDrawer:
+    """Draws scenes of all parts of several assemblies."""
+
+    def __init__(
+        self, assemblies: Sequence[Assembly], *, config: CropConfig, device: str = "cpu"
+    ) -> None:
+        self.classes = part_classes(assemblies)
+        self._assemblies, self._config = tuple(assemblies), config
+        meshes = [part.mesh for a in assemblies for part in a.parts.values()]
+        names = [(i, name) for i, a in enumerate(assemblies) for name in a.parts]
+        self._place = {key: place for place, key in enumerate(names)}
+        self._solids = range(len(meshes), len(meshes) + len(distractor_meshes()))
+        meshes += distractor_meshes()
+        self._hands = range(len(meshes), len(meshes) + len(GRASPS))
+        meshes += [hand_mesh(i).mesh for i in range(len(GRASPS))]
+        self._corners = [_corners(m.vertices) for m in meshes]
+        self.bank = MeshBank.of(meshes, device=device)
+        self._states = [
+            [[s for s in assemblies[c.assembly].states if _joins(s, name)] for name in c.parts]
+            for c in self.classes
+        ]
+
+    def draw(self, rng: np.random.Generator, label: int) -> CropScene:
+        """One crop of a class."""
+        config, part_class = self._config, self.classes[label]
+        assembly = self._assemblies[part_class.assembly]
+        copy = int(rng.integers(len(part_class.parts)))
+        name = part_class.parts[copy]
+        joined = self._joined(rng, label, copy)
+        mesh = self._place[part_class.assembly, name]
+        T_crop_part, extent = _centred(
+            self._corners[mesh], random_rotation(rng), float(rng.uniform(*config.distance))
+        )
+        colors = part_colors(assembly, rng, true_share=config.true_colors)
+        T_crop_base = T_crop_part @ inverse(joined[name])
+        things = [Thing(mesh, T_crop_part, colors[name])]
+        for other, T_base_other in joined.items():
+            if other != name:
+                place = self._place[part_class.assembly, other]
+                things.append(Thing(place, T_crop_base @ T_base_other, colors[other]))
+        normal, height = self._plane(rng, things)
+        things += self._around(rng, things, extent)
+        focal = CROP_PIXELS * float(T_crop_part[2, 3]) / (CONTEXT * extent)
+        frame_focal = FOCALS[int(rng.integers(len(FOCALS)))] * rng.uniform(0.98, 1.02)
+        return CropScene(label, focal, frame_focal / focal, tuple(things), normal, height)
+
+    def _joined(self, rng: np.random.Generator, label: int, copy: int) -> dict[str, Transform]:
+        """T_base_part of a state that joins the part, or of the part alone."""
+        states = self._states[label][copy]
+        if states and rng.random() < self._config.joined:
+            return dict(joined_poses(states[int(rng.integers(len(states)))], rng))
+        return {self.classes[label].parts[copy]: np.eye(4)}
+
+    def _plane(self, rng: np.random.Generator, things: Sequence[Thing]) -> tuple[Vector, float]:
+        """A plane behind all things, tilted towards the camera."""
+        azimuth, tilt = rng.random() * 2 * np.pi, self._config.tilt * np.sqrt(rng.random())
+        lying = np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) * np.sin(tilt)
+        normal = lying - np.array([0.0, 0.0, np.cos(tilt)])
+        lowest = min(
+            float((_moved(t.T_crop_mesh, self._corners[t.mesh]) @ normal).min()) for t in things
+        )
+        gap = 0.0 if rng.random() < self._config.standing else rng.uniform(0, 0.2)
+        return normal, lowest - gap
+
+    def _around(
+        self, rng: np.random.Generator, things: Sequence[Thing], extent: float
+    ) -> list[Thing]:
+        """Neighbours, occluders and hands."""
+        config = self._config
+        middle = things[0].T_crop_mesh[:3, 3]
+        found: list[Thing] = []
+        if rng.random() < config.neighbours:
+            for _ in range(int(rng.integers(1, 4))):
+                beside = _direction(rng) * extent * rng.uniform(0.55, 1.2)
+                depth = rng.uniform(-0.1, 0.5) * extent
+                found.append(self._clutter(rng, middle + beside + [0, 0, depth], extent))
+        if rng.random() < config.occluder:
+            beside = _direction(rng) * extent * rng.uniform(0.2, 0.75)
+            nearer = (middle + beside) * rng.uniform(0.72, 0.92)
+            nearer[2] = min(nearer[2], middle[2] - 0.6 * extent)
+            nearer[2] = max(nearer[2], 0.12)
+            found.append(self._clutter(rng, nearer, extent * 0.6))
+        if rng.random() < config.hand:
+            found.append(self._hand(rng, middle, extent))
+        return found
+
+    def _clutter(self, rng: np.random.Generator, where: Vector, size: float) -> Thing:
+        """A part of any assembly, or a stretched solid."""
+        if rng.random() < 0.4:
+            mesh = int(rng.integers(self._solids.start))
+            R = random_rotation(rng)
+            middle = self._corners[mesh].mean(axis=0)
+            return Thing(mesh, transform_from(R, where - R @ middle), random_hue(rng))
+        sizes = size * np.exp(rng.normal(size=3) * 0.45) * 0.5
+        T = transform_from(random_rotation(rng), where) @ np.diag([*sizes, 1.0])
+        mesh = self._solids[int(rng.integers(len(self._solids)))]
+        return Thing(mesh, T, random_hue(rng, saturation=(0.0, 0.95)))
+
+    def _hand(self, rng: np.random.Generator, middle: Vector, extent: float) -> Thing:
+        """A hand whose fingers end at the part's rim, the forearm leaving sideways."""
+        away = _direction(rng)
+        x = np.cross(away, [0.0, 0.0, 1.0])
+        R = np.stack([x, -away, np.cross(x, -away)], axis=1)
+        R = R @ rotation_about(np.array([0.0, 1.0, 0.0]), float(rng.normal() * 0.8))
+        side = -1.0 if rng.random() < 0.5 else 1.0
+        where = middle + away * extent * rng.uniform(0.3, 0.7) + [0, 0, rng.normal() * 0.01]
+        T = transform_from(R @ np.diag([side, 1.0, 1.0]), where)
+        return Thing(self._hands[int(rng.integers(len(self._hands)))], T, skin(rng).color)
+
+
+def _joins(state: State, name: str) -> bool:
+    return name in state.T_base_part and len(state.T_base_part) > 1
+
+
+def _direction(rng: np.random.Generator) -> Vector:
+    angle = rng.random() * 2 * np.pi
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def _corners(vertices: Points, count: int = 96) -> Points:
+    """Vertices farthest out in even directions: enough for boxes and lowest points."""
+    place = np.arange(count) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * place / count), np.pi * (1 + 5**0.5) * place
+    ring = np.sin(polar)
+    directions = np.stack([np.cos(azimuth) * ring, np.sin(azimuth) * ring, np.cos(polar)])
+    return vertices[np.unique((vertices @ directions).argmax(axis=0))]
+
+
+def _moved(T: Transform, points: Float64[np.ndarray, "_ 3"]) -> Float64[np.ndarray, "_ 3"]:
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def _centred(corners: Points, R: Rotation, distance: float) -> tuple[Transform, float]:
+    """The pose whose box lies about the optical axis, and the box's longer side at its depth, metres."""
+    turned = corners @ R.T
+    t = np.array([0.0, 0.0, distance]) - (turned.min(axis=0) + turned.max(axis=0)) / 2
+    extent = 0.0
+    for _ in range(3):
+        seen = turned + t
+        flat = seen[:, :2] / seen[:, 2:]
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        t[:2] -= (low + high) / 2 * t[2]
+        extent = float((high - low).max()) * t[2]
+    return transform_from(R, t), extent

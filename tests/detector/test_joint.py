@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from asdfviz.detector.detector import Detector, DetectorConfig
+from asdfviz.detector.joint import joint_classes, keep_classes, own_columns
+from asdfviz.detector.network import Network
+from asdfviz.detector.weights import save_network
+from asdfviz.errors import WeightsError
+
+JOINT = ("vise/jaw", "clamp/jaw", "clamp/bolt", "clamp/clamp:1")
+
+
+@dataclass
+class Named:
+    name: str
+    detector_classes: tuple[str, ...]
+
+
+def test_one_assembly_keeps_plain_names_and_several_get_their_own() -> None:
+    vise, clamp = Named("vise", ("jaw",)), Named("clamp", ("jaw", "bolt", "clamp:1"))
+    assert joint_classes([clamp]) == clamp.detector_classes  # type: ignore[list-item]
+    assert joint_classes([vise, clamp]) == JOINT  # type: ignore[list-item]
+
+
+def test_an_assembly_finds_its_outputs() -> None:
+    assert own_columns(JOINT, "clamp") == {"jaw": 1, "bolt": 2, "clamp:1": 3}
+    assert own_columns(("jaw", "clamp:1"), "whatever") == {"jaw": 0, "clamp:1": 1}
+    with pytest.raises(WeightsError, match="for clamp, vise, not for 'caliper'"):
+        own_columns(JOINT, "caliper")
+
+
+def test_the_outputs_that_are_kept_do_not_change() -> None:
+    torch.manual_seed(3)
+    network = Network("n", classes=4).eval()
+    images = torch.rand(1, 3, 64, 96)
+    with torch.no_grad():
+        whole = network(images)
+        kept = keep_classes(copy.deepcopy(network), (3, 1))(images)
+    assert torch.equal(kept.scores, whole.scores[:, [3, 1]])
+    assert torch.equal(kept.boxes, whole.boxes)
+    assert torch.equal(kept.keypoints, whole.keypoints)
+
+
+def test_a_detector_answers_for_its_assembly_alone(tmp_path: Path) -> None:
+    torch.manual_seed(4)
+    network = Network("n", classes=4)
+    for branch in network.head.cv3:
+        branch[2].bias.data.fill_(4.0)  # type: ignore[index, union-attr] - every anchor answers
+    path = tmp_path / "weights.safetensors"
+    save_network(network, path, classes=JOINT, image_size=64)
+    picture = np.random.default_rng(0).integers(0, 255, (64, 64, 3)).astype(np.uint8)
+    detector = Detector(path, config=DetectorConfig(image_size=64), assembly="clamp")
+    assert detector.classes == ("jaw", "bolt", "clamp:1")
+    labels = {found.label for found in detector.detect(picture)}
+    assert labels
+    assert labels <= set(detector.classes)
+    with pytest.raises(WeightsError, match="caliper"):
+        Detector(path, assembly="caliper")
