@@ -42,6 +42,9 @@ def train(
 ) -> TrainResult:
     """Train the detector of one or several assemblies and leave a run folder.
 
+    Started by torchrun, every process calls this with the same config: they train one network, and
+    the first one writes.
+
     Args:
         config: all of the run.
         assemblies: instead of loading config.assemblies.
@@ -55,10 +58,12 @@ def train(
     torch.set_num_threads(config.threads)
     run = Session(config, assemblies or [load_assembly(name) for name in config.assemblies])
     finished = run.go(progress or (lambda _: None), stop or (lambda: False))
-    return TrainResult(
+    result = TrainResult(
         output=config.output,
         steps=run.progress.step,
         best_score=run.progress.best,
         validation=run.finish() if finished else None,
         finished=finished,
     )
+    run.world.leave()
+    return result

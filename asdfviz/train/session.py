@@ -35,12 +35,12 @@ from asdfviz.train.log import CsvLog, Meter, write_curve
 from asdfviz.train.packing import Packer
 from asdfviz.train.rotation_hint import RotationHint
 from asdfviz.train.schedule import make_optimizer, rate_at, stage_at
-from asdfviz.train.validation import Validation, validate
+from asdfviz.train.validation import LOGGED, Validation, validate
+from asdfviz.train.world import join_world
 
 LOSS_NAMES = ("box", "keypoint", "visibility", "classes", "bins", "rotation")
 LOG_COLUMNS = ("step", "minutes", "width", "rate", *LOSS_NAMES, "inputs_per_s", "objects")
 LOG_SECONDS = 20.0
-VALIDATION_FIELDS = ("recall", "precision", "keypoint_px", "keypoint_share", "rotation_deg")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,7 @@ class Session:
     """The state of a run in progress; `train` drives it."""
 
     def __init__(self, config: TrainConfig, assemblies: Sequence[Assembly]) -> None:
+        self.world = join_world(config.device)
         self.config, self.assemblies = config, tuple(assemblies)
         self.classes = joint_classes(self.assemblies)
         config.output.mkdir(parents=True, exist_ok=True)
@@ -75,9 +76,9 @@ class Session:
         network = Network(config.scale, classes=classes, keypoint_width=width)
         hint_width = cast(nn.Conv2d, cast(nn.Sequential, network.head.cv4[0])[2]).in_channels
         hint = RotationHint(classes=classes, width=hint_width, levels=len(network.strides))
-        self.network = network.to(config.device)
+        self.network = network.to(self.world.device)
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
-        self.hint = hint.to(config.device)
+        self.hint = hint.to(self.world.device)
         self.loss: LossConfig = LOSSES[config.loss]
         self.optimizer = make_optimizer((self.network, self.hint), config)
         self.average = Average(self.network, decay=config.ema)
@@ -85,8 +86,9 @@ class Session:
         self._began = time.monotonic()
         self._before = 0.0
         self._resume()
+        self._agreed = self._own_share()
         self.log = CsvLog(config.output / "log.csv", LOG_COLUMNS)
-        columns = [f"{n}:{f}" for n in self.classes for f in VALIDATION_FIELDS]
+        columns = [f"{n}:{f}" for n in self.classes for f in LOGGED]
         self.validation_log = CsvLog(
             config.output / "validation.csv", ("step", "minutes", "score", *columns)
         )
@@ -105,7 +107,10 @@ class Session:
 
     @property
     def share(self) -> float:
-        """Share of the budget that is used."""
+        """Share of the budget that is used, as agreed at the last step."""
+        return self._agreed
+
+    def _own_share(self) -> float:
         if self.config.steps is not None:
             return self.progress.step / max(self.config.steps, 1)
         return self.seconds / (self.config.minutes * 60)
@@ -119,12 +124,17 @@ class Session:
         first = self.progress.step
         checkpointed = validated = logged = self.seconds
         meter = Meter()
-        with batches(packer, self.recipe, seed=self.config.seed, first=first) as stream:
+        world = self.world
+        seed = self.config.seed * world.size + world.rank
+        with batches(packer, self.recipe, seed=seed, first=first) as stream:
             while self.share < 1:
-                if stop():
+                if world.agree(float(stop())):
                     self.checkpoint()
                     return False
                 self.step(stream, meter)
+                self._agreed = world.agree(self._own_share())
+                if not world.is_first:
+                    continue
                 now = self.seconds
                 if now - logged > LOG_SECONDS:
                     report(self.write_log(meter))
@@ -138,7 +148,7 @@ class Session:
                         dataclasses.replace(self._report(meter), validation=found)
                     ) if meter.steps else None
                     validated = self.seconds
-        if meter.steps:
+        if meter.steps and world.is_first:
             report(self.write_log(meter))
         return True
 
@@ -152,7 +162,7 @@ class Session:
     def step(self, stream: Iterator[Batch], meter: Meter) -> None:
         """Take one optimiser step."""
         config = self.config
-        batch = next(stream).to(config.device)
+        batch = next(stream).to(self.world.device)
         rate = rate_at(config, self.progress.step, min(self.share, 1.0))
         for group in self.optimizer.param_groups:
             group["lr"] = rate
@@ -176,7 +186,9 @@ class Session:
             )
         self.optimizer.zero_grad(set_to_none=True)
         total.backward()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
-        nn.utils.clip_grad_norm_([*self.network.parameters(), *self.hint.parameters()], config.clip)
+        parameters = [*self.network.parameters(), *self.hint.parameters()]
+        self.world.average_gradients(parameters)
+        nn.utils.clip_grad_norm_(parameters, config.clip)
         self.optimizer.step()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         self.average.update(self.network)
         self.progress.step += 1
@@ -210,35 +222,24 @@ class Session:
         config = self.config
         network = Network(
             config.scale, classes=self.network.classes, keypoint_width=self.network.keypoint_width
-        ).to(config.device)
+        ).to(self.world.device)
         network.load_state_dict(self.average.state)
         network.eval()
         found = validate(
-            network, images, self.assemblies, image_size=config.image_size, device=config.device
+            network, images, self.assemblies, image_size=config.image_size, device=self.world.device
         )
-        self.log_validation(found)
+        when = {"step": float(self.progress.step), "minutes": self.seconds / 60}
+        self.validation_log.add({**when, "score": found.score, **found.columns()})
         if found.score > self.progress.best:
             self.progress.best = found.score
             self.checkpoint(path=config.output / "best.pt", whole=False)
             write_text(config.output / "validation.json", json.dumps(found.as_json(), indent=2))
         return found
 
-    def log_validation(self, found: Validation) -> None:
-        """Append the figures of a validation to its CSV."""
-        values = {
-            "step": float(self.progress.step),
-            "minutes": self.seconds / 60,
-            "score": found.score,
-        }
-        for score in found.classes:
-            for name in VALIDATION_FIELDS:
-                value = getattr(score, name)
-                if value is not None:
-                    values[f"{score.label}:{name}"] = float(value)
-        self.validation_log.add(values)
-
     def finish(self) -> Validation | None:
         """Checkpoint and validate on all frames; without validation the last weights are best."""
+        if not self.world.is_first:
+            return None
         self.checkpoint()
         found = self.validate(None)
         best = self.config.output / "best.pt"
@@ -248,6 +249,8 @@ class Session:
 
     def checkpoint(self, *, path: Path | None = None, whole: bool = True) -> None:
         """Write last.pt, or another file; `whole` with all that is needed to go on."""
+        if not self.world.is_first:
+            return
         self.progress.seconds = self.seconds
         trainer = {"optimizer": self.optimizer.state_dict(), "hint": self.hint.state_dict()}
         save_checkpoint(
@@ -277,7 +280,7 @@ class Session:
             raise WeightsError(f"'{self.last}' is {sizes}: take another run folder")
         self.network.load_state_dict(content["network"])
         self.average.state = {
-            k: v.to(self.config.device)
+            k: v.to(self.world.device)
             for k, v in cast(dict[str, Tensor], content["average"]).items()
         }
         self.average.updates = content["updates"]

@@ -21,6 +21,8 @@ from asdfviz.train.dataset import LabelledImage
 from asdfviz.train.labels import LabelledObject
 
 MATCH_IOU = 0.5
+LOGGED = ("recall", "precision", "keypoint_px", "keypoint_share", "rotation_deg")
+"""Fields of ClassScore that a run's log keeps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,11 @@ class Validation:
     def as_json(self) -> dict[str, object]:
         """Plain numbers and lists."""
         return asdict(self)
+
+    def columns(self) -> dict[str, float]:
+        """The figures that are logged over a run, as "class:figure"; what is unknown is left out."""
+        figures = ((f"{c.label}:{name}", getattr(c, name)) for c in self.classes for name in LOGGED)
+        return {name: float(value) for name, value in figures if value is not None}
 
     def table(self) -> str:
         """One line a class, for people."""
