@@ -71,9 +71,14 @@ class CropNetwork(nn.Module):
             own: features after each class's own layer.
         """
         super().__init__()
-        self.classes, self.grid, self.widths, self.hidden, self.own = (
-            classes, grid, widths, hidden, own,
-        )  # fmt: skip
+        self.classes, self.grid, self.own = classes, grid, own
+        self.shape: dict[str, object] = {
+            "classes": classes,
+            "grid": grid,
+            "widths": list(widths),
+            "hidden": hidden,
+            "own": own,
+        }
         a, b, c, d, e = widths
         self.quarter = nn.Sequential(
             Conv(3, a, 3, stride=2), Conv(a, b, 3, stride=2), Bottleneck(b, shortcut=True)
@@ -90,14 +95,10 @@ class CropNetwork(nn.Module):
         self.own_layer = nn.Linear(hidden, classes * own)
         self.to_grid = nn.Linear(own, grid)
         self.to_place = nn.Linear(own, 3)
-        self.lift = nn.ModuleList(
-            [nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)]
-        )
+        self.lift = nn.ModuleList([nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)])
         self.draw = nn.Sequential(Conv(b, b // 2, 3), nn.Conv2d(b // 2, 1, 1))
 
-    def forward(
-        self, crops: Float[Tensor, "b 3 s s"], part: Int64[Tensor, "b"]
-    ) -> CropOutput:
+    def forward(self, crops: Float[Tensor, "b 3 s s"], part: Int64[Tensor, "b"]) -> CropOutput:
         """Look at crops (RGB, -0.5 to 0.5; a multiple of 32 on a side, 96 by default) of parts."""
         quarter = self.know_quarter(self.quarter(crops), part)
         eighth = self.know_eighth(self.eighth(quarter), part)

@@ -12,12 +12,11 @@ import torch
 from jaxtyping import Float32
 
 from asdfviz.datatypes import Detection
-from asdfviz.detector.head import decode
+from asdfviz.detector.backends import Backend, Runs, TorchRun, make_run
 from asdfviz.detector.joint import keep_classes, own_columns
 from asdfviz.detector.letterbox import Letterbox, letterbox, plan_letterbox
 from asdfviz.detector.network import Network
 from asdfviz.detector.nms import suppress
-from asdfviz.detector.precision import has_bfloat16
 from asdfviz.detector.weights import load_network
 from asdfviz.geometry.shapes import Rgb
 
@@ -41,6 +40,8 @@ class DetectorConfig:
     """A torch device."""
     bfloat16: bool = False
     """Run in bfloat16 where the processor has it: faster, keypoints up to a pixel off."""
+    backend: Backend = "torch"
+    """What computes the network; the others are optional packages, on the CPU alone."""
 
 
 class Detector:
@@ -64,6 +65,7 @@ class Detector:
 
         Raises:
             WeightsError: the file is missing, corrupt, of another network or another assembly.
+            InputError: the backend is not installed.
         """
         loaded = load_network(weights, classes=classes)
         network, self.classes = loaded.network, loaded.classes
@@ -73,28 +75,32 @@ class Detector:
             if len(columns) < len(loaded.classes):
                 network = keep_classes(network, tuple(columns.values()))
         self.config = config or DetectorConfig()
-        self._network = network.fuse().to(self.config.device)
-        self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
+        self._run = make_run(
+            network.fuse(),
+            backend=self.config.backend,
+            device=self.config.device,
+            bfloat16=self.config.bfloat16,
+        )
 
     def detect(self, rgb: Rgb) -> tuple[Detection, ...]:
         """Return what is in the picture, best first, in its own pixels."""
-        return detect(self._network, rgb, classes=self.classes, config=self.config)
+        return _detect(self._run, rgb, classes=self.classes, config=self.config)
 
 
-@torch.inference_mode()
 def detect(
     network: Network, rgb: Rgb, *, classes: tuple[str, ...], config: DetectorConfig
 ) -> tuple[Detection, ...]:
     """Run a network in evaluation mode on one picture and return what it found, best first."""
-    plan = _plan(rgb.shape[1], rgb.shape[0], config.image_size, network.strides[-1])
+    run = TorchRun(network, device=config.device, bfloat16=config.bfloat16)
+    return _detect(run, rgb, classes=classes, config=config)
+
+
+def _detect(
+    run: Runs, rgb: Rgb, *, classes: tuple[str, ...], config: DetectorConfig
+) -> tuple[Detection, ...]:
+    plan = _plan(rgb.shape[1], rgb.shape[0], config.image_size, run.strides[-1])
     picture = torch.as_tensor(letterbox(rgb, plan)).to(config.device)
-    images = picture.permute(2, 0, 1)[None].float() / 255
-    images = images.contiguous(memory_format=torch.channels_last)
-    kind = torch.device(config.device).type
-    half = config.bfloat16 and has_bfloat16(config.device)
-    with torch.autocast(kind, dtype=torch.bfloat16, enabled=half):
-        raw = network(images)
-    columns = decode(raw)[0].T.float()
+    columns = run(picture.permute(2, 0, 1)[None].float() / 255)[0].T
     scores = columns[:, 4 : 4 + len(classes)].amax(1)
     found = (scores > config.confidence).nonzero()[:, 0]
     if len(found) > CANDIDATES:

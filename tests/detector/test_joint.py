@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from asdfviz.data.assembly import load_assembly
 from asdfviz.detector.detector import Detector, DetectorConfig
 from asdfviz.detector.joint import joint_classes, keep_classes, own_columns
 from asdfviz.detector.network import Network
@@ -17,16 +18,13 @@ from asdfviz.errors import WeightsError
 JOINT = ("vise/jaw", "clamp/jaw", "clamp/bolt", "clamp/clamp:1")
 
 
-@dataclass
-class Named:
-    name: str
-    detector_classes: tuple[str, ...]
-
-
 def test_one_assembly_keeps_plain_names_and_several_get_their_own() -> None:
-    vise, clamp = Named("vise", ("jaw",)), Named("clamp", ("jaw", "bolt", "clamp:1"))
-    assert joint_classes([clamp]) == clamp.detector_classes  # type: ignore[list-item]
-    assert joint_classes([vise, clamp]) == JOINT  # type: ignore[list-item]
+    clamp = load_assembly("corner_clamp")
+    twin = dataclasses.replace(clamp, name="twin")
+    names = clamp.detector_classes
+    assert joint_classes([clamp]) == names
+    both = [f"{a}/{n}" for a in ("corner_clamp", "twin") for n in names]
+    assert joint_classes([clamp, twin]) == tuple(both)
 
 
 def test_an_assembly_finds_its_outputs() -> None:

@@ -1,0 +1,95 @@
+"""Reads and writes the weights of crop networks: half-precision safetensors with what they mean."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from asdfviz.detector.crop_network import CropNetwork
+from asdfviz.errors import WeightsError
+
+FORMAT = "asdfviz-crops-1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedCropNetwork:
+    """A crop network in evaluation mode and what its part numbers mean."""
+
+    network: CropNetwork
+    classes: tuple[str, ...]
+    """As `class_name` gives them."""
+
+
+def save_crop_network(network: CropNetwork, path: Path, *, classes: Sequence[str]) -> None:
+    """Write weights with all that is needed to rebuild the network; replaced at once or not at all."""
+    tensors: dict[str, Tensor] = {}
+    for name, tensor in network.state_dict().items():
+        value = cast(Tensor, tensor)
+        half = value.half() if value.is_floating_point() else value
+        tensors[name] = half.detach().cpu().contiguous()
+    metadata = {
+        "format": FORMAT,
+        "classes": json.dumps(list(classes)),
+        "shape": json.dumps(network.shape),
+    }
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_bytes(save(tensors, metadata=metadata))
+    os.replace(temporary, path)
+
+
+def load_crop_network(path: Path) -> LoadedCropNetwork:
+    """Read what `save_crop_network` wrote.
+
+    Raises:
+        WeightsError: no such file, a corrupt one, or weights of another network.
+    """
+    if not path.is_file():
+        raise WeightsError(
+            f"no crop weights at '{path}': train them with `asdfviz train-crops`, or choose "
+            "--first-pose keypoints"
+        )
+    try:
+        with cast(Any, safe_open)(path, framework="pt") as file:
+            metadata = cast(dict[str, str], file.metadata() or {})
+            names = cast(list[str], file.keys())
+            tensors = {name: cast(Tensor, file.get_tensor(name)) for name in names}
+    except (SafetensorError, OSError, ValueError) as error:
+        raise WeightsError(f"'{path}' is not a whole safetensors file: {error}") from error
+    if metadata.get("format") != FORMAT:
+        raise WeightsError(
+            f"'{path}' says format '{metadata.get('format')}', expected '{FORMAT}': it does not "
+            "hold a crop network"
+        )
+    try:
+        classes = tuple(str(name) for name in json.loads(metadata["classes"]))
+        network = network_of_shape(json.loads(metadata["shape"]))
+        network.load_state_dict({name: value.float() if value.is_floating_point() else value
+                                 for name, value in tensors.items()})  # fmt: skip
+    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else repr(error)
+        raise WeightsError(f"'{path}' does not fit a crop network: {reason}") from error
+    finite = all(bool(torch.isfinite(v).all()) for v in tensors.values() if v.is_floating_point())
+    if not finite or len(classes) != network.classes:
+        raise WeightsError(f"'{path}' holds numbers that are not finite, or too few class names")
+    network.eval()
+    return LoadedCropNetwork(network, classes)
+
+
+def network_of_shape(shape: dict[str, Any]) -> CropNetwork:
+    """A network with random weights of the shape that `CropNetwork.shape` told."""
+    return CropNetwork(
+        classes=int(shape["classes"]),
+        grid=int(shape["grid"]),
+        widths=tuple(int(w) for w in shape["widths"]),
+        hidden=int(shape["hidden"]),
+        own=int(shape["own"]),
+    )
