@@ -96,13 +96,12 @@ def make_run(network: Network, *, backend: Backend, device: str, bfloat16: bool)
         return TorchRun(network, device=device, bfloat16=bfloat16)
     if device != "cpu":
         raise InputError(f"the backend {backend} runs on the cpu alone, asked for was {device}")
+    for module in ("onnx", backend):
+        _require(module, backend)
     if backend == "onnxruntime":
         if bfloat16:
             raise InputError("the backend onnxruntime has no bfloat16: use torch or openvino")
-        _require("onnx", backend)
-        _require("onnxruntime", backend)
         return CompiledRun(network, _compile_onnx)
-    _require("openvino", backend)
     half = bfloat16 and has_bfloat16(device)
     return CompiledRun(network, lambda module, images: _compile_openvino(module, images, half=half))
 
@@ -116,37 +115,35 @@ def _require(module: str, backend: str) -> None:
         ) from error
 
 
-def _compile_onnx(module: nn.Module, images: Tensor) -> Compiled:
-    import onnxruntime  # pyright: ignore[reportMissingTypeStubs] - has none
-
+def _as_onnx(module: nn.Module, images: Tensor) -> bytes:
     buffer = io.BytesIO()
     with warnings.catch_warnings(), torch.no_grad():
         # The tracing exporter warns of itself; the other one needs two packages more.
         warnings.simplefilter("ignore")
         export = cast(Any, torch.onnx).export
         export(module, (images,), buffer, dynamo=False, input_names=["images"])
+    return buffer.getvalue()
+
+
+def _compile_onnx(module: nn.Module, images: Tensor) -> Compiled:
+    import onnxruntime  # pyright: ignore[reportMissingTypeStubs] - has none
+
     runtime = cast(Any, onnxruntime)
     options = runtime.SessionOptions()
     options.intra_op_num_threads = torch.get_num_threads()
-    session = runtime.InferenceSession(
-        buffer.getvalue(), options, providers=["CPUExecutionProvider"]
-    )
+    model = _as_onnx(module, images)
+    session = runtime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
     return lambda inputs: session.run(None, {"images": inputs})[0]
 
 
 def _compile_openvino(module: nn.Module, images: Tensor, *, half: bool) -> Compiled:
     import openvino  # pyright: ignore[reportMissingTypeStubs] - has none
 
-    tool = cast(Any, openvino)
-    with warnings.catch_warnings(), torch.no_grad():
-        warnings.simplefilter("ignore")
-        model = tool.convert_model(module, example_input=images, input=list(images.shape))
-    compiled = tool.Core().compile_model(
-        model,
-        "CPU",
-        {
-            "INFERENCE_PRECISION_HINT": "bf16" if half else "f32",
-            "INFERENCE_NUM_THREADS": torch.get_num_threads(),
-        },
-    )
+    core = cast(Any, openvino).Core()
+    # Read as ONNX: OpenVINO's own converter of torch models reports its use over the network.
+    model = core.read_model(_as_onnx(module, images), b"")
+    precision = "bf16" if half else "f32"
+    threads = torch.get_num_threads()
+    settings = {"INFERENCE_PRECISION_HINT": precision, "INFERENCE_NUM_THREADS": threads}
+    compiled = core.compile_model(model, "CPU", settings)
     return lambda inputs: compiled(inputs)[0]
