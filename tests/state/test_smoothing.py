@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, State
+from asdfviz.errors import MethodError
+from asdfviz.state.smoothing import (
+    SmoothingConfig,
+    StateFilter,
+    combined,
+    most_likely_path,
+    transition_matrix,
+)
+
+
+def chain(count: int) -> Assembly:
+    states = tuple(State(i, f"s{i}", {"base": np.eye(4)}) for i in range(count))
+    return Assembly("chain", "Chain", "base", {}, states, frozenset(), (), "assembly.yaml")
+
+
+def random_scores(rng: np.random.Generator, count: int) -> np.ndarray:
+    scores = rng.random(count) + 0.01
+    return scores / scores.sum()
+
+
+def test_states_follow_the_transitions(assembly: Assembly) -> None:
+    move = transition_matrix(assembly, config=SmoothingConfig(stay=0.9, leak=0.0))
+    assert move.sum(axis=1) == pytest.approx(np.ones(5))
+    assert move[0] == pytest.approx([0.9, 0.1, 0, 0, 0])
+    assert move[3, 3] == pytest.approx(1.0)
+    legal = {(a, b) for a, b in assembly.transitions if a != b} | {(0, 1), (1, 2), (2, 3)}
+    assert {(int(a), int(b)) for a, b in np.argwhere(move > 0) if a != b} == legal
+
+
+def test_the_filter_and_the_path_are_what_all_sequences_say() -> None:
+    """Both against sums and maxima over every possible sequence of states."""
+    assembly, rng = chain(3), np.random.default_rng(5)
+    config = SmoothingConfig(stay=0.7, leak=0.05)
+    looks = [random_scores(rng, 3) for _ in range(5)]
+    poses = [random_scores(rng, 3) if i != 2 else None for i in range(5)]
+    move = transition_matrix(assembly, config=config)
+    evidence = [combined(a, p, config=config) for a, p in zip(looks, poses, strict=True)]
+    weights: dict[tuple[int, ...], float] = {}
+    for path in itertools.product(range(3), repeat=5):
+        weight = 1.0
+        for i, state in enumerate(path):
+            seen = evidence[i]
+            assert seen is not None
+            weight *= float(seen[state]) * (1.0 if i == 0 else float(move[path[i - 1], state]))
+        weights[path] = weight
+    last = np.zeros(3)
+    for path, weight in weights.items():
+        last[path[-1]] += weight
+    online = StateFilter(assembly, config=config)
+    for a, p in zip(looks, poses, strict=True):
+        belief = online.step(a, p)
+    assert belief == pytest.approx(last / last.sum())
+    best = max(weights, key=lambda path: weights[path])
+    assert most_likely_path(looks, poses, assembly, config=config) == list(best)
+
+
+def test_a_lasting_confusion_with_a_far_state_does_not_move_the_belief() -> None:
+    assembly = chain(6)
+    online = StateFilter(assembly)
+    sure, wrong = np.full(6, 0.02), np.full(6, 0.02)
+    sure[1] = wrong[5] = 0.9
+    for _ in range(10):
+        online.step(sure, sure)
+    for _ in range(2):
+        belief = online.step(wrong, None)
+    assert belief is not None
+    assert int(belief.argmax()) == 1
+
+
+def test_a_true_step_is_followed_within_two_frames_and_found_exactly_offline() -> None:
+    assembly = chain(4)
+    scores = [np.full(4, 0.08) for _ in range(24)]
+    truth = [0] * 12 + [1] * 12
+    for row, state in zip(scores, truth, strict=True):
+        row[state] = 0.76
+    online = StateFilter(assembly)
+    said = [int(b.argmax()) for row in scores if (b := online.step(row, row)) is not None]
+    assert said[:12] == truth[:12]
+    assert said[14:] == truth[14:]
+    assert most_likely_path(scores, scores, assembly) == truth
+
+
+def test_nothing_seen_is_nothing_known() -> None:
+    assembly = chain(3)
+    online = StateFilter(assembly)
+    assert online.step(None, None) is None
+    assert most_likely_path([None, None], [None, None], assembly) is None
+    first = online.step(np.array([0.1, 0.8, 0.1]), None)
+    later = online.step(None, None)
+    assert first is not None
+    assert later is not None
+    assert later.argmax() == 1
+    assert later[2] > first[2]
+    online.reset()
+    assert online.step(None, None) is None
+    with pytest.raises(MethodError, match="both cover the same frames"):
+        most_likely_path([None], [], assembly)
