@@ -27,7 +27,7 @@ from asdfviz.geometry.shapes import (
 )
 from asdfviz.geometry.symmetry import Symmetries
 
-Stage: TypeAlias = Literal["pnp", "refined", "group", "tracked", "annotated", "truth"]
+Stage: TypeAlias = Literal["pnp", "crop", "refined", "group", "tracked", "annotated", "truth"]
 """The last step that touched a pose."""
 
 KEYPOINTS = 17
@@ -95,6 +95,8 @@ class Joint:
     """Travel along the axis about the nominal pose, metres."""
     turn: tuple[float, float] = (0.0, 0.0)
     """Turn about the axis about the nominal pose, radians."""
+    link: str = ""
+    """Joints of one link are geared together: each is as far along its ranges as the others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@
     │   ├── WeightsError      network weights
     │   ├── MethodError       an unknown or broken method, a wrong option
     │   └── AnnotationError   an annotation file or an edit
-    ├── RenderError           OpenGL is missing or cannot be used (exit code 1)
+    ├── RenderError           OpenGL is missing or cannot be used (exit code 2)
     └── Stopped               the user asked to stop (exit code 130)
 
 Every message says what is wrong, where (file, frame, part) and what would be right.

@@ -6,7 +6,6 @@ Truth reaches a method only here, only as the pose of the first frame, and only 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from asdfviz import __version__
-from asdfviz.data.hashes import file_sha256
+from asdfviz.data.hashes import assembly_sha256, file_sha256, sequence_sha256
 from asdfviz.datatypes import (
     Assembly,
     Frame,
@@ -40,6 +39,7 @@ def run(
     config: object | None = None,
     progress: Callable[[int, int, FramePrediction], None] | None = None,
     stop: Callable[[], bool] | None = None,
+    keep: Callable[[Run], None] | None = None,
 ) -> Run:
     """Run a method over all frames of a sequence.
 
@@ -49,6 +49,7 @@ def run(
         config: the method's config; None means its defaults.
         progress: called after every frame with frames done, frames in all, and the prediction.
         stop: asked before every frame; True ends the run early with what there is.
+        keep: called with the run so far where a later frame fails, before the error is raised.
 
     Returns:
         The run; fewer predictions than frames if it was stopped.
@@ -57,6 +58,43 @@ def run(
         SequenceError: the sequence has no assembly, no frames, or no truth where it is needed.
         MethodError: the method failed or said something impossible; with the frame.
     """
+    assembly = _known_assembly(sequence)
+    if not len(sequence):
+        raise SequenceError(f"{sequence.path} has no frames")
+    config = spec.config() if config is None else config
+    method = build_method(spec, config)  # refuses a config of another class
+    initial = _initial(sequence, assembly) if spec.initial == "first_frame_truth" else None
+    _guarded_reset(method, spec, sequence, assembly, initial)
+    predictions: list[FramePrediction] = []
+
+    def so_far() -> Run:
+        return Run(
+            method=spec.name,
+            config=dataclasses.asdict(resolved_config(config, assembly)),
+            sequence=str(Path(sequence.path).resolve()),
+            assembly=str(Path(assembly.path).resolve()),
+            version=__version__,
+            predictions=tuple(predictions),
+            hashes=input_hashes(sequence, assembly, config),
+            initial=spec.initial,
+        )
+
+    try:
+        for place in range(len(sequence)):
+            if stop is not None and stop():
+                break
+            prediction = _timed_step(method, spec, sequence[place], assembly)
+            predictions.append(prediction)
+            if progress is not None:
+                progress(len(predictions), len(sequence), prediction)
+    except BaseException:  # an impatient Ctrl+C as well: hours of frames are worth a file
+        if keep is not None and predictions:
+            keep(so_far())
+        raise
+    return so_far()
+
+
+def _known_assembly(sequence: Sequence) -> Assembly:
     assembly = sequence.assembly
     if assembly is None:
         named = getattr(sequence, "missing_assembly", None)
@@ -64,55 +102,20 @@ def run(
             f"names the assembly '{named}', not found" if named else "does not name its assembly"
         )
         raise SequenceError(f"{sequence.path} {found}: say which with --assembly PATH")
-    if not len(sequence):
-        raise SequenceError(f"{sequence.path} has no frames")
-    config = spec.config() if config is None else config
-    method = build_method(spec, config)  # refuses a config of another class
-    about = _with_absolute_weights(config, assembly)
-    initial = _initial(sequence, assembly) if spec.initial == "first_frame_truth" else None
-    _guarded_reset(method, spec, sequence, assembly, initial)
-    predictions: list[FramePrediction] = []
-    for place in range(len(sequence)):
-        if stop is not None and stop():
-            break
-        prediction = _timed_step(method, spec, sequence[place], assembly)
-        predictions.append(prediction)
-        if progress is not None:
-            progress(len(predictions), len(sequence), prediction)
-    return Run(
-        method=spec.name,
-        config=dataclasses.asdict(about),
-        sequence=str(Path(sequence.path).resolve()),
-        assembly=str(Path(assembly.path).resolve()),
-        version=__version__,
-        predictions=tuple(predictions),
-        hashes=input_hashes(sequence, assembly, config),
-        initial=spec.initial,
-    )
+    return assembly
 
 
 def input_hashes(sequence: Sequence, assembly: Assembly, config: object) -> dict[str, str]:
     """SHA-256 of the assembly with its meshes, of the weights if a network runs, of the frames."""
-    described = hashlib.sha256(Path(assembly.path).read_bytes())
-    for part in assembly.parts.values():
-        for array in (part.mesh.vertices, part.mesh.faces, part.keypoints):
-            described.update(np.ascontiguousarray(array).tobytes())
-    hashes = {"assembly": described.hexdigest(), "sequence": _sequence_sha256(Path(sequence.path))}
+    hashes = {
+        "assembly": assembly_sha256(assembly),
+        "sequence": sequence_sha256(Path(sequence.path)),
+    }
     for network in _networks(config).values():
         weights = weights_path(network, assembly)
         if weights.is_file():
             hashes["weights"] = file_sha256(weights)
     return hashes
-
-
-def _sequence_sha256(folder: Path) -> str:
-    """Over names and contents of images and JSON files; results that lie beside them do not count."""
-    images = [p for room in ("rgb", "depth") for p in sorted((folder / room).glob("*.*"))]
-    digest = hashlib.sha256()
-    for file in [*sorted(folder.glob("*.json")), *images]:
-        name = file.relative_to(folder).as_posix()
-        digest.update(f"{name}\0{file_sha256(file)}\n".encode())
-    return digest.hexdigest()
 
 
 def _initial(sequence: Sequence, assembly: Assembly) -> FramePrediction:
@@ -176,8 +179,8 @@ def _timed_step(
     return dataclasses.replace(prediction, runtime={**prediction.runtime, "total": seconds})
 
 
-def _with_absolute_weights(config: Any, assembly: Assembly) -> Any:
-    """The config with the default weights filled in, so that the run says what it used."""
+def resolved_config(config: Any, assembly: Assembly) -> Any:
+    """Fill the default weights into a method's config, so that the run says what it used."""
     absolute = {
         name: dataclasses.replace(network, weights=weights_path(network, assembly))
         for name, network in _networks(config).items()

@@ -19,6 +19,7 @@ from asdfviz.datatypes import (
     Mesh,
     Part,
     PoseEstimate,
+    Run,
     State,
     StateEstimate,
 )
@@ -232,6 +233,29 @@ def test_a_stopped_run_keeps_what_was_done(spec: MethodSpec, sequence: ToySequen
     )
     assert [p.frame_index for p in result.predictions] == [10, 11]
     assert run(spec, sequence, stop=lambda: True).predictions == ()
+
+
+@pytest.mark.parametrize(("fault", "kept"), [("step", [10, 11]), ("none", [])])
+def test_a_failed_run_keeps_what_was_done(
+    spec: MethodSpec, sequence: ToySequence, fault: str, kept: list[int]
+) -> None:
+    found: list[Run] = []
+    with pytest.raises(MethodError):
+        run(spec, sequence, config=faulty(spec, fault), keep=found.append)
+    assert [p.frame_index for so_far in found for p in so_far.predictions] == kept
+    assert all(set(so_far.hashes) == {"assembly", "sequence"} for so_far in found)
+
+
+def test_an_interrupted_run_keeps_what_was_done(spec: MethodSpec, sequence: ToySequence) -> None:
+    found: list[Run] = []
+
+    def interrupt(done: int, *_: object) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(spec, sequence, progress=interrupt, keep=found.append)
+    assert [len(so_far.predictions) for so_far in found] == [3]
 
 
 def test_truth_is_never_touched_unless_asked_for(spec: MethodSpec, sequence: ToySequence) -> None:

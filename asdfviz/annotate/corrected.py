@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from asdfviz.annotate.paths import annotation_file
+from asdfviz.annotate.identity import open_annotation, own_annotation_file
 from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, label_of
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.data.run_files import load_run
@@ -109,13 +109,13 @@ def annotation_truth(
         InputError: what the corrections started from cannot be read.
     """
     assembly = _known(sequence.assembly)
-    file = annotation_file(sequence.name, folder=annotations)
+    file = own_annotation_file(sequence, folder=annotations)
     if not file.is_file():
         raise AnnotationError(
             f"nothing is annotated in '{sequence.name}': there is no {file}; correct it in "
             "`asdfviz view` first, or name the folder of the corrections with --annotations"
         )
-    with AnnotationStore(file, sequence_name=sequence.name, assembly_name=assembly.name) as store:
+    with open_annotation(sequence, assembly, folder=annotations) as store:
         return corrected_truth(
             store,
             seed_truth(store.seed(), sequence, assembly),

@@ -50,6 +50,8 @@ class About:
 
     sequence: str
     assembly: str
+    identity: str | None = None
+    """What tells the sequence from another of its name; None leaves it to the name."""
 
 
 def open_edit_file(path: Path, about: About) -> sqlite3.Connection:
@@ -70,7 +72,20 @@ def open_edit_file(path: Path, about: About) -> sqlite3.Connection:
     except (sqlite3.Error, OSError) as error:
         raise AnnotationError(f"annotation {path} cannot be opened: {error}") from error
     connection.execute("PRAGMA synchronous = FULL")
+    if about.identity is not None:
+        # A file from before identities were written becomes that of the first sequence to open it.
+        row = ("identity", about.identity)
+        connection.execute("INSERT OR IGNORE INTO about VALUES (?, ?)", row)
     return connection
+
+
+def read_identity(path: Path) -> str | None:
+    """Return what an annotation file says of its sequence besides the name; None if nothing.
+
+    Raises:
+        AnnotationError: it is no annotation file, or cannot be read.
+    """
+    return _about(path).get("identity")
 
 
 def _create(path: Path, about: About) -> None:
@@ -81,6 +96,7 @@ def _create(path: Path, about: About) -> None:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.executescript(_SCHEMA)
             rows = [("sequence", about.sequence), ("assembly", about.assembly)]
+            rows += [] if about.identity is None else [("identity", about.identity)]
             connection.executemany("INSERT INTO about VALUES (?, ?)", rows)
         if path.exists() and path.stat().st_size == 0:
             path.unlink()
@@ -96,6 +112,22 @@ def _create(path: Path, about: About) -> None:
 
 
 def _look_over(path: Path, about: About) -> None:
+    found = _about(path)
+    for what, expected in (("sequence", about.sequence), ("assembly", about.assembly)):
+        if found.get(what) != expected:
+            raise AnnotationError(
+                f"annotation {path} is of {what} '{found.get(what)}', not '{expected}'; "
+                "use another annotations folder for this one"
+            )
+    if about.identity not in (None, found.get("identity", about.identity)):
+        raise AnnotationError(
+            f"annotation {path} is of another sequence called '{about.sequence}': its pictures "
+            "differ; use another file for this one"
+        )
+
+
+def _about(path: Path) -> dict[str, str]:
+    """What a whole and known file says of itself; it is read without being changed."""
     with path.open("rb") as file:
         if file.read(16) != b"SQLite format 3\0":
             raise AnnotationError(f"{path} is not an annotation file; move it away to begin anew")
@@ -103,11 +135,11 @@ def _look_over(path: Path, about: About) -> None:
     uri = f"{path.resolve().as_uri()}?mode=ro"
     try:
         with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_SECONDS)) as connection:
-            _check_identity(connection, path)
+            _check_format(connection, path)
             damage = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             if damage != "ok":
                 raise sqlite3.DatabaseError(damage)
-            found = dict(connection.execute("SELECT key, value FROM about"))
+            return dict(connection.execute("SELECT key, value FROM about"))
     except sqlite3.OperationalError as error:
         raise AnnotationError(f"annotation {path} cannot be read: {error}") from error
     except sqlite3.DatabaseError as error:
@@ -115,15 +147,9 @@ def _look_over(path: Path, about: About) -> None:
             f"annotation {path} is damaged ({error}) and was left as it is; "
             "move it away or bring back a copy"
         ) from error
-    for what, expected in (("sequence", about.sequence), ("assembly", about.assembly)):
-        if found.get(what) != expected:
-            raise AnnotationError(
-                f"annotation {path} is of {what} '{found.get(what)}', not '{expected}'; "
-                "use another annotations folder for this one"
-            )
 
 
-def _check_identity(connection: sqlite3.Connection, path: Path) -> None:
+def _check_format(connection: sqlite3.Connection, path: Path) -> None:
     if connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         raise AnnotationError(f"{path} is a database of something else, not an annotation file")
     version = connection.execute("PRAGMA user_version").fetchone()[0]

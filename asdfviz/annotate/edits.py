@@ -15,27 +15,6 @@ from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import inverse, orthonormalized, rotation_about, transform_from
 
-KEY_DIRECTIONS: Mapping[str, tuple[float, float, float]] = {
-    "I": (0.0, -1.0, 0.0),
-    "K": (0.0, 1.0, 0.0),
-    "J": (-1.0, 0.0, 0.0),
-    "L": (1.0, 0.0, 0.0),
-    "U": (0.0, 0.0, -1.0),
-    "O": (0.0, 0.0, 1.0),
-}
-"""Keys and their directions, camera frame: up, down, left, right, nearer, farther."""
-
-
-def picture_axis(key: str) -> Vector:
-    """Return the unit vector (camera frame) that a key moves along, or turns about with Shift.
-
-    Raises:
-        AnnotationError: the key is not one of I K J L U O.
-    """
-    if key.upper() not in KEY_DIRECTIONS:
-        raise AnnotationError(f"key '{key}' moves nothing; keys: {' '.join(KEY_DIRECTIONS)}")
-    return np.array(KEY_DIRECTIONS[key.upper()])
-
 
 def nudged(T_camera_part: Transform, step_camera: Vector) -> Transform:
     """Shift a part by a vector of the camera frame: right, down, forward, in metres."""
@@ -76,10 +55,12 @@ def pose_from_gizmo(T_camera_gizmo: Transform, centre_part: Vector) -> Transform
     return orthonormalized(T_camera_gizmo) @ T_gizmo_part
 
 
-def previous_pose(truth: Mapping[int, FrameTruth], frame: int, part: str) -> Transform | None:
-    """Return the part's pose in the nearest frame before, to be copied; None if it has none."""
+def previous_pose(
+    truth: Mapping[int, FrameTruth], frame: int, part: str
+) -> tuple[int, Transform] | None:
+    """Return the nearest frame before in which the part has a pose, and the pose, to be copied."""
     before = [i for i, other in truth.items() if i < frame and part in other.T_camera_part]
-    return truth[max(before)].T_camera_part[part] if before else None
+    return (max(before), truth[max(before)].T_camera_part[part]) if before else None
 
 
 def moved_group(

@@ -14,7 +14,9 @@ from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import is_rigid
 
-EditKind: TypeAlias = Literal["pose", "remove_pose", "verify", "state", "seed", "undo", "redo"]
+EditKind: TypeAlias = Literal[
+    "pose", "remove_pose", "drop_pose", "verify", "state", "seed", "undo", "redo"
+]
 """What a row does. An undo or redo names the step that it switches; nothing is ever deleted."""
 
 SeedKind: TypeAlias = Literal["none", "truth", "run"]

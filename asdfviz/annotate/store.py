@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from threading import RLock
-from types import TracebackType
 from typing import Any, TypeAlias
 
 from asdfviz.annotate.edit_file import About, open_edit_file
@@ -37,7 +36,7 @@ _Row: TypeAlias = tuple[EditKind, int | None, int | None, str | None, Mapping[st
 """Kind, first frame, last frame, part and payload of an edit to come."""
 
 _COLUMNS = "id, time, author, kind, step, frame, last_frame, part, payload, undone"
-_POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify') AND undone = 0"
+_POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify', 'drop_pose') AND undone = 0"
 _STATE_KIND = "kind = 'state' AND undone = 0"
 
 
@@ -45,15 +44,22 @@ class AnnotationStore:
     """Poses and states that people set, with their whole history; safe to share between threads."""
 
     def __init__(
-        self, path: Path, *, sequence_name: str, assembly_name: str, author: str = "anonymous"
+        self,
+        path: Path,
+        *,
+        sequence_name: str,
+        assembly_name: str,
+        author: str = "anonymous",
+        identity: str | None = None,
     ) -> None:
         """Open or make the file.
 
         Args:
-            path: the SQLite file, see `asdfviz.annotate.paths`.
+            path: the SQLite file, see `asdfviz.annotate.identity`.
             sequence_name: what it annotates; a file of another sequence is refused.
             assembly_name: likewise.
             author: who makes the edits of this store, and whose edits its undo takes back.
+            identity: tells the sequence from others of its name, whatever its folder is called now.
 
         Raises:
             AnnotationError: the file is damaged, newer, or belongs to something else.
@@ -61,17 +67,12 @@ class AnnotationStore:
         self.path = path
         self.author = author
         self._lock = RLock()
-        self._connection = open_edit_file(path, About(sequence_name, assembly_name))
+        self._connection = open_edit_file(path, About(sequence_name, assembly_name, identity))
 
     def __enter__(self) -> AnnotationStore:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -120,6 +121,10 @@ class AnnotationStore:
         """Say that a part is not in a frame; returns the edit's id."""
         return self._add([("remove_pose", frame, frame, part, {"provenance": provenance})], group)
 
+    def drop_pose(self, frame: int, part: str, *, group: str | None = None) -> int:
+        """Take back what was said of a part in a frame; what corrections started from counts again."""
+        return self._add([("drop_pose", frame, frame, part, {})], group)
+
     def verify(
         self,
         frame: int,
@@ -157,9 +162,7 @@ class AnnotationStore:
 
     def pose(self, frame: int, part: str) -> PoseAnnotation | None:
         """What was last said of a part in a frame; None where nobody said anything."""
-        where = f"{_POSE_KINDS} AND frame = ? AND part = ? ORDER BY id DESC LIMIT 1"
-        found = self._edits(where, (frame, part))
-        return annotation_from(found[0]) if found else None
+        return self.poses(frame).get((frame, part))
 
     def poses(self, frame: int | None = None) -> dict[tuple[int, str], PoseAnnotation]:
         """What was last said of every part, by frame and part; of one frame or of all."""
@@ -168,7 +171,7 @@ class AnnotationStore:
         return {
             (edit.frame, edit.part): annotation_from(edit)
             for edit in self._edits(latest, () if frame is None else (frame,))
-            if edit.frame is not None and edit.part is not None
+            if edit.frame is not None and edit.part is not None and edit.kind != "drop_pose"
         }
 
     def state(self, frame: int) -> StateLabel | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -84,7 +85,7 @@ class SetOpacity:
 class Toggle:
     """Switch a part of the picture on or off."""
 
-    what: Literal["overlay", "xray", "boxes", "keypoints"]
+    what: Literal["overlay", "xray", "boxes", "keypoints", "together"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +212,7 @@ class MarkRange:
 
 @dataclass(frozen=True, slots=True)
 class Cancel:
-    """Drop the range, then the selection."""
+    """Close a card, drop the range, then the selection."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,10 +233,19 @@ class ShowTab:
 
 
 @dataclass(frozen=True, slots=True)
+class AskOptions:
+    """Show the options of a method before it is run."""
+
+    method: str
+
+
+@dataclass(frozen=True, slots=True)
 class RunMethod:
     """Run a method on this sequence in the background."""
 
     method: str
+    options: Mapping[str, str] | None = None
+    """What differs from the method's defaults, as text, by dotted name; None for what was last chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,6 +294,6 @@ Action: TypeAlias = (
     Seek | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
     | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | SetState | SetRange | MarkRange | Cancel
-    | Undo | Redo | ShowTab | RunMethod | StopRun | Evaluate | Export | ToggleKeys | DismissWelcome
+    | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | ToggleKeys | DismissWelcome
     | Resized | Drifted | Changed
 )  # fmt: skip

@@ -14,7 +14,7 @@ from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
 from asdfviz.app import actions
 
-MAX_LENGTH = 2000
+MAX_LENGTH = 8000
 """Longer messages are none of ours."""
 
 KINDS: Mapping[str, type] = {
@@ -49,6 +49,7 @@ KINDS: Mapping[str, type] = {
         actions.Undo,
         actions.Redo,
         actions.ShowTab,
+        actions.AskOptions,
         actions.RunMethod,
         actions.StopRun,
         actions.Evaluate,
@@ -101,5 +102,15 @@ def _fits(value: object, hint: Any) -> bool:
     if hint is int:
         return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**9
     if type(None) in get_args(hint):
-        return value is None or isinstance(value, str)
+        return value is None or any(_fits(value, inner) for inner in _not_none(hint))
+    if get_origin(hint) is Mapping:
+        return isinstance(value, dict) and _are_strings(cast(dict[object, object], value))
     return isinstance(value, str)
+
+
+def _not_none(hint: Any) -> list[Any]:
+    return [inner for inner in get_args(hint) if inner is not type(None)]
+
+
+def _are_strings(value: Mapping[object, object]) -> bool:
+    return all(isinstance(item, str) for pair in value.items() for item in pair)

@@ -6,36 +6,31 @@ empties it, so nothing here needs a lock, and no click is lost while something w
 
 from __future__ import annotations
 
-import contextlib
 import queue
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
 from asdfviz.app import actions as act
-from asdfviz.app import camera, hotkeys
+from asdfviz.app import camera
 from asdfviz.app.bridge import parse
-from asdfviz.app.editing import Burst, Edits, apply_edit
-from asdfviz.app.items import Shown
-from asdfviz.app.jobs import Background, truth_of
-from asdfviz.app.page import Page
-from asdfviz.app.playback import DECODE_ROUNDS, SLOTS, Pace, wait_until_shown
-from asdfviz.app.scene import Scene
+from asdfviz.app.display import Display
+from asdfviz.app.editing import Burst, Edits, apply_edit, carried
+from asdfviz.app.items import ANNOTATION, Shown
+from asdfviz.app.jobs import Background
+from asdfviz.app.options import config_from
+from asdfviz.app.playback import Pace, wait_until_shown
 from asdfviz.app.session import settled, update
-from asdfviz.app.snapshot import Snapshot, take
+from asdfviz.app.snapshot import take
+from asdfviz.app.truths import truth_of
 from asdfviz.app.view import View
 from asdfviz.app.welcome import is_first_visit, remember_visit
 from asdfviz.app.workspace import Workspace
 from asdfviz.app.worst import WorstFrame, worst_frames
-from asdfviz.datatypes import Frame
-from asdfviz.errors import AsdfvizError, InputError
+from asdfviz.errors import AsdfvizError, MethodError
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
-
-_AHEAD = 12
-"""Frames that are decoded before they are needed."""
-_NOTE_SECONDS = 6.0
 
 
 class Controller:
@@ -47,7 +42,20 @@ class Controller:
         workspace: Workspace,
         background: Background,
         methods: Mapping[str, MethodSpec | BrokenMethod],
+        *,
+        heard: int = 0,
+        on_shown: Callable[[], None] = lambda: None,
     ) -> None:
+        """Get ready to serve a tab.
+
+        Args:
+            client: viser's handle of the tab.
+            workspace: what all tabs share.
+            background: what works for all of them.
+            methods: everything that could be run.
+            heard: so many of the workspace's messages are not told again.
+            on_shown: called once, when the first picture stands in the tab.
+        """
         self.client = client
         """viser's handle of the browser tab."""
         self._workspace = workspace
@@ -55,13 +63,12 @@ class Controller:
         self._methods = methods
         self._queue: queue.SimpleQueue[act.Action | None] = queue.SimpleQueue()
         self.view = View()
-        self._turns = -1
         self._burst = Burst()
         self._pace = Pace()
         self._status = ""
         self._drag: act.MovePart | None = None
-        self._heard = len(workspace.messages)
-        self._unreadable: int | None = None
+        self._heard = heard
+        self._on_shown = on_shown
         self._worst: tuple[WorstFrame, ...] = ()
         self._judged: object = None
         self._is_closed = False
@@ -71,7 +78,7 @@ class Controller:
     @property
     def is_dragging(self) -> bool:
         """Whether a gizmo is held."""
-        return self._scene.dragged is not None
+        return self._display.is_dragging
 
     def start(self) -> None:
         """Build the tab and serve it."""
@@ -93,7 +100,9 @@ class Controller:
 
     def _work(self) -> None:
         self._build()
+        self._changed()
         self._refresh()
+        self._on_shown()
         while not self._is_closed:
             before = self.view.place
             for received in self._next_actions():
@@ -114,15 +123,12 @@ class Controller:
         view = View(
             aspect=aspect, base=base, chosen=base is not None, welcome=is_first_visit(self.client)
         )
-        self.view = settled(view, workspace.facts())
-        with self.client.atomic():
-            self._page = Page(self.client.gui, self._methods)
-            self._scene = Scene(self.client, workspace, self.emit)
-            hotkeys.register(self.client.gui, workspace.assembly, self.emit)
+        self.view = view
+        self._display = Display(self.client, workspace, self.emit, self._methods)
         self._listen()
 
     def _listen(self) -> None:
-        bridge = self._page.bridge
+        bridge = self._display.bridge
 
         async def received(_event: object) -> None:
             action = parse(bridge.value)
@@ -162,7 +168,7 @@ class Controller:
         try:
             self._act(action)
         except AsdfvizError as error:
-            self._tell("That did not work", str(error), color="red")
+            self._display.tell("That did not work", str(error), color="red")
 
     def _act(self, action: act.Action) -> None:
         facts = self._workspace.facts()
@@ -172,9 +178,8 @@ class Controller:
                 self._drag = action
             case act.Changed():
                 self._changed()
-            case act.RunMethod(method=name):
-                self._background.run(name)
-                self.view = replace(self.view, tab="methods")
+            case act.RunMethod():
+                self._run(action)
             case act.StopRun():
                 self._background.stop()
             case act.Evaluate():
@@ -190,6 +195,16 @@ class Controller:
                 if isinstance(action, Edits):
                     self._edit(action)
 
+    def _run(self, action: act.RunMethod) -> None:
+        spec = self._methods.get(action.method)
+        if not isinstance(spec, MethodSpec):
+            raise MethodError(f"there is no method '{action.method}' that can be run")
+        known = self.view.options
+        given = known.get(action.method, {}) if action.options is None else action.options
+        self._background.run(spec, config_from(spec.config, given))
+        options = {**known, action.method: given}
+        self.view = replace(self.view, tab="methods", asking=None, options=options)
+
     def _edit(self, action: Edits) -> None:
         self._drag = None
         done = apply_edit(
@@ -198,6 +213,9 @@ class Controller:
         self._burst = done.burst
         self._status = f"{done.message}, saved"
         self.view = replace(self.view, place=done.place)
+        if isinstance(action, (act.Undo, act.Redo)):
+            base = self._workspace.base_of_seed() or self.view.base
+            self.view = replace(self.view, base=base)
         self._workspace.changed()
 
     def _use_run(self) -> None:
@@ -211,7 +229,9 @@ class Controller:
         self.view = settled(self.view, facts)
         messages = self._workspace.messages
         for message in messages[self._heard :]:
-            self._tell(message.title, message.body, color="red" if message.is_problem else "green")
+            self._display.tell(
+                message.title, message.body, color="red" if message.is_problem else "green"
+            )
         self._heard = len(messages)
 
     def _play(self) -> None:
@@ -226,61 +246,18 @@ class Controller:
 
     def _refresh(self) -> bool:
         """Show the view; True where the page has answered meanwhile, so that it keeps up."""
-        frame = self._frame()
-        snap = take(self._workspace, self.view, frame=frame, status=self._status)
-        if self._drag is not None:
-            held = Shown(self._drag.T_camera_part, "annotation", "annotated")
-            snap.poses[self._drag.part] = held
-        is_new = frame is not None and self._scene.load(self.view.place, frame)
-        if is_new:
-            # The page decodes it meanwhile, so that picture and poses change together.
-            for _ in range(DECODE_ROUNDS):
-                wait_until_shown(self.client)
-        with self.client.atomic():
-            self._scene.apply(snap)
-            self._page.show(snap, self._worst_now())
-        self._place_camera(snap)
-        self._send_ahead()
-        return is_new
-
-    def _frame(self) -> Frame | None:
-        place = self.view.place
-        self._workspace.frames.wish(range(place + 1, place + _AHEAD))
-        try:
-            return self._workspace.frames[place]
-        except InputError as error:
-            if self._unreadable != place:
-                self._unreadable = place
-                self._tell(
-                    f"Frame {self._workspace.indices[place]} cannot be read",
-                    str(error),
-                    color="red",
-                )
-            return None
-
-    def _send_ahead(self) -> None:
-        if not self.view.playing:
+        view = self.view
+        if not view.playing:
             self._pace.reset()
-            return
-        coming = range(
-            self.view.place + 1, min(self.view.place + SLOTS, len(self._workspace.indices))
-        )
-        ready: dict[int, Any] = {}
-        for place in coming:
-            with contextlib.suppress(InputError):
-                frame = self._workspace.frames.peek(place)
-                if frame is not None:
-                    ready[place] = frame.rgb
-        self._scene.ring.send_ahead(ready)
-
-    def _place_camera(self, snap: Snapshot) -> None:
-        if self._turns == self.view.turns:
-            return
-        self._turns = self.view.turns
-        if self.view.mode == "ar":
-            camera.place_ar(self.client, self.view, snap.facts)
-        else:
-            camera.place_free(self.client, self._scene.middle(snap))
+        frame = self._display.frame(view.place)
+        snap = take(self._workspace, view, frame=frame, status=self._status)
+        if self._drag is not None:
+            moved = carried(
+                self._workspace, view, part=self._drag.part, T_camera_part=self._drag.T_camera_part
+            )
+            for part, T_camera_part in moved.items():
+                snap.poses[part] = Shown(T_camera_part, ANNOTATION, "annotated")
+        return self._display.show(snap, self._worst_now())
 
     def _worst_now(self) -> tuple[WorstFrame, ...]:
         reports = self._workspace.reports
@@ -289,12 +266,3 @@ class Controller:
             self._judged = stamp
             self._worst = worst_frames(self._workspace, truth_of(self._workspace), self.view.base)
         return self._worst
-
-    def _tell(self, title: str, body: str, *, color: Any) -> None:
-        self.client.add_notification(
-            title,
-            body,
-            with_close_button=True,
-            auto_close_seconds=None if color == "red" and len(body) > 140 else _NOTE_SECONDS,
-            color=color,
-        )

@@ -6,14 +6,16 @@ raises InputError with what to do instead.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asdfviz.annotate.edits import nudged, part_centre, rotated
+from asdfviz.annotate.edits import moved_group, nudged, part_centre, previous_pose, rotated
 from asdfviz.annotate.records import Edit, label_of
 from asdfviz.app import actions as act
 from asdfviz.app.ar import look_direction
+from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import STEPS_MM, View, centre_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
@@ -24,8 +26,6 @@ BURST = 0.8
 """Seconds: nudges that follow each other faster are undone as one."""
 FALLBACK_DEPTH = 0.5
 """Metres at which a part is put where nothing was measured."""
-LOOK_BACK = 300
-"""Frames that are searched for a part's last pose."""
 Edits = (
     act.Nudge
     | act.Turn
@@ -37,6 +37,9 @@ Edits = (
     | act.Undo
     | act.Redo
 )
+
+
+_DEEDS = {"gizmo": "dragged", "keys": "moved", "copied": "copied", "placed": "placed"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,17 +115,43 @@ class _Desk:
         """Note what the corrections start from, once, as part of the first edit's step."""
         store = self.workspace.store
         if store.seed().kind == "none" and self.view.base is not None:
-            store.set_seed(self.workspace.seed_of(self.view.base))
+            store.set_seed(self.workspace.seed_of(self.view.base), group=self.group)
 
-    def keep(self, part: str, T_camera_part: Transform, provenance: str) -> Done:
+    def keep(self, T_camera_part: Transform, provenance: str) -> Done:
+        """Say where the selected part is."""
+        return self._keep({self.part: T_camera_part}, self.part, provenance)
+
+    def move(self, part: str, T_camera_part: Transform, provenance: str) -> Done:
+        """Move a part, and what is joined with it if it is to come along."""
+        moved = carried(self.workspace, self.view, part=part, T_camera_part=T_camera_part)
+        return self._keep(moved, part, provenance)
+
+    def _keep(self, moved: Mapping[str, Transform], part: str, provenance: str) -> Done:
         self.begin()
-        self.workspace.store.set_pose(
-            self.frame, part, T_camera_part, provenance=provenance, group=self.group
-        )
-        return Done(f"{part} in frame {self.frame}: {provenance}", self.view.place)
+        store = self.workspace.store
+        store.set_poses(self.frame, moved, provenance=provenance, group=self.group)
+        along = f" and {len(moved) - 1} joined with it" if len(moved) > 1 else ""
+        said = f"{part}{along} {_DEEDS[provenance]} in frame {self.frame}"
+        return Done(said, self.view.place)
+
+    def earlier(self) -> tuple[int, Transform] | None:
+        """The nearest frame before in which the selected part has a pose, and the pose."""
+        return previous_pose(drawn_truth(self.workspace, self.view.base), self.frame, self.part)
 
     def centre(self) -> Vector:
         return part_centre(self.workspace.assembly.parts[self.part])
+
+
+def carried(
+    workspace: Workspace, view: View, *, part: str, T_camera_part: Transform
+) -> dict[str, Transform]:
+    """The new poses where a part is moved: its own, and those of what is joined if all move as one."""
+    shown = workspace.poses(view.place, view.base)
+    if not view.together or part not in shown:
+        return {part: T_camera_part}
+    poses = {name: pose.T_camera_part for name, pose in shown.items()}
+    attached = workspace.attached(view.place, view.base)
+    return moved_group(poses, part, T_camera_part, attached=attached)
 
 
 def _dispatch(action: Edits, desk: _Desk) -> Done:
@@ -132,7 +161,7 @@ def _dispatch(action: Edits, desk: _Desk) -> Done:
         case act.SetState():
             return _set_state(action, desk)
         case act.MovePart():
-            return desk.keep(action.part, action.T_camera_part, "gizmo")
+            return desk.move(action.part, action.T_camera_part, "gizmo")
         case act.Nudge() | act.Turn():
             return _move(action, desk)
         case act.CopyPrevious():
@@ -152,18 +181,18 @@ def _move(action: act.Nudge | act.Turn, desk: _Desk) -> Done:
     else:
         angle = float(np.radians(step))
         T_moved = rotated(T_camera_part, axis, angle, centre_part=desk.centre())
-    return desk.keep(desk.part, T_moved, "keys")
+    return desk.move(desk.part, T_moved, "keys")
 
 
 def _copy(desk: _Desk) -> Done:
-    before = _earlier(desk, desk.view.place - 1)
+    before = desk.earlier()
     if before is None:
         raise AnnotationError(
             f"{desk.part} has no pose in any of the frames before {desk.frame}: place it"
         )
-    place, T_camera_part = before
-    done = desk.keep(desk.part, T_camera_part, "copied")
-    return replace(done, message=f"{desk.part} copied from frame {desk.workspace.indices[place]}")
+    frame, T_camera_part = before
+    done = desk.keep(T_camera_part, "copied")
+    return replace(done, message=f"{desk.part} copied from frame {frame}")
 
 
 def _place(action: act.PlacePart, desk: _Desk) -> Done:
@@ -176,7 +205,7 @@ def _place(action: act.PlacePart, desk: _Desk) -> Done:
     ray = look_direction(frame.camera.K, pixel)
     R = _last_rotation(desk)
     T_camera_part = transform_from(R, ray / ray[2] * depth - R @ desk.centre())
-    return desk.keep(desk.part, T_camera_part, "placed")
+    return desk.keep(T_camera_part, "placed")
 
 
 def _depth_near(depth: Depth | None, pixel: tuple[float, float]) -> float | None:
@@ -190,31 +219,22 @@ def _depth_near(depth: Depth | None, pixel: tuple[float, float]) -> float | None
 
 
 def _last_rotation(desk: _Desk) -> Rotation:
-    """The rotation of the nearest frame before that has the part; upright CAD axes otherwise."""
-    before = _earlier(desk, desk.view.place)
+    """The rotation in this frame or the nearest before that has the part; upright CAD axes otherwise."""
+    now = desk.workspace.poses(desk.view.place, desk.view.base).get(desk.part)
+    if now is not None:
+        return now.T_camera_part[:3, :3]
+    before = desk.earlier()
     return np.diag([1.0, -1.0, -1.0]) if before is None else before[1][:3, :3]
 
 
-def _earlier(desk: _Desk, place: int) -> tuple[int, Transform] | None:
-    """The nearest place, from `place` backwards, in which the part has a pose, and the pose."""
-    for earlier in range(place, max(place - LOOK_BACK, -1), -1):
-        found = desk.workspace.poses(earlier, desk.view.base).get(desk.part)
-        if found is not None:
-            return earlier, found.T_camera_part
-    return None
-
-
 def _revert(desk: _Desk) -> Done:
-    """Say again what the base says; where the base has no pose, the part is gone from the frame."""
-    part, place = desk.part, desk.view.place
+    """Let the base speak again, as before the correction."""
     store = desk.workspace.store
-    if store.pose(desk.frame, part) is None:
-        raise AnnotationError(f"{part} was not corrected in frame {desk.frame}")
-    found = desk.workspace.base_poses(place, desk.view.base).get(part)
-    if found is None:
-        store.remove_pose(desk.frame, part)
-        return Done(f"took {part} out of frame {desk.frame}", place)
-    return desk.keep(part, found.T_camera_part, "reverted")
+    if store.pose(desk.frame, desk.part) is None:
+        raise AnnotationError(f"{desk.part} was not corrected in frame {desk.frame}")
+    store.drop_pose(desk.frame, desk.part, group=desk.group)
+    said = f"dropped the correction of {desk.part} in frame {desk.frame}"
+    return Done(said, desk.view.place)
 
 
 def _set_state(action: act.SetState, desk: _Desk) -> Done:
@@ -233,9 +253,6 @@ def _switch(action: act.Undo | act.Redo, desk: _Desk) -> Done:
     undo = isinstance(action, act.Undo)
     store, view = desk.workspace.store, desk.view
     edits = store.undo() if undo else store.redo()
-    if edits and all(edit.kind == "seed" for edit in edits):
-        # It came with the first edit and goes with it.
-        edits = store.undo() if undo else store.redo()
     if not edits:
         raise AnnotationError(f"nothing left to {'undo' if undo else 'redo'}")
     last = edits[-1]
@@ -255,5 +272,7 @@ def in_words(edit: Edit) -> str:
         return f"state {name} in {where}"
     if edit.kind == "seed":
         return "what corrections start from"
+    if edit.kind == "drop_pose":
+        return f"drop of the correction of {edit.part} in {where}"
     verb = {"remove_pose": "removed", "verify": "verified"}.get(edit.kind, "moved")
     return f"{verb} {edit.part} in {where}"

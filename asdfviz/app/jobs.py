@@ -2,28 +2,28 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from asdfviz import __version__
-from asdfviz.annotate.corrected import corrected_truth
 from asdfviz.app.items import JobStatus, Message
-from asdfviz.app.view import TRUTH
+from asdfviz.app.truths import drawn_truth, truth_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import save_run
-from asdfviz.datatypes import FramePrediction, FrameTruth, Run
-from asdfviz.errors import AnnotationError, AsdfvizError, MethodError
+from asdfviz.datatypes import FramePrediction, Run
+from asdfviz.errors import AsdfvizError, MethodError
 from asdfviz.evaluate.evaluate import evaluate_run
 from asdfviz.evaluate.health import check_sequence
 from asdfviz.export.bop import export_bop
-from asdfviz.methods.registry import find_method
-from asdfviz.run import run
+from asdfviz.methods.spec import MethodSpec
+from asdfviz.run import resolved_config, run
 
 PUBLISH_EVERY = 0.25
 """Seconds between two looks at a run that is still being computed."""
@@ -32,16 +32,18 @@ PUBLISH_EVERY = 0.25
 class MethodJob:
     """Runs a method on the workspace's sequence; its poses show while it works and are saved at the end."""
 
-    def __init__(self, workspace: Workspace, method: str) -> None:
+    def __init__(self, workspace: Workspace, spec: MethodSpec, config: object) -> None:
         self._workspace = workspace
-        self._spec = find_method(method)
-        self._folder = next_run_folder(workspace.runs_folder, self._spec.name)
+        self._spec = spec
+        self._config = config
+        self._folder = next_run_folder(workspace.runs_folder, spec.name)
         self._id = str(self._folder)
         self._stopped = threading.Event()
         self._predictions: list[FramePrediction] = []
+        self._kept: Run | None = None
         self._published = 0.0
-        self._thread = threading.Thread(target=self._work, name=f"run {method}", daemon=True)
-        self._set(JobStatus(self._spec.name, "running", total=len(workspace.frames)))
+        self._thread = threading.Thread(target=self._work, name=f"run {spec.name}", daemon=True)
+        self._set(JobStatus(spec.name, "running", total=len(workspace.frames)))
 
     def start(self) -> None:
         """Begin."""
@@ -63,13 +65,18 @@ class MethodJob:
             result = run(
                 self._spec,
                 self._workspace.frames.source,
+                config=self._config,
                 progress=self._progress,
                 stop=self._stopped.is_set,
+                keep=self._keep,
             )
         except (AsdfvizError, OSError) as error:
             self._fail(str(error))
         else:
             self._finish(result)
+
+    def _keep(self, so_far: Run) -> None:
+        self._kept = so_far
 
     def _progress(self, done: int, total: int, prediction: FramePrediction) -> None:
         self._predictions.append(prediction)
@@ -94,7 +101,7 @@ class MethodJob:
     def _partial(self) -> Run:
         return Run(
             method=self._spec.name,
-            config={},
+            config=dataclasses.asdict(resolved_config(self._config, self._workspace.assembly)),
             sequence=self._workspace.frames.path,
             assembly=self._workspace.assembly.path,
             version=__version__,
@@ -107,29 +114,31 @@ class MethodJob:
             self._workspace.drop_run(self._id)
             self._set(JobStatus(self._spec.name, "stopped", total=total, message="nothing done"))
             return
+        state = "done" if done == total else "stopped"
+        problem = self._save(result)
+        if problem:
+            state = "failed"
+            self._workspace.say(Message(f"{self._spec.name}: not saved", problem, is_problem=True))
+        self._set(JobStatus(self._spec.name, state, done=done, total=total, message=problem))
+
+    def _save(self, result: Run) -> str:
+        """Show a run and keep it on disk; returns why that failed, if it did."""
         try:
             save_run(result, self._folder)
         except (AsdfvizError, OSError) as error:
             self._workspace.put_run(result, self._id)
-            self._set(
-                JobStatus(
-                    self._spec.name,
-                    "failed",
-                    done=done,
-                    total=total,
-                    message=f"the run is shown but could not be saved to {self._folder}: {error}",
-                )
-            )
-            return
+            return f"the run is shown but could not be saved to {self._folder}: {error}"
         self._workspace.put_run(result, self._id, folder=self._folder)
-        state = "done" if done == total else "stopped"
-        self._set(JobStatus(self._spec.name, state, done=done, total=total))
+        return ""
 
     def _fail(self, message: str) -> None:
-        if not self._predictions:
+        done, total = 0, len(self._workspace.frames)
+        if self._kept is None:
             self._workspace.drop_run(self._id)
-        total = len(self._workspace.frames)
-        done = len(self._predictions)
+        else:
+            done = len(self._kept.predictions)
+            kept = f"{done} of {total} frames are kept in {self._folder}"
+            message = f"{message}; {self._save(self._kept) or kept}"
         self._set(JobStatus(self._spec.name, "failed", done=done, total=total, message=message))
         self._workspace.say(Message(f"{self._spec.name} failed", message, is_problem=True))
 
@@ -146,17 +155,18 @@ class Background:
         self._job: MethodJob | None = None
         self._lock = threading.Lock()
 
-    def run(self, method: str) -> None:
-        """Begin to run a method.
+    def run(self, spec: MethodSpec, config: object | None = None) -> None:
+        """Begin to run a method, with its default config unless another is given.
 
         Raises:
-            MethodError: one is running already, or there is none of that name.
+            MethodError: one is running already.
         """
         with self._lock:
             status = self._workspace.job
             if status is not None and status.is_active:
                 raise MethodError(f"{status.method} is still running: stop it or wait for its end")
-            self._job = MethodJob(self._workspace, method)
+            config = spec.config() if config is None else config
+            self._job = MethodJob(self._workspace, spec, config)
             self._job.start()
 
     def stop(self) -> None:
@@ -229,25 +239,6 @@ def start_judging(workspace: Workspace) -> threading.Thread:
     return _start(workspace, work, "judge")
 
 
-def truth_of(workspace: Workspace) -> dict[int, FrameTruth]:
-    """What runs are judged by: the dataset's own truth with every correction.
-
-    Raises:
-        AnnotationError: there is neither.
-    """
-    truth = corrected_truth(
-        workspace.store,
-        {t.frame_index: t for t in workspace.truths if t is not None},
-        assembly=workspace.assembly,
-        frames=workspace.indices,
-    )
-    if not truth:
-        raise AnnotationError(
-            f"{workspace.frames.name} has no truth to judge by: correct some frames first"
-        )
-    return truth
-
-
 def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
     """Write what is drawn, corrections included, as a BOP scene."""
 
@@ -256,20 +247,6 @@ def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
         workspace.say(Message("Exported", str(workspace.export_folder)))
 
     return _start(workspace, work, "export")
-
-
-def drawn_truth(workspace: Workspace, base: str | None) -> dict[int, FrameTruth]:
-    """Poses and states as they are drawn: what corrections started from, with every correction."""
-    chosen = workspace.base_of_seed() or base
-    run = workspace.run(chosen)
-    start: Mapping[int, FrameTruth] | Run = {}
-    if run is not None:
-        start = run.run
-    elif chosen == TRUTH:
-        start = {t.frame_index: t for t in workspace.truths if t is not None}
-    return corrected_truth(
-        workspace.store, start, assembly=workspace.assembly, frames=workspace.indices
-    )
 
 
 def _start(workspace: Workspace, work: Callable[[], None], name: str) -> threading.Thread:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from asdfviz.annotate.identity import open_annotation
 from asdfviz.annotate.paths import annotation_file, annotations_folder
-from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app.controller import Controller
 from asdfviz.app.items import Message
 from asdfviz.app.jobs import Background, start_check
@@ -20,11 +20,11 @@ from asdfviz.app.server import start_server, stop_server
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import bundled_assemblies, models_folder
-from asdfviz.data.run_files import RUN, load_run
+from asdfviz.data.run_files import RUN, RUNS, load_run
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError, SequenceError
-from asdfviz.methods.registry import available_methods
+from asdfviz.methods.registry import available_methods, find_method
 
 WEIGHTS = "weights.safetensors"
 
@@ -66,6 +66,8 @@ class App:
         self._lock = threading.Lock()
         self._closed = threading.Event()
         self._methods = available_methods()
+        self._heard = 0
+        self._has_begun = False
         server.on_client_connect(self._open_tab)
         server.on_client_disconnect(self._close_tab)
 
@@ -99,10 +101,29 @@ class App:
         self._server._websock_server.disconnect_all_clients()
 
     def _open_tab(self, client: Any) -> None:
-        tab = Controller(client, self.workspace, self.background, self._methods)
+        # What was said while the app opened is for the first tab.
+        heard, self._heard = self._heard, len(self.workspace.messages)
+        tab = Controller(
+            client,
+            self.workspace,
+            self.background,
+            self._methods,
+            heard=heard,
+            on_shown=self._begin,
+        )
         with self._lock:
             self._tabs[client.client_id] = tab
         tab.start()
+
+    def _begin(self) -> None:
+        """Start what works by itself, once a picture is shown: before, it would only delay that."""
+        with self._lock:
+            has_begun, self._has_begun = self._has_begun, True
+        if has_begun:
+            return
+        start_check(self.workspace)
+        if not self.workspace.runs and _has_weights(self.workspace.assembly):
+            self.background.run(find_method(FIRST_METHOD))
 
     def _close_tab(self, client: Any) -> None:
         with self._lock:
@@ -124,11 +145,7 @@ def open_app(config: ViewConfig) -> App:
         workspace.close()
         raise
     _configure(server)
-    app = App(server, url, workspace)
-    start_check(workspace)
-    if not workspace.runs and _has_weights(workspace.assembly):
-        app.background.run(FIRST_METHOD)
-    return app
+    return App(server, url, workspace)
 
 
 def open_workspace(config: ViewConfig) -> Workspace:
@@ -147,28 +164,30 @@ def open_workspace(config: ViewConfig) -> Workspace:
             f"give --assembly PATH or a bundled name ({known})"
         )
     folder = annotations_folder() if config.annotations is None else config.annotations
-    store = AnnotationStore(
-        annotation_file(sequence.name, folder=folder),
-        sequence_name=sequence.name,
-        assembly_name=assembly.name,
-        author=config.author or _login_name(),
+    store = open_annotation(
+        sequence, assembly, folder=folder, author=config.author or _login_name()
     )
+    name = store.path.stem
     scene = Path(sequence.path)
-    runs = scene / "runs" if _is_ours_to_write(scene) else folder / "runs" / sequence.name
+    runs = scene / RUNS if _is_ours_to_write(scene) else folder / RUNS / name
     workspace = Workspace(
         sequence,
         assembly,
         store=store,
         runs_folder=runs,
-        export_folder=folder / "exports" / sequence.name,
+        export_folder=folder / "exports" / name,
     )
+    first = annotation_file(sequence.name, folder=folder)
+    if store.path != first:
+        said = f"{first.name} holds those of another sequence called '{sequence.name}'."
+        workspace.say(Message("Corrections go to " + store.path.name, said))
     try:
         for run in config.runs:
             workspace.put_run(load_run(run, assembly=assembly), str(run), folder=run.resolve())
     except InputError:
         workspace.close()
         raise
-    _load_earlier_runs(workspace, (scene / "runs", runs))
+    _load_earlier_runs(workspace, (scene / RUNS, runs))
     return workspace
 
 

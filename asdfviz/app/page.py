@@ -7,7 +7,7 @@ from typing import Any
 
 from asdfviz.app import chrome, timeline, welcome
 from asdfviz.app.markup import mount
-from asdfviz.app.panels import annotate, methods, results, sequence
+from asdfviz.app.panels import annotate, methods, options, results, sequence
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.worst import WorstFrame
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
@@ -74,6 +74,11 @@ class Page:
     def _card(self, snap: Snapshot) -> str:
         if snap.view.keys:
             return chrome.keys_sheet()
+        asked = snap.view.asking
+        spec = self._available.get(asked or "")
+        if asked is not None and isinstance(spec, MethodSpec):
+            chosen = snap.view.options.get(asked, {})
+            return options.card(asked, spec, snap.workspace.assembly, chosen)
         return welcome.card() if snap.view.welcome else ""
 
     def _put(self, slot: str, content: str) -> None:

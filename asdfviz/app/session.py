@@ -197,8 +197,8 @@ def _mark_range(view: View, action: act.MarkRange, facts: Facts) -> View:
 
 def _cancel(view: View, action: act.Cancel, facts: Facts) -> View:
     del action, facts
-    if view.keys:
-        return replace(view, keys=False)
+    if view.keys or view.asking is not None:
+        return replace(view, keys=False, asking=None)
     if view.marked is not None:
         return replace(view, marked=None, marking=None)
     return replace(view, selected=None)
@@ -207,6 +207,11 @@ def _cancel(view: View, action: act.Cancel, facts: Facts) -> View:
 def _show_tab(view: View, action: act.ShowTab, facts: Facts) -> View:
     del facts
     return replace(view, tab=action.tab)
+
+
+def _ask_options(view: View, action: act.AskOptions, facts: Facts) -> View:
+    del facts
+    return replace(view, asking=action.method, keys=False, playing=False)
 
 
 def _toggle_keys(view: View, action: act.ToggleKeys, facts: Facts) -> View:
@@ -252,6 +257,7 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.MarkRange: _mark_range,
     act.Cancel: _cancel,
     act.ShowTab: _show_tab,
+    act.AskOptions: _ask_options,
     act.ToggleKeys: _toggle_keys,
     act.DismissWelcome: _dismiss,
     act.Nudge: _pause,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from asdfviz.app import theme, timeline
 from asdfviz.app.items import ANNOTATION, Shown
-from asdfviz.app.view import TRUTH, Facts, View
+from asdfviz.app.view import Facts, View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame, FramePrediction
 
@@ -34,14 +34,8 @@ class Snapshot:
 
     @property
     def mark(self) -> tuple[timeline.Mark | None, str]:
-        """The state of this frame and whose word it is: the annotation's, the base's, the truth's."""
-        by_key = {row.key: row for row in self.rows}
-        for key in (ANNOTATION, self.view.base, TRUTH):
-            row = by_key.get(key or "")
-            mark = row.marks[self.view.place] if row else None
-            if row and mark is not None:
-                return mark, row.label
-        return None, ""
+        """The state of this frame and whose word it is."""
+        return self.workspace.mark(self.view.place, self.view.base)
 
     def source_name(self, source: str) -> str:
         """How a pose's source is called."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
 from asdfviz.app import actions as act
@@ -78,6 +79,12 @@ class View:
     tab: act.Tab = "sequence"
     keys: bool = False
     welcome: bool = False
+    together: bool = False
+    """Whether parts that are joined move as one."""
+    asking: str | None = None
+    """The method whose options are shown."""
+    options: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
+    """What was changed of methods' options, by method and dotted name."""
 
     @property
     def frames(self) -> tuple[int, int]:

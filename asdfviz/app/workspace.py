@@ -153,6 +153,22 @@ class Workspace:
         """The timeline's rows: annotation, truth, runs."""
         return self._rows_and_boundaries()[0]
 
+    def mark(self, place: int, base: str | None) -> tuple[timeline.Mark | None, str]:
+        """The state at a place and whose word it is: the annotation's, the base's, the truth's."""
+        by_key = {row.key: row for row in self.rows()}
+        for key in (ANNOTATION, base, TRUTH):
+            row = by_key.get(key or "")
+            mark = row.marks[place] if row else None
+            if row and mark is not None:
+                return mark, row.label
+        return None, ""
+
+    def attached(self, place: int, base: str | None) -> tuple[str, ...]:
+        """The parts that are joined in the state at a place; none where the state is not known."""
+        mark, _ = self.mark(place, base)
+        named = [state for state in self.assembly.states if mark and state.name == mark.name]
+        return named[0].attached if named else ()
+
     def _rows_and_boundaries(self) -> tuple[tuple[timeline.Row, ...], tuple[int, ...]]:
         """Made anew only when a run or the annotation changed."""
         with self._lock:

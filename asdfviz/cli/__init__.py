@@ -13,12 +13,14 @@ from asdfviz.cli.bench import Bench
 from asdfviz.cli.data import Check, Export, ImportGbot
 from asdfviz.cli.judge import Evaluate
 from asdfviz.cli.learn import Train
+from asdfviz.cli.learn_crops import TrainCrops
+from asdfviz.cli.report import Report
 from asdfviz.cli.run import Methods, RunMethod, print_method_help
 from asdfviz.cli.synth import Synth
+from asdfviz.cli.tables import Tables
 from asdfviz.cli.view import View
 from asdfviz.errors import AsdfvizError, InputError, Stopped
 
-FAILED = 1
 BAD_INPUT = 2
 STOPPED = 130
 
@@ -26,10 +28,13 @@ Command = (
     Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[RunMethod, tyro.conf.subcommand("run")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Report, tyro.conf.subcommand("report")]
+    | Annotated[Tables, tyro.conf.subcommand("tables")]
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[Methods, tyro.conf.subcommand("methods")]
     | Annotated[Synth, tyro.conf.subcommand("synth")]
     | Annotated[Train, tyro.conf.subcommand("train")]
+    | Annotated[TrainCrops, tyro.conf.subcommand("train-crops")]
     | Annotated[ImportGbot, tyro.conf.subcommand("import-gbot")]
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
@@ -37,7 +42,7 @@ Command = (
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one command. Exits 0, 2 for bad input, 130 when stopped, 1 where the machine lacks something."""
+    """Run one command. Exits 0, 2 for bad input or a machine that lacks something, 130 when stopped."""
     sys.exit(_exit_code(sys.argv[1:] if arguments is None else list(arguments)))
 
 
@@ -51,12 +56,9 @@ def _exit_code(arguments: list[str]) -> int:
     except BrokenPipeError:
         # The reader (head, less) has gone: silence the interpreter's own flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (InputError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+    except (AsdfvizError, OSError) as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return BAD_INPUT
-    except AsdfvizError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return FAILED
     return 0
 
 

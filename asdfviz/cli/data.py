@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -67,7 +67,7 @@ class ImportGbot:
 
 @dataclass(frozen=True)
 class Export:
-    """Write corrected poses and states as a BOP scene with states.json.
+    """Write corrected poses and states as a BOP scene with states.json, or as YOLO-pose labels.
 
     Example: asdfviz export sample --out exported
     """
@@ -82,6 +82,8 @@ class Export:
     """assembly.yaml, its folder, or a bundled name."""
     format: str | None = None
     """folder, bop or gbot. Default: recognised by content."""
+    layout: Literal["bop", "yolo", "yolo-depth"] = "bop"
+    """What to write; yolo-depth has the ASDF authors' images with depth in the fourth channel."""
 
     def __call__(self) -> None:
         """Export what the annotation holds."""
@@ -89,8 +91,13 @@ class Export:
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
         from asdfviz.export.bop import export_bop
+        from asdfviz.export.yolo import export_yolo
 
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
-        export_bop(sequence, annotation_truth(sequence, annotations=self.annotations), self.out)
+        truth = annotation_truth(sequence, annotations=self.annotations)
+        if self.layout == "bop":
+            export_bop(sequence, truth, self.out)
+        else:
+            export_yolo(sequence, truth, self.out, with_depth=self.layout == "yolo-depth")
         print(self.out)

@@ -20,10 +20,12 @@ class Train:
 
     assembly: tuple[str, ...]
     """assembly.yaml, its folder, or a bundled name; several share one network."""
-    data: tuple[Path, ...]
-    """Scene folders with truth, as `asdfviz synth` writes them, of all the assemblies."""
     out: Path
     """Run folder: checkpoints, log, curve.png, and weights.safetensors at the end."""
+    data: tuple[Path, ...] = ()
+    """Scene folders with truth, as `asdfviz synth` writes them, of all the assemblies."""
+    fresh: int = 0
+    """Also render packs while training, on the same device, and draw from the latest so many."""
     validation: tuple[Path, ...] = ()
     """Scene folders that are never trained on."""
     start: Path | None = None
@@ -38,6 +40,8 @@ class Train:
     """Longer side of the input, pixels; infer at the same."""
     threads: int = 1
     """CPU threads."""
+    loaders: int = 1
+    """Threads that make batches; a GPU wants as many as there are cores."""
     loss: Literal["mix", "oks", "paper"] = "mix"
     """Keypoint loss: our mix, the public OKS, or the paper's L2."""
     device: str = "cpu"

@@ -23,7 +23,10 @@ Report = Callable[[int, int, str], None]
 
 @contextmanager
 def progress_bar(title: str) -> Generator[Report]:
-    """Show a bar on stderr while the body runs; call the yielded function to move it."""
+    """Show a bar on stderr while the body runs; call the yielded function to move it.
+
+    A bar that was never moved vanishes in the end, so that an error at the start stands alone.
+    """
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -32,13 +35,21 @@ def progress_bar(title: str) -> Generator[Report]:
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
     )
-    with Progress(*columns, console=Console(stderr=True), transient=False) as bar:
-        task = bar.add_task(title, total=None, note="")
+    bar = Progress(*columns, console=Console(stderr=True), transient=True)
+    task = bar.add_task(title, total=None, note="")
 
-        def report(done: int, total: int, note: str = "") -> None:
-            bar.update(task, completed=done, total=total, note=note)
+    def report(done: int, total: int, note: str = "") -> None:
+        bar.live.transient = False
+        bar.start()
+        bar.update(task, completed=done, total=total, note=note)
 
+    if bar.console.is_terminal:
+        bar.start()
+    try:
         yield report
+    finally:
+        if bar.live.is_started:
+            bar.stop()
 
 
 @contextmanager

@@ -11,8 +11,8 @@ from typing import Annotated, cast
 import tyro
 
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt
-from asdfviz.datatypes import FramePrediction
-from asdfviz.errors import Stopped
+from asdfviz.datatypes import FramePrediction, Run, Sequence
+from asdfviz.errors import AsdfvizError, InputError, Stopped
 from asdfviz.methods.spec import MethodSpec
 
 
@@ -41,7 +41,7 @@ class RunMethod:
         """Run, save, and say where."""
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.atomic import make_folder
-        from asdfviz.data.run_files import save_run
+        from asdfviz.data.run_files import check_run_folder
         from asdfviz.data.sequences import open_sequence
         from asdfviz.methods.registry import find_method
         from asdfviz.run import run
@@ -51,19 +51,38 @@ class RunMethod:
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         out = self.out or Path("runs") / f"{sequence.name}-{spec.name}"
+        check_run_folder(out, Path(sequence.path))
         make_folder(out)
-        with progress_bar(spec.name) as report, stop_on_interrupt() as stop:
+        kept: list[Run] = []
+        try:
+            with progress_bar(spec.name) as report, stop_on_interrupt() as stop:
 
-            def show(done: int, total: int, prediction: FramePrediction) -> None:
-                total_ms = 1e3 * prediction.runtime.get("total", 0.0)
-                report(done, total, f"{total_ms:.0f} ms a frame")
+                def show(done: int, total: int, prediction: FramePrediction) -> None:
+                    total_ms = 1e3 * prediction.runtime.get("total", 0.0)
+                    report(done, total, f"{total_ms:.0f} ms a frame")
 
-            result = run(spec, sequence, config=config, progress=show, stop=stop)
-        save_run(result, out)
+                result = run(
+                    spec, sequence, config=config, progress=show, stop=stop, keep=kept.append
+                )
+        except (AsdfvizError, OSError, KeyboardInterrupt) as error:
+            if not kept:
+                raise
+            saved = _saved(kept[0], sequence, out)
+            if isinstance(error, KeyboardInterrupt):
+                raise Stopped(saved) from error
+            raise InputError(f"{error}; {saved}") from error
+        saved = _saved(result, sequence, out)
         print(out)
         if len(result.predictions) < len(sequence):
-            done = len(result.predictions)
-            raise Stopped(f"{done} of {len(sequence)} frames are saved in {out}")
+            raise Stopped(saved)
+
+
+def _saved(run: Run, sequence: Sequence, out: Path) -> str:
+    """Save a run, and say how much of the sequence it is."""
+    from asdfviz.data.run_files import save_run
+
+    save_run(run, out)
+    return f"{len(run.predictions)} of {len(sequence)} frames are saved in {out}"
 
 
 def method_config(spec: MethodSpec, arguments: list[str]) -> object:

@@ -1,23 +1,28 @@
-"""`asdfviz synth`: training images and assembly sequences with truth."""
+"""`asdfviz synth`: training images, assembly sequences and test sets, all with exact truth."""
 
 from __future__ import annotations
 
+import shlex
+import sys
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from asdfviz.cli.progress import progress_bar, stop_on_interrupt
+from asdfviz.cli.progress import Report, progress_bar, stop_on_interrupt
 from asdfviz.errors import Stopped
+
+if TYPE_CHECKING:
+    from asdfviz.synth.packs import PackConfig
+    from asdfviz.synth.scene import SceneConfig
 
 
 @dataclass(frozen=True)
-class SynthImages:
-    """Write scenes: parts loose and joined on a table, distractors, hands, RGB-D with truth.
-
-    Example: asdfviz synth images --assembly corner_clamp --count 500 --out data/train
-    """
+class _Images:
+    """Options of both kinds of training images."""
 
     assembly: str
     """assembly.yaml, its folder, or a bundled name."""
@@ -26,42 +31,81 @@ class SynthImages:
     count: int = 1000
     """Images in all."""
     seed: int = 1000
-    """The same seed gives the same images."""
+    """The same seed gives the same images; 7000000 to 7999999 belong to test sets."""
     width: int = 640
     """Image width, pixels."""
     height: int = 360
     """Image height, pixels."""
-    packs: bool = False
-    """Packs instead of scenes: dozens of single parts and groups an image."""
+    masks: bool = False
+    """Write BOP's mask/ and mask_visib/ too."""
+    workers: int = 1
+    """Processes that share the work; the images are the same."""
+    joblib_backend: Literal["loky", "dask", "ray"] | None = None
+    """Share the work by joblib's engine instead; dask and ray reach other machines."""
     device: str = "cpu"
     """Where torch renders: cpu or cuda."""
 
-    def __call__(self) -> None:
+    def generate(self, config: SceneConfig | PackConfig, *, shift: bool = False) -> None:
         """Generate; Ctrl+C stops after the image in work, the same line goes on."""
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.atomic import make_folder
         from asdfviz.detector.device import require_device
         from asdfviz.synth.images import generate_images
-        from asdfviz.synth.packs import PackConfig
-        from asdfviz.synth.scene import SceneConfig
+        from asdfviz.synth.workers import Crew
 
-        kind = PackConfig if self.packs else SceneConfig
         require_device(self.device)
+        assembly = load_assembly(self.assembly)
         make_folder(self.out)
         with progress_bar("images") as report, stop_on_interrupt() as stop:
             written = generate_images(
-                load_assembly(self.assembly),
+                assembly,
                 count=self.count,
                 seed=self.seed,
                 folder=self.out,
-                config=kind(width=self.width, height=self.height),
-                progress=lambda done, total: report(done, total, ""),
+                config=config,
+                masks=self.masks,
+                shift=shift,
+                progress=with_rate(report, "images"),
                 stop=stop,
                 device=self.device,
+                crew=Crew(self.workers, self.joblib_backend),
             )
         if written < self.count:
-            raise Stopped(f"{written} of {self.count} images are in {self.out}")
+            raise Stopped(
+                f"{written} of {self.count} images are in {self.out}; the same line goes on"
+            )
         print(self.out)
+
+
+@dataclass(frozen=True)
+class SynthPacks(_Images):
+    """Write object packs: dozens of single parts and joined groups an image, turned freely.
+
+    Example: asdfviz synth packs --assembly corner_clamp --count 500 --out data/packs
+    """
+
+    def __call__(self) -> None:
+        """Generate packs."""
+        from asdfviz.synth.packs import PackConfig
+
+        self.generate(PackConfig(width=self.width, height=self.height))
+
+
+@dataclass(frozen=True)
+class SynthImages(_Images):
+    """Write scenes: parts loose and joined on a table, distractors, hands, RGB-D with truth.
+
+    Example: asdfviz synth images --assembly corner_clamp --count 500 --out data/train --workers 2
+    """
+
+    shift: bool = False
+    """Shift depth against colour, as it is in the paper's real frames."""
+
+    def __call__(self) -> None:
+        """Generate scenes."""
+        from asdfviz.synth.scene import SceneConfig
+
+        self.generate(SceneConfig(width=self.width, height=self.height), shift=self.shift)
 
 
 @dataclass(frozen=True)
@@ -74,29 +118,61 @@ class SynthSequence:
     assembly: str
     """assembly.yaml, its folder, or a bundled name."""
     out: Path
-    """Scene folder to write."""
+    """Scene folder to write; frames that are there already stay."""
     seed: int = 77
     """The same seed gives the same sequence."""
     frames: int | None = None
     """Frames in all. Default: as many as the pace of the hands needs, which is also the least."""
+    frames_per_state: int | None = None
+    """So many frames for each state instead."""
     fps: float = 10.0
-    """Frames a second."""
+    """Frames a second, 3 to 30."""
+    condition: Literal["table", "normal", "dynamic", "hand", "blur"] = "table"
+    """table: hands assemble. normal: parts move by themselves. dynamic: and the lights travel.
+    hand: hands hide much. blur: and the camera sways, with a long shutter."""
+    error: str = "any"
+    """The error state to make: its name, any, or none."""
+    unlisted: bool = False
+    """Hold one part to a wrong place that no state lists."""
+    width: int = 640
+    """Image width, pixels."""
+    height: int = 360
+    """Image height, pixels."""
+    masks: bool = False
+    """Write BOP's mask/ and mask_visib/ too."""
+    device: str = "cpu"
+    """Where torch renders: cpu or cuda."""
 
     def __call__(self) -> None:
         """Generate the sequence."""
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.atomic import make_folder
-        from asdfviz.synth.sequences import SequenceConfig, generate_sequence
+        from asdfviz.detector.device import require_device
+        from asdfviz.synth.sequence_config import condition_config
+        from asdfviz.synth.sequences import generate_sequence
 
+        require_device(self.device)
+        assembly = load_assembly(self.assembly)
         make_folder(self.out)
         with progress_bar("sequence") as report, stop_on_interrupt() as stop:
             written = generate_sequence(
-                load_assembly(self.assembly),
+                assembly,
                 seed=self.seed,
                 folder=self.out,
-                config=SequenceConfig(frames=self.frames, fps=self.fps),
-                progress=lambda done, total: report(done, total, ""),
+                config=condition_config(
+                    self.condition,
+                    width=self.width,
+                    height=self.height,
+                    frames=self.frames,
+                    frames_per_state=self.frames_per_state,
+                    fps=self.fps,
+                    error={"any": True, "none": False}.get(self.error, self.error),
+                    unlisted=self.unlisted,
+                ),
+                progress=with_rate(report, "frames"),
                 stop=stop,
+                device=self.device,
+                masks=self.masks,
             )
             stopped = stop()
         if stopped:
@@ -105,14 +181,96 @@ class SynthSequence:
 
 
 @dataclass(frozen=True)
+class SynthTestset:
+    """Write the sequences of the paper's Table 1 and of GBOT's four conditions.
+
+    One of them comes a second time, drawn by a plain renderer. Their seeds are kept apart from
+    those of training.
+
+    Example: asdfviz synth testset --assembly corner_clamp --out testsets
+    """
+
+    assembly: str
+    """assembly.yaml, its folder, or a bundled name."""
+    out: Path
+    """Receives <assembly>/<set>/; frames that are there already stay."""
+    only: Literal["table1", "gbot"] | None = None
+    """Make only these sequences."""
+    seed: int = 0
+    """Another number gives another test set of the same kind, 0 to 99999."""
+    width: int = 1280
+    """Image width, pixels."""
+    height: int = 720
+    """Image height, pixels."""
+    frames_per_state: int | None = None
+    """Default: the paper's numbers of frames, 22 to 24 a state."""
+    masks: bool = False
+    """Write BOP's mask/ and mask_visib/ too."""
+    workers: int = 1
+    """Processes that share the sequences."""
+    device: str = "cpu"
+    """Where torch renders: cpu or cuda."""
+
+    def __call__(self) -> None:
+        """Generate the sets."""
+        from asdfviz.data.assembly import load_assembly
+        from asdfviz.data.atomic import make_folder
+        from asdfviz.detector.device import require_device
+        from asdfviz.synth.testset import SetsConfig, generate_testset
+        from asdfviz.synth.workers import Crew
+
+        require_device(self.device)
+        assembly = load_assembly(self.assembly)
+        make_folder(self.out)
+        with progress_bar("test set") as report, stop_on_interrupt() as stop:
+            folder = generate_testset(
+                assembly,
+                folder=self.out,
+                config=SetsConfig(
+                    only=self.only,
+                    seed=self.seed,
+                    width=self.width,
+                    height=self.height,
+                    frames_per_state=self.frames_per_state,
+                    masks=self.masks,
+                ),
+                command=shlex.join(["asdfviz", *sys.argv[1:]]),
+                progress=with_rate(report, "frames"),
+                stop=stop,
+                device=self.device,
+                crew=Crew(self.workers),
+            )
+        if folder is None:
+            raise Stopped(f"what is done is in {self.out}; the same line goes on")
+        print(folder)
+
+
+@dataclass(frozen=True)
 class Synth:
     """Make synthetic data with exact truth for any assembly."""
 
     what: (
-        Annotated[SynthImages, tyro.conf.subcommand("images")]
+        Annotated[SynthPacks, tyro.conf.subcommand("packs")]
+        | Annotated[SynthImages, tyro.conf.subcommand("images")]
         | Annotated[SynthSequence, tyro.conf.subcommand("sequence")]
+        | Annotated[SynthTestset, tyro.conf.subcommand("testset")]
     )
 
     def __call__(self) -> None:
         """Make what was chosen."""
         self.what()
+
+
+def with_rate(report: Report, unit: str) -> Callable[[int, int], None]:
+    """Report progress with the pace of what this call made, without what lay there before."""
+    begun: tuple[int, float] | None = None
+
+    def tell(done: int, total: int) -> None:
+        nonlocal begun
+        now = time.perf_counter()
+        if begun is None:
+            begun = (done, now)
+        made, seconds = done - begun[0], now - begun[1]
+        report(done, total, f"{made / seconds:.2f} {unit}/s" if made and seconds else "")
+
+    return tell

@@ -65,9 +65,11 @@ def load_assembly(name_or_path: str | Path) -> Assembly:
     metres; otherwise farthest points of the mesh), `detector_class`, `obj_id` and `symmetries`
     (`discrete`: rows of 16 numbers, `continuous`: `axis`, `offset`). A state has `name`, `poses`
     (part: `R` 9 numbers row by row, `t` 3 numbers, part to base frame) for the joined parts, and
-    `joints` (part: `kind`, `axis`, `origin`, `slide`, `turn` in degrees, in the base frame); a
-    state repeats nothing: what an earlier state joined stays joined. Parts whose joints share axis,
-    origin and a range move by that range together (a screw and the plate on its tip). An error has `after` too, and
+    `joints` (part: `kind`, `axis`, `origin`, `slide`, `turn` in degrees, in the base frame, `link`);
+    a state repeats nothing: what an earlier state joined stays joined. Parts whose joints share
+    axis, origin and a range move by that range together (a screw and the plate on its tip). Joints
+    with one `link` are geared together, from the lower ends of all their ranges to the upper ones
+    (a rack and its gears, or a screw's travel and its own turn). An error has `after` too, and
     `remove`, the parts of that state that are missing in it.
 
     Raises:

@@ -46,7 +46,7 @@ def write_assembly(assembly: Assembly, folder: Path, *, comment: str = "") -> Pa
     """
     document = assembly_document(assembly)
     for part in assembly.parts.values():
-        write_bytes(folder / _mesh_path(part), ply_bytes(part.mesh))
+        write_bytes(folder / _mesh_path(assembly, part), ply_bytes(part.mesh))
         if _has_own_keypoints(part):
             rows = "\n".join(" ".join(f"{x:.9f}" for x in row) for row in part.keypoints)
             write_text(folder / _keypoints_path(part), rows + "\n")
@@ -67,7 +67,7 @@ def assembly_document(assembly: Assembly) -> dict[str, Any]:
         "title": assembly.title,
         "unit": "mm",
         "base": assembly.base,
-        "parts": {name: _part(part) for name, part in assembly.parts.items()},
+        "parts": {name: _part(assembly, part) for name, part in assembly.parts.items()},
         "states": [],
     }
     before = State(-1, "", {assembly.base: np.eye(4)})
@@ -82,8 +82,8 @@ def assembly_document(assembly: Assembly) -> dict[str, Any]:
     return document
 
 
-def _part(part: Part) -> dict[str, Any]:
-    record: dict[str, Any] = {"mesh": _mesh_path(part), "color": part.color.tolist()}
+def _part(assembly: Assembly, part: Part) -> dict[str, Any]:
+    record: dict[str, Any] = {"mesh": _mesh_path(assembly, part), "color": part.color.tolist()}
     if _has_own_keypoints(part):
         record["keypoints"] = _keypoints_path(part)
     if part.detector_class != part.name:
@@ -160,6 +160,8 @@ def _joint(joint: Joint) -> dict[str, Any]:
         record["slide"] = _numbers(np.array(joint.slide) * _MM)
     if joint.turn != (0.0, 0.0):
         record["turn"] = _numbers(np.rad2deg(joint.turn))
+    if joint.link:
+        record["link"] = joint.link
     return record
 
 
@@ -178,8 +180,10 @@ def _numbers(values: np.ndarray) -> list[float]:
     return [float(x) + 0.0 for x in np.round(np.asarray(values, dtype=float).reshape(-1), 9)]
 
 
-def _mesh_path(part: Part) -> str:
-    return f"parts/{part.name}.ply"
+def _mesh_path(assembly: Assembly, part: Part) -> str:
+    """Copies of a part hold one mesh object between them and share its file."""
+    first = next(p for p in assembly.parts.values() if p.mesh is part.mesh)
+    return f"parts/{first.name}.ply"
 
 
 def _keypoints_path(part: Part) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from asdfviz.data.cameras import CameraEntry
 from asdfviz.data.images import (
+    RawDepth,
     Undistorter,
     check_size,
     metric_depth,
@@ -20,6 +22,18 @@ from asdfviz.data.scene_files import SceneFiles
 from asdfviz.data.truth import read_truth
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth
 from asdfviz.geometry.shapes import Depth, Rgb
+
+
+@dataclass(frozen=True, slots=True)
+class SceneReaders:
+    """How a format's files are decoded; the default is the plain scene folder."""
+
+    rgb: Callable[[Path], Rgb] = read_rgb
+    depth: Callable[[Path], RawDepth] = read_raw_depth
+    truth: Callable[[Path, Assembly], dict[int, FrameTruth]] = read_truth
+
+
+PLAIN = SceneReaders()
 
 
 class FolderSequence:
@@ -37,6 +51,7 @@ class FolderSequence:
         fps: float,
         assembly: Assembly | None,
         missing_assembly: str | None = None,
+        readers: SceneReaders = PLAIN,
     ) -> None:
         self.folder = folder
         self.files = files
@@ -46,6 +61,9 @@ class FolderSequence:
         self.fps = fps
         self.missing_assembly = missing_assembly
         """What sequence.json names as its assembly, where that was not found."""
+        self.has_plain_files = readers is PLAIN
+        """Whether colour and depth lie in image files of their own, as every BOP reader takes them."""
+        self._readers = readers
         self._name = name
         self._size_wh = size_wh
         self._assembly = assembly
@@ -117,11 +135,11 @@ class FolderSequence:
 
     @cached_property
     def _truth(self) -> dict[int, FrameTruth]:
-        return {} if self._assembly is None else read_truth(self.folder, self._assembly)
+        return {} if self._assembly is None else self._readers.truth(self.folder, self._assembly)
 
     def _rgb(self, index: int) -> Rgb:
         path = self.files.rgb[index]
-        rgb = read_rgb(path)
+        rgb = self._readers.rgb(path)
         check_size(rgb, self._size_wh, path)
         undistort = self._undistorter(self.cameras[index])
         if undistort is not None:
@@ -134,7 +152,7 @@ class FolderSequence:
         path = self.files.depth.get(index)
         if path is None:
             return None
-        raw = read_raw_depth(path)
+        raw = self._readers.depth(path)
         check_size(raw, self._size_wh, path)
         depth = metric_depth(raw, self.depth_scale(index))
         depth.flags.writeable = False

@@ -9,6 +9,9 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly
 
+_ROOMS = ("rgb", "depth")
+_AUTHORS_ROOMS = ("Images", "depth_images", "state_seg_maps", "images", "labels")
+
 
 def file_sha256(path: Path) -> str:
     """SHA-256 of a file's bytes, in hexadecimal."""
@@ -27,7 +30,8 @@ def assembly_sha256(assembly: Assembly) -> str:
 
 def sequence_sha256(folder: Path) -> str:
     """SHA-256 over names and contents of a scene's images and JSON files; results beside them do not count."""
-    images = [p for room in ("rgb", "depth") for p in sorted((folder / room).glob("*.*"))]
+    rooms = _ROOMS if (folder / "rgb").is_dir() else _AUTHORS_ROOMS
+    images = [p for room in rooms for p in sorted((folder / room).glob("*.*"))]
     digest = hashlib.sha256()
     for file in [*sorted(folder.glob("*.json")), *images]:
         name = file.relative_to(folder).as_posix()

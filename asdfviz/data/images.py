@@ -31,13 +31,22 @@ def read_rgb(path: Path) -> Rgb:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
 
+def read_stored(path: Path) -> np.ndarray:
+    """Read an image as it is stored: its own bit depth and channels (blue, green, red first).
+
+    Raises:
+        SequenceError: the file is missing, truncated or no image.
+    """
+    return _decode(path, cv2.IMREAD_UNCHANGED)
+
+
 def read_raw_depth(path: Path) -> RawDepth:
     """Read a 16-bit depth image in the file's own unit.
 
     Raises:
         SequenceError: the file is missing, truncated, not 16 bit or not of one channel.
     """
-    image = _decode(path, cv2.IMREAD_UNCHANGED)
+    image = read_stored(path)
     if image.dtype != np.uint16 or image.ndim != 2:
         channels = 1 if image.ndim == 2 else image.shape[2]
         raise SequenceError(

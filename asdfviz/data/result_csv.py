@@ -52,7 +52,8 @@ def read_result_csv(
         path: the csv.
         sequence: gives the frame numbers.
         assembly: gives the parts; repeated numbers stand for the first part that has them.
-        scene: which scene's rows to take, needed where the file holds several.
+        scene: which scene's rows to take; without it, those of the only scene, or of the one that is
+            called (or numbered) as the sequence's folder.
         method: what to call the method; without it, the file's name.
 
     Raises:
@@ -62,7 +63,7 @@ def read_result_csv(
     is_bop = [cell.strip() for cell in lines[0]] == _HEADER
     first = 1 if is_bop else 0
     known = _parts_by_id(assembly)
-    wanted = _wanted_scene(path, lines[first:], scene)
+    wanted = _wanted_scene(path, lines[first:], scene, folder=Path(sequence.path).name)
     rows: list[_Row] = []
     unknown = 0
     for number, cells in enumerate(lines[first:], start=first + 1):
@@ -115,14 +116,16 @@ def _parts_by_id(assembly: Assembly) -> dict[str, str]:
     return {**known, **{name: name for name in assembly.parts}}
 
 
-def _wanted_scene(path: Path, lines: Rows[Rows[str]], scene: str | None) -> str:
+def _wanted_scene(path: Path, lines: Rows[Rows[str]], scene: str | None, *, folder: str) -> str:
     scenes = sorted({cells[0].strip() for cells in lines})
     if scene is None and len(scenes) == 1:
         return scenes[0]
-    if scene is None or scene not in scenes:
+    wanted = folder if scene is None else scene
+    found = [name for name in scenes if wanted in (name, name.zfill(len(wanted)))]
+    if not found:
         asked = "say which scene is meant" if scene is None else f"it has no scene '{scene}'"
         raise RunError(f"{path}: {asked}; scenes: {', '.join(scenes) or 'none'}")
-    return scene
+    return found[0]
 
 
 def _parse_row(cells: Rows[str], part: str, *, where: str, time_unit: float) -> _Row | None:

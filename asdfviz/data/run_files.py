@@ -22,14 +22,42 @@ from asdfviz.errors import RunError
 
 FORMAT = 1
 RUN, PREDICTIONS = "run.json", "predictions.jsonl"
+RUNS = "runs"
+"""Folder of a scene in which runs may lie beside the images, as the app puts them."""
+
+
+def check_run_folder(folder: Path, scene: Path) -> None:
+    """See that a run's files will not lie among those of the scene that it is of.
+
+    Raises:
+        RunError: the folder is the scene's, holds it, or lies in it elsewhere than in runs/.
+    """
+    out, recorded = folder.resolve(), scene.resolve()
+    if out == recorded or out in recorded.parents:
+        relation = "is" if out == recorded else "holds"
+        raise RunError(
+            f"{folder} {relation} the scene folder {scene}: name another folder for the run, "
+            f"such as {scene / RUNS / 'asdf'}"
+        )
+    if recorded in out.parents and out.relative_to(recorded).parts[:1] != (RUNS,):
+        raise RunError(
+            f"{folder} lies among the files of the scene {scene}: name a folder elsewhere for the "
+            f"run, or one in {scene / RUNS}"
+        )
+    if out == recorded / RUNS:
+        raise RunError(
+            f"{folder} is for several runs: name a folder in it, such as {folder / 'asdf'}"
+        )
 
 
 def save_run(run: Run, folder: Path) -> None:
     """Write a run into a folder, which is made if needed; a run that lay there is replaced.
 
     Raises:
-        RunError: the config holds what JSON cannot, or a pose is not finite.
+        RunError: the config holds what JSON cannot, a pose is not finite, or the folder is the
+            scene's own.
     """
+    check_run_folder(folder, Path(run.sequence))
     about = {
         "format": FORMAT,
         "method": run.method,

@@ -44,16 +44,23 @@ def find_scene_files(folder: Path) -> SceneFiles:
         )
     if not (folder / "rgb").is_dir():
         raise SequenceError(f"{folder} has no folder rgb/{_scenes_below(folder)}")
-    rgb, odd_rgb = _numbered(folder / "rgb", RGB_SUFFIXES)
+    rgb, odd_rgb = numbered_files(folder / "rgb", RGB_SUFFIXES)
     if not rgb:
         raise SequenceError(
             f"{folder / 'rgb'} holds no frames; name them 000000.png (or .jpg), 000001.png ..."
         )
-    depth, odd_depth = _numbered(folder / "depth", DEPTH_SUFFIXES)
+    depth, odd_depth = numbered_files(folder / "depth", DEPTH_SUFFIXES)
     return SceneFiles(rgb=rgb, depth=depth, ignored=(*odd_rgb, *odd_depth))
 
 
-def _numbered(folder: Path, suffixes: tuple[str, ...]) -> tuple[dict[int, Path], tuple[str, ...]]:
+def numbered_files(
+    folder: Path, suffixes: tuple[str, ...]
+) -> tuple[dict[int, Path], tuple[str, ...]]:
+    """List a folder's files by the number in their names, rising, and those whose names are none.
+
+    Raises:
+        SequenceError: the folder is a file, or two files share a number.
+    """
     if folder.exists() and not folder.is_dir():
         raise SequenceError(f"{folder} is a file; it must be a folder with images")
     numbered: dict[int, Path] = {}

@@ -3,6 +3,8 @@
     folder   rgb/NNNNNN.{png,jpg,jpeg}, depth/NNNNNN.png (uint16), camera.json
     bop      the same images, scene_camera.json, scene_gt.json with numbers as obj_id
     gbot     the same images, scene_camera.json, scene_gt.json with names as obj_id
+    asdf     Images/, depth_images/, state_seg_maps/: the ASDF authors' raw renderings, one camera
+    asdf-rgbd  images/ (16-bit colour and depth in one), labels/: the ASDF authors' training export
 
 camera.json may accompany any of them (size, `distortion`), as may states.json (the truth of the
 states) and sequence.json ({"assembly": name or relative path, "fps": 30}).
@@ -13,22 +15,26 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from asdfviz.data import asdf_raw, asdf_rgbd
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.cameras import CameraEntry, read_camera_file, read_scene_cameras
-from asdfviz.data.folder_sequence import FolderSequence
+from asdfviz.data.folder_sequence import PLAIN, FolderSequence, SceneReaders
 from asdfviz.data.images import read_rgb
 from asdfviz.data.json_files import Json, read_json
 from asdfviz.data.resources import bundled_assemblies, sample_folder
 from asdfviz.data.scene_files import SceneFiles, find_scene_files
 from asdfviz.data.scene_objects import id_kind
-from asdfviz.datatypes import Assembly
+from asdfviz.datatypes import Assembly, FrameTruth
 from asdfviz.errors import SequenceError
 
-FORMATS = ("folder", "bop", "gbot")
+FORMATS = ("folder", "bop", "gbot", "asdf", "asdf-rgbd")
 SAMPLE = "sample"
 DEFAULT_FPS = 30.0
 
 _CAMERA, _SCENE_CAMERA, _SEQUENCE = "camera.json", "scene_camera.json", "sequence.json"
+_READERS = {"asdf": asdf_raw.READERS, "asdf-rgbd": asdf_rgbd.READERS}
+_FILES = {"asdf": asdf_raw.find_raw_files, "asdf-rgbd": asdf_rgbd.find_rgbd_files}
+"""Formats that are laid out otherwise; all others are plain scene folders."""
 
 
 def open_sequence(
@@ -39,7 +45,7 @@ def open_sequence(
     Args:
         path: the scene folder, or "sample" (a folder of that name is "./sample").
         assembly: what is being assembled; without it, sequence.json may name it.
-        format: "folder", "bop" or "gbot", to override what the content says.
+        format: one of `FORMATS`, to override what the content says.
 
     Raises:
         SequenceError: there is no scene, no frame, no camera, or the format does not fit.
@@ -49,8 +55,10 @@ def open_sequence(
         raise SequenceError(f"unknown format '{format}'; formats: {', '.join(FORMATS)}")
     is_sample = str(path) == SAMPLE
     folder = (sample_folder() if is_sample else Path(path).expanduser()).resolve()
-    files = find_scene_files(folder)
-    kind = _recognise(folder) if format is None else _confirmed(folder, format)
+    kind = _layout(folder) if format is None else format
+    files = _FILES.get(kind, find_scene_files)(folder)
+    if kind not in _READERS:
+        kind = _recognise(folder) if format is None else _confirmed(folder, format)
     cameras = _cameras(folder, files, kind)
     about = _about(folder)
     missing = None
@@ -66,7 +74,36 @@ def open_sequence(
         fps=_fps(about),
         assembly=assembly,
         missing_assembly=missing,
+        readers=_READERS.get(kind, PLAIN),
     )
+
+
+def read_folder_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
+    """Read the truth of a folder of any format, by frame number; empty where it holds none.
+
+    Raises:
+        SequenceError: a file of the truth is broken; the message names the entry.
+    """
+    readers: SceneReaders = _READERS.get(_layout(folder), PLAIN)
+    return readers.truth(folder, assembly)
+
+
+def _layout(folder: Path) -> str:
+    """Tell the authors' layouts from a plain scene folder by the rooms in it."""
+    if (folder / "rgb").is_dir():
+        return "folder"
+    if asdf_raw.is_raw_scene(folder):
+        return "asdf"
+    if asdf_rgbd.is_rgbd_scene(folder):
+        return "asdf-rgbd"
+    scenes = asdf_raw.raw_scenes_below(folder)
+    if scenes:
+        shown = ", ".join(str(scene.relative_to(folder)) for scene in scenes[:6])
+        raise SequenceError(
+            f"{folder} holds several cameras; open one of them: {shown}"
+            f"{' ...' if len(scenes) > 6 else ''}"
+        )
+    return "folder"
 
 
 def _recognise(folder: Path) -> str:
@@ -98,7 +135,7 @@ def _confirmed(folder: Path, format: str) -> str:
 
 def _cameras(folder: Path, files: SceneFiles, kind: str) -> dict[int, CameraEntry]:
     """The camera of every frame; scene_camera.json goes before camera.json, which adds the lens."""
-    common = folder / _CAMERA
+    common = _common_camera(folder, kind)
     by_frame = folder / _SCENE_CAMERA
     fallback = read_camera_file(common) if common.is_file() else None
     if kind != "folder" and by_frame.is_file():
@@ -106,11 +143,19 @@ def _cameras(folder: Path, files: SceneFiles, kind: str) -> dict[int, CameraEntr
         return {i: _merged(given.get(i), fallback, i, by_frame) for i in files.rgb}
     if fallback is None:
         others = "" if kind == "folder" else f" and no {_SCENE_CAMERA}"
+        others += " (in no folder above either)" if kind in _READERS else ""
         raise SequenceError(
             f"{folder} has no {_CAMERA}{others}; add it with fx, fy, cx, cy, width, height and "
             "depth_scale (millimetres per unit)"
         )
     return dict.fromkeys(files.rgb, fallback)
+
+
+def _common_camera(folder: Path, kind: str) -> Path:
+    """camera.json of the folder; in the authors' layouts one camera may stand above many scenes."""
+    above = list(folder.parents)[: asdf_rgbd.FOLDERS_ABOVE] if kind in _READERS else []
+    files = [place / _CAMERA for place in (folder, *above)]
+    return next((file for file in files if file.is_file()), files[0])
 
 
 def _merged(

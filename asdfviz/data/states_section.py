@@ -117,7 +117,7 @@ def _joints(item: Fields, attached: tuple[str, ...], scale: float) -> dict[str, 
         axis = joint.numbers("axis", 3, default=(0, 0, 1))
         if np.linalg.norm(axis) < 1e-9:
             raise AssemblyError(f"{joint.where}: the axis has length 0")
-        joint.only("kind", "axis", "origin", "slide", "turn")
+        joint.only("kind", "axis", "origin", "slide", "turn", "link")
         slide, turn = joint.span("slide"), joint.span("turn")
         found[name] = Joint(
             kind=joint.choice("kind", JOINT_KINDS),  # pyright: ignore[reportArgumentType]
@@ -125,6 +125,7 @@ def _joints(item: Fields, attached: tuple[str, ...], scale: float) -> dict[str, 
             origin=joint.numbers("origin", 3, default=(0, 0, 0)) * scale,
             slide=(slide[0] * scale, slide[1] * scale),
             turn=(math.radians(turn[0]), math.radians(turn[1])),
+            link=joint.text("link", default=""),
         )
     return found
 

@@ -6,21 +6,33 @@ no method is called.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from asdfviz.data.assembly import load_assembly
-from asdfviz.data.hashes import assembly_sha256, sequence_sha256
-from asdfviz.data.run_files import load_run
-from asdfviz.data.sequences import open_sequence
-from asdfviz.data.truth import read_truth
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
-from asdfviz.errors import RunError, SequenceError
-from asdfviz.evaluate.protocols import Figures, ProtocolName, mean, median, pose_figures
-from asdfviz.evaluate.records import compare_poses, predictions_by_frame
-from asdfviz.evaluate.state_scores import micro_f1, state_figures, state_records
-from asdfviz.evaluate.visibility import lacks_visibility, visible_shares
+from asdfviz.errors import SequenceError
+from asdfviz.evaluate.bop import DepthDrawer, View, Views, bop_recall
+from asdfviz.evaluate.calibration import ranking_area, reliability
+from asdfviz.evaluate.inputs import changed_inputs, open_result
+from asdfviz.evaluate.judgement import Judgement, judge
+from asdfviz.evaluate.protocols import (
+    DIAMETER_SHARE,
+    VISIBLE,
+    Figures,
+    ProtocolName,
+    mean,
+    median,
+    pose_figures,
+)
+from asdfviz.evaluate.state_scores import (
+    StateRecord,
+    confidences,
+    confusion_matrix,
+    micro_f1,
+    state_figures,
+    true_transitions,
+)
 
 
 def evaluate_folder(
@@ -29,68 +41,35 @@ def evaluate_folder(
     protocol: ProtocolName = "strict",
     truth_folder: Path | None = None,
     assembly: Assembly | None = None,
+    sequence: str | None = None,
+    scene: str | None = None,
 ) -> dict[str, Any]:
-    """Judge a saved run against the truth of its own sequence or of another folder.
+    """Judge a saved run, or a csv, against the truth of its own sequence or of another folder.
 
     Args:
-        run_folder: what `asdfviz run` wrote.
+        run_folder: what `asdfviz run` wrote, or a csv of BOP or GBOT.
         protocol: what counts, see `asdfviz.evaluate.protocols`.
         truth_folder: holds scene_gt.json and states.json; None for the run's sequence.
         assembly: None for the one that the run names.
+        sequence: the frames that a csv is about.
+        scene: whose rows of a csv to take.
 
     Raises:
         InputError: the run, its assembly or the truth cannot be read or do not fit.
     """
-    run = load_run(run_folder)
-    assembly = _assembly_of(run, run_folder) if assembly is None else assembly
-    truth = _truth_for(run, run_folder, truth_folder, assembly)
-    camera = None
-    if any(lacks_visibility(frame, assembly) for frame in truth.values()):
-        camera = open_sequence(run.sequence, assembly=assembly).camera
-    report = evaluate_run(run, assembly=assembly, truth=truth, camera=camera, protocol=protocol)
-    warnings = [*report.get("warnings", ()), *changed_inputs(run, assembly)]
+    result = open_result(
+        run_folder, truth_folder=truth_folder, assembly=assembly, sequence=sequence, scene=scene
+    )
+    report = evaluate_run(
+        result.run,
+        assembly=result.assembly,
+        truth=result.truth,
+        camera=result.camera_to_render_with,
+        protocol=protocol,
+        views=result.view,
+    )
+    warnings = [*report.get("warnings", ()), *changed_inputs(result.run, result.assembly)]
     return {**report, "warnings": warnings} if warnings else report
-
-
-def _assembly_of(run: Run, run_folder: Path) -> Assembly:
-    if not Path(run.assembly).is_file():
-        raise RunError(
-            f"{run_folder}: its assembly {run.assembly} is gone; say where it is with --assembly"
-        )
-    return load_assembly(run.assembly)
-
-
-def _truth_for(
-    run: Run, run_folder: Path, truth_folder: Path | None, assembly: Assembly
-) -> dict[int, FrameTruth]:
-    folder = Path(run.sequence) if truth_folder is None else truth_folder
-    if not folder.is_dir():
-        whose = f"{run_folder}: its sequence" if truth_folder is None else "the truth"
-        raise SequenceError(
-            f"{whose} {folder} is no folder; say with --truth where scene_gt.json and "
-            "states.json are"
-        )
-    truth = read_truth(folder, assembly)
-    if not truth:
-        raise SequenceError(f"{folder} holds no truth: scene_gt.json or states.json is needed")
-    frames = [prediction.frame_index for prediction in run.predictions]
-    if frames and truth.keys().isdisjoint(frames):
-        raise SequenceError(
-            f"{folder} holds the truth of frames {min(truth)} to {max(truth)}, the run {run_folder} "
-            f"frames {min(frames)} to {max(frames)}: they share none, so this is another sequence's"
-        )
-    return truth
-
-
-def changed_inputs(run: Run, assembly: Assembly) -> list[str]:
-    """Say which inputs of the run are no longer what they were; a run without hashes is believed."""
-    found: list[str] = []
-    if run.hashes.get("assembly") not in (None, assembly_sha256(assembly)):
-        found.append(f"{run.assembly} or a mesh of it changed since the run")
-    folder = Path(run.sequence)
-    if folder.is_dir() and run.hashes.get("sequence") not in (None, sequence_sha256(folder)):
-        found.append(f"images or JSON files of {folder} changed since the run")
-    return found
 
 
 def evaluate_run(
@@ -101,34 +80,37 @@ def evaluate_run(
     camera: Camera | None = None,
     protocol: ProtocolName = "strict",
     sequence_name: str | None = None,
+    views: Views | None = None,
 ) -> dict[str, Any]:
     """Return all figures of a run; shares in percent, mm, degrees and ms, None where undefined.
-
-    Every frame of the truth counts, also one that the run does not hold. A run that was handed the
-    true poses of the first frame is not judged on that frame.
 
     Args:
         run: what a method said.
         assembly: what it was about.
         truth: by frame number.
-        camera: needed only where the truth lacks visible shares, to render them.
+        camera: needed where the truth lacks visible shares, to render them, and for `bop` without
+            `views`.
         protocol: what counts, see `asdfviz.evaluate.protocols`.
         sequence_name: name in the report; None for the last part of the run's path.
+        views: measured depth for `bop`; without it the truth is rendered.
 
     Raises:
         RunError: the run does not fit the assembly or holds a pose that is none.
-        SequenceError: visible shares are missing and there is no camera.
+        SequenceError: something has to be rendered and there is no camera.
     """
-    predictions = predictions_by_frame(run, assembly)
-    frames = judged_frames(run, truth)
-    comparison = compare_poses(
-        predictions,
-        frames,
-        assembly=assembly,
-        visible=visible_shares(frames, assembly=assembly, camera=camera),
-    )
-    parts, means = pose_figures(comparison, assembly, protocol)
-    states = state_records(frames, predictions, assembly)
+    found = judge(run, assembly=assembly, truth=truth, camera=camera)
+    report = protocol_report(found, protocol=protocol, sequence_name=sequence_name)
+    if protocol == "bop":
+        _add_bop(report, found, views or _views_of(camera))
+    return report
+
+
+def protocol_report(
+    judgement: Judgement, *, protocol: ProtocolName, sequence_name: str | None = None
+) -> dict[str, Any]:
+    """Count a judgement by a protocol: the report of `evaluate_run` without average recalls."""
+    run, assembly, states = judgement.run, judgement.assembly, judgement.states
+    parts, means = pose_figures(judgement.comparison, assembly, protocol)
     state = state_figures(states)
     if protocol == "gbot":
         state["micro_f1"] = micro_f1(states)
@@ -136,21 +118,80 @@ def evaluate_run(
         "method": run.method,
         "sequence": Path(run.sequence).name if sequence_name is None else sequence_name,
         "protocol": protocol,
-        "n_frames": len(frames),
+        "n_frames": len(judgement.frames),
         "parts": parts,
-        "mean": means,
+        "mean": {**means, "score_auc": _score_area(judgement), "ar_bop": None},
         "state": state,
         "runtime_ms": runtime_figures(run.predictions),
+        "assembly": assembly.name,
+        "state_details": _state_details(states, assembly),
     }
-    warnings = _warnings(predictions, truth, frames)
+    warnings = list(judgement.warnings)
     return {**report, "warnings": warnings} if warnings else report
 
 
-def judged_frames(run: Run, truth: Mapping[int, FrameTruth]) -> tuple[FrameTruth, ...]:
-    """Return the frames that count, in order: all of the truth but the frame that was given."""
-    given = run.initial == "first_frame_truth" and run.predictions
-    first = run.predictions[0].frame_index if given else None
-    return tuple(truth[index] for index in sorted(truth) if index != first)
+def _add_bop(report: dict[str, Any], judgement: Judgement, views: Views) -> None:
+    """Add average recalls, and whether VSD saw measured or rendered depth."""
+    # OpenGL is loaded only where something is drawn.
+    from asdfviz.render.renderer import Renderer
+
+    renderers: dict[tuple[int, int], Renderer] = {}
+
+    def draw(camera: Camera) -> DepthDrawer:
+        size = (camera.width, camera.height)
+        return renderers.get(size) or renderers.setdefault(size, Renderer(*size))
+
+    try:
+        found = bop_recall(
+            judgement.comparison.records,
+            judgement.frames,
+            judgement.assembly,
+            views=views,
+            draw=draw,
+        )
+    finally:
+        for renderer in renderers.values():
+            renderer.close()
+    for name, figures in found.parts.items():
+        report["parts"][name] |= figures
+    report["mean"] |= found.mean
+    report["vsd_depth"] = {
+        "measured_frames": found.frames_measured,
+        "rendered_frames": found.frames_rendered,
+    }
+
+
+def _views_of(camera: Camera | None) -> Views:
+    if camera is None:
+        raise SequenceError("the protocol bop renders the parts, and there is no camera for it")
+    return lambda frame_index: View(camera, None)
+
+
+def _score_area(judgement: Judgement) -> float | None:
+    """How well the score of a found pose tells ADD(S) < 0.1 d from worse: area under the ROC."""
+    return ranking_area(
+        [
+            (r.score, r.error.add_s < DIAMETER_SHARE * judgement.assembly.parts[r.part].diameter)
+            for r in judgement.comparison.records
+            if r.error is not None and r.score is not None and r.visible >= VISIBLE
+        ]
+    )
+
+
+def _state_details(states: Sequence[StateRecord], assembly: Assembly) -> dict[str, Any]:
+    """What does not fit in single figures: confusion, transitions, calibration curve."""
+    followed, _ = true_transitions(states)
+    return {
+        "confusion": confusion_matrix(states, assembly),
+        "transitions": [
+            {"frame": t.frame, "from": t.before, "to": t.after, "delay_frames": t.delay}
+            for t in followed
+        ],
+        "reliability": [
+            {"count": b.count, "confidence": 100 * b.confidence, "accuracy": 100 * b.accuracy}
+            for b in reliability(confidences(states))
+        ],
+    }
 
 
 def runtime_figures(predictions: Iterable[FramePrediction]) -> Figures:
@@ -162,24 +203,3 @@ def runtime_figures(predictions: Iterable[FramePrediction]) -> Figures:
     totals = times_ms.pop("total", [])
     stages = {stage: median(values) for stage, values in times_ms.items()}
     return {**stages, "total_median": median(totals), "total_mean": mean(totals)}
-
-
-def _warnings(
-    predictions: Mapping[int, FramePrediction],
-    truth: Mapping[int, FrameTruth],
-    frames: tuple[FrameTruth, ...],
-) -> list[str]:
-    found: list[str] = []
-    absent = [frame.frame_index for frame in frames if frame.frame_index not in predictions]
-    if absent:
-        found.append(
-            f"{len(absent)} of {len(frames)} frames with truth are not in the run and count as "
-            f"missed, frame {absent[0]} first"
-        )
-    unknown = sorted(set(predictions) - set(truth))
-    if unknown:
-        found.append(
-            f"{len(unknown)} frames of the run have no truth and do not count, "
-            f"frame {unknown[0]} first"
-        )
-    return found

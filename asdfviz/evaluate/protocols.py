@@ -1,6 +1,7 @@
 """What counts: the pose figures of a part, and of all parts, under the strict and the authors' rules.
 
-`strict`: every part that can be seen counts, a missing pose is a miss. `gbot`: the rules of the GBOT
+`strict`: every part that can be seen counts, a missing pose is a miss. `bop`: the same, and the average
+recalls of `asdfviz.evaluate.bop` beside it. `gbot`: the rules of the GBOT
 authors' eval_calc_errors.py, by which the ASDF paper's tables were made. They count only the poses
 that were handed in, and call a share at 10 cm ADD(S); it is kept apart to compare with the paper.
 Shares in percent, lengths in mm, angles in degrees; None where a figure is not defined.
@@ -17,7 +18,7 @@ from asdfviz.datatypes import Assembly, Part
 from asdfviz.evaluate.pose_errors import PoseError
 from asdfviz.evaluate.records import Comparison, PoseRecord
 
-ProtocolName: TypeAlias = Literal["strict", "gbot"]
+ProtocolName: TypeAlias = Literal["strict", "gbot", "bop"]
 Figures: TypeAlias = dict[str, float | int | None]
 
 VISIBLE = 0.1
@@ -26,19 +27,24 @@ DETECTABLE = 0.3
 """Detection recall asks for parts from this visible share on."""
 ADD_LIMIT = 0.1
 """Metres: ADD(S)@10 cm."""
+TIGHT_LIMIT = 0.02
+"""Metres: AUC of ADD(S) to 2 cm, for small parts."""
 DIAMETER_SHARE = 0.1
 """ADD(S) < 0.1 d."""
 GBOT_MAX_E_T = 1.0
 """Metres: the authors leave larger translation errors out of their mean."""
 
+_SHARES_OF_ADD = ("add_s_10cm", "add_s_01d", "auc_add_s_10cm", "auc_add_s_2cm")
+_UNSYMMETRIC = ("e_r_deg", "e_r_deg_median", "e_r_deg_p90")
 MEAN_FIGURES = (
-    "add_s_10cm",
-    "add_s_01d",
+    *_SHARES_OF_ADD,
     "e_t_mm",
     "e_t_mm_median",
-    "e_r_deg",
+    "e_t_mm_p90",
+    *_UNSYMMETRIC,
     "e_r_sym_deg",
     "e_r_sym_deg_median",
+    "e_r_sym_deg_p90",
     "detection_recall",
 )
 
@@ -76,13 +82,13 @@ def pose_figures(
     by_part: dict[str, list[PoseRecord]] = {name: [] for name in assembly.parts}
     for record in comparison.records:
         by_part[record.part].append(record)
-    part_figures = _strict_figures if protocol == "strict" else _gbot_figures
+    part_figures = _gbot_figures if protocol == "gbot" else _strict_figures
     parts: dict[str, Figures] = {}
     for name, part in assembly.parts.items():
         parts[name] = part_figures(by_part[name], part)
         parts[name]["detection_recall"] = _detection_recall(by_part[name])
         parts[name]["false_positives"] = len(comparison.false_positives.get(name, ()))
-    if protocol == "strict":
+    if protocol != "gbot":
         return parts, {
             key: mean(figures[key] for figures in parts.values()) for key in MEAN_FIGURES
         }
@@ -145,10 +151,10 @@ def _gbot_mean(
     figures: Figures = {}
     for key in MEAN_FIGURES:
         names = evaluated
-        if key == "e_r_deg":
+        if key in _UNSYMMETRIC:
             names = [n for n in names if not assembly.parts[n].symmetries.is_symmetric]
         values = [parts[name][key] for name in names]
-        if key in ("add_s_10cm", "add_s_01d"):
+        if key in _SHARES_OF_ADD:
             values = [0.0 if value is None else value for value in values]
         figures[key] = mean(values)
     return figures
@@ -158,24 +164,49 @@ def _add_shares(adds: Sequence[float], part: Part, *, total: int) -> Figures:
     return {
         "add_s_10cm": percent(sum(a < ADD_LIMIT for a in adds), total),
         "add_s_01d": percent(sum(a < DIAMETER_SHARE * part.diameter for a in adds), total),
+        "auc_add_s_10cm": area_under_recall(adds, limit=ADD_LIMIT, total=total),
+        "auc_add_s_2cm": area_under_recall(adds, limit=TIGHT_LIMIT, total=total),
     }
+
+
+def area_under_recall(errors: Sequence[float], *, limit: float, total: int) -> float | None:
+    """Area under the recall over thresholds from 0 to `limit`, percent of the whole.
+
+    The exact integral of the step curve, mean(max(0, 1 - error / limit)); what is missing up to
+    `total` counts 0. PoseCNN's script (Xiang et al., RSS 2018) adds up to one step a pose to it.
+    """
+    reached = sum(max(0.0, 1.0 - error / limit) for error in errors)
+    return 100.0 * reached / total if total else None
 
 
 def _distances(errors: Sequence[PoseError], e_t: Sequence[float]) -> Figures:
     e_t_mm = [1000.0 * value for value in e_t]
+    e_r_deg = [float(np.rad2deg(error.e_r)) for error in errors]
     e_r_sym_deg = [float(np.rad2deg(error.e_r_sym)) for error in errors]
     return {
-        "e_t_mm": mean(e_t_mm),
-        "e_t_mm_median": median(e_t_mm),
-        "e_r_deg": mean(float(np.rad2deg(error.e_r)) for error in errors),
-        "e_r_sym_deg": mean(e_r_sym_deg),
-        "e_r_sym_deg_median": median(e_r_sym_deg),
+        **_spread("e_t_mm", e_t_mm),
+        **_spread("e_r_deg", e_r_deg),
+        **_spread("e_r_sym_deg", e_r_sym_deg),
+    }
+
+
+def _spread(name: str, values: Sequence[float]) -> Figures:
+    """A figure's mean, median and 90th percentile: a few turned-over poses rule the mean."""
+    return {
+        name: mean(values),
+        f"{name}_median": median(values),
+        f"{name}_p90": percentile(values, 90.0),
     }
 
 
 def median(values: Sequence[float]) -> float | None:
     """Median, None of nothing."""
-    return float(np.median(values)) if values else None
+    return percentile(values, 50.0)
+
+
+def percentile(values: Sequence[float], share: float) -> float | None:
+    """The value that `share` percent lie under (between two values in proportion), None of nothing."""
+    return float(np.percentile(values, share)) if values else None
 
 
 def _detection_recall(records: Sequence[PoseRecord]) -> float | None:

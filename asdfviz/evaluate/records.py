@@ -11,10 +11,11 @@ from dataclasses import dataclass
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, PoseEstimate, Run
 from asdfviz.errors import RunError
 from asdfviz.evaluate.pose_errors import PoseError, error_model, pose_error
+from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import is_rigid
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class PoseRecord:
     """One true part in one frame, and how far its estimate is off."""
 
@@ -24,9 +25,13 @@ class PoseRecord:
     """Visible share of the part's outline, 0 to 1."""
     error: PoseError | None
     """None where the run has no pose: a miss."""
+    T_camera_truth: Transform
+    T_camera_estimate: Transform | None
+    score: float | None
+    """How sure the run is of its pose, 0 to 1."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
     """Every record, and the poses of parts that are not there."""
 
@@ -96,5 +101,15 @@ def compare_poses(
                 continue
             error = None if pose is None else pose_error(pose.T_camera_part, T_camera_truth, model)
             share = visible[frame.frame_index][name]
-            records.append(PoseRecord(frame.frame_index, name, share, error))
+            records.append(
+                PoseRecord(
+                    frame_index=frame.frame_index,
+                    part=name,
+                    visible=share,
+                    error=error,
+                    T_camera_truth=T_camera_truth,
+                    T_camera_estimate=None if pose is None else pose.T_camera_part,
+                    score=None if pose is None else pose.score,
+                )
+            )
     return Comparison(tuple(records), {name: tuple(found) for name, found in extra.items()})

@@ -8,9 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
-from asdfviz.evaluate.protocols import Figures, mean, percent
+from asdfviz.evaluate.calibration import calibration_error
+from asdfviz.evaluate.protocols import Figures, mean, median, percent, percentile
+from asdfviz.evaluate.segments import (
+    Transition,
+    edit_score,
+    procedure_scores,
+    segment_f1,
+    steps,
+    transitions,
+)
 
 TOLERANCE = 2
 """Frames on either side of a true transition that may take either state."""
@@ -20,6 +30,7 @@ TOLERANCE = 2
 class StateRecord:
     """True and predicted state of one frame."""
 
+    frame_index: int
     state: int
     is_error: bool | None
     """None where the truth does not say."""
@@ -28,6 +39,16 @@ class StateRecord:
     predicted_error: bool
     accepted: frozenset[int]
     """The states that count as right with the tolerance."""
+    attached: frozenset[str]
+    """Parts that are joined: what the truth says, else what the state nominally joins."""
+    predicted_attached: frozenset[str]
+    confidence: float | None
+    """Probability that the run gives the state it says."""
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the state is right, and also whether it is an error where the truth says so."""
+        return self.predicted == self.state and self.is_error in (None, self.predicted_error)
 
 
 def state_records(
@@ -44,11 +65,17 @@ def state_records(
         said = None if estimate is None else assembly.states[estimate.index]
         records.append(
             StateRecord(
+                frame_index=frame.frame_index,
                 state=state,
                 is_error=frame.is_error,
                 predicted=None if said is None else said.completed,
                 predicted_error=said is not None and said.is_error,
                 accepted=right,
+                attached=frozenset(
+                    assembly.states[state].attached if frame.attached is None else frame.attached
+                ),
+                predicted_attached=frozenset(() if said is None else said.attached),
+                confidence=None if estimate is None else float(estimate.probabilities.max()),
             )
         )
     return tuple(records)
@@ -59,7 +86,9 @@ def state_figures(records: Sequence[StateRecord]) -> Figures:
 
     `accuracy_tol2` takes either state in the two frames before and the two frames after a true
     transition, so a transition that is at most two frames off costs nothing. `macro_f1` is the plain
-    mean of F1 over the states that occur in the truth.
+    mean of F1 over the states that occur in the truth, `macro_f1_state_part` that over all pairs of
+    a state and a part joined in it. Delays are in frames, below 0 for early; a transition that the
+    run never followed has none and lowers `transitions_followed`.
     """
     judged = [record for record in records if record.is_error is not None]
     wrong = [record for record in judged if record.is_error]
@@ -71,7 +100,82 @@ def state_figures(records: Sequence[StateRecord]) -> Figures:
         "macro_f1": mean(_f1(records, state) for state in sorted({r.state for r in records})),
         "error_recall": percent(hits, len(wrong)),
         "error_precision": percent(hits, len(flagged)),
+        "macro_f1_state_part": _macro_f1_state_part(records),
+        **_course_figures(records),
+        "ece": calibration_error(confidences(records)),
     }
+
+
+def confusion_matrix(records: Sequence[StateRecord], assembly: Assembly) -> dict[str, Any]:
+    """Count frames by what is true (rows) and what the run says (columns).
+
+    The labels are the correct states and "error", for any frame with an error; the columns end with
+    "none", for frames in which the run says no state.
+    """
+    names = [state.name for state in assembly.steps]
+    error, none = len(names), len(names) + 1
+    counts = [[0] * (len(names) + 2) for _ in range(len(names) + 1)]
+    for record in records:
+        row = error if record.is_error else record.state
+        if record.predicted is None:
+            column = none
+        else:
+            column = error if record.predicted_error else record.predicted
+        counts[row][column] += 1
+    return {"true": [*names, "error"], "predicted": [*names, "error", "none"], "frames": counts}
+
+
+def true_transitions(records: Sequence[StateRecord]) -> tuple[tuple[Transition, ...], int]:
+    """Return every true transition with its delay, and how many changes of the run are false."""
+    return transitions(
+        [record.predicted for record in records],
+        [record.state for record in records],
+        [record.frame_index for record in records],
+    )
+
+
+def confidences(records: Sequence[StateRecord]) -> list[tuple[float, bool]]:
+    """Return how sure the run was of each state that it said, and whether it was right."""
+    return [(r.confidence, r.is_right) for r in records if r.confidence is not None]
+
+
+def _course_figures(records: Sequence[StateRecord]) -> Figures:
+    """Figures of segments, transitions and procedure steps; see `asdfviz.evaluate.segments`."""
+    said = [record.predicted for record in records]
+    true = [record.state for record in records]
+    frames = [record.frame_index for record in records]
+    followed, false = true_transitions(records)
+    delays = [float(found.delay) for found in followed if found.delay is not None]
+    procedure = procedure_scores(steps(said, frames), steps(true, frames))
+    return {
+        "edit": edit_score(said, true),
+        "f1_10": segment_f1(said, true, overlap=0.1),
+        "f1_25": segment_f1(said, true, overlap=0.25),
+        "f1_50": segment_f1(said, true, overlap=0.5),
+        "delay_frames_median": median(delays),
+        "delay_frames_p90": percentile([abs(delay) for delay in delays], 90.0),
+        "transitions_followed": percent(len(delays), len(followed)),
+        "false_transitions": None if all(state is None for state in said) else false,
+        "pos": procedure.pos,
+        "step_f1": procedure.f1,
+        "step_delay_frames": procedure.delay,
+    }
+
+
+def _macro_f1_state_part(records: Sequence[StateRecord]) -> float | None:
+    """Mean F1 over "each state and each assembly part" of the paper.
+
+    A part's label in a frame is the state while the part is joined, and nothing while it is loose.
+    """
+    true = [{(r.state, part) for part in r.attached} for r in records]
+    said = [{(r.predicted, part) for part in r.predicted_attached} for r in records]
+    pairs = sorted(set[tuple[int, str]]().union(*true))
+    scores: list[float] = []
+    for pair in pairs:
+        both = sum(pair in a and pair in b for a, b in zip(true, said, strict=True))
+        total = sum(pair in a for a in true) + sum(pair in b for b in said)
+        scores.append(100.0 * 2 * both / total)
+    return mean(scores)
 
 
 def micro_f1(records: Sequence[StateRecord]) -> float | None:

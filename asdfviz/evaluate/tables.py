@@ -15,17 +15,24 @@ UNDEFINED = "-"
 POSE_COLUMNS = (
     ("ADD(S) < 10 cm [%]", "add_s_10cm"),
     ("ADD(S) < 0.1 d [%]", "add_s_01d"),
+    ("AUC 2 cm", "auc_add_s_2cm"),
+    ("AR BOP", "ar_bop"),
     ("e_t [mm]", "e_t_mm"),
     ("median", "e_t_mm_median"),
+    ("p90", "e_t_mm_p90"),
     ("e_r [°]", "e_r_deg"),
     ("sym. [°]", "e_r_sym_deg"),
     ("sym. median", "e_r_sym_deg_median"),
+    ("sym. p90", "e_r_sym_deg_p90"),
     ("found [%]", "detection_recall"),
 )
 STATE_COLUMNS = (
     ("state [%]", "accuracy"),
     ("± 2 frames", "accuracy_tol2"),
     ("macro F1", "macro_f1"),
+    ("edit", "edit"),
+    ("F1@50", "f1_50"),
+    ("delay [frames]", "delay_frames_median"),
     ("error recall", "error_recall"),
     ("precision", "error_precision"),
 )
@@ -56,6 +63,26 @@ def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join([table, "", *notes]) if notes else table
 
 
+def means_table(means: Sequence[Mapping[str, Any]]) -> str:
+    """Two rows a method (and one assembly of it): the plain and the frame-weighted mean over runs."""
+    headings = ["Method", "Assembly", "Mean", "Runs", "Frames"]
+    headings += [title for title, _ in (*POSE_COLUMNS, *STATE_COLUMNS)]
+    rows = [
+        [
+            escaped(str(entry["method"])),
+            escaped(str(entry["assembly"] or "all")),
+            title,
+            str(entry["n_runs"]),
+            str(entry["n_frames"]),
+            *(number(entry[kind]["mean"].get(key)) for _, key in POSE_COLUMNS),
+            *(number(entry[kind]["state"].get(key)) for _, key in STATE_COLUMNS),
+        ]
+        for entry in means
+        for title, kind in (("plain", "plain"), ("by frames", "frame_weighted"))
+    ]
+    return _table(headings, rows, texts=3)
+
+
 def parts_table(result: Mapping[str, Any]) -> str:
     """One row a part of one result, and the mean as the last row."""
     headings = ["Part", "Visible", "Poses", "Extra", *(title for title, _ in POSE_COLUMNS)]
@@ -64,7 +91,7 @@ def parts_table(result: Mapping[str, Any]) -> str:
         [
             escaped(str(name)),
             *(str(figures[key]) for key in counts),
-            *(number(figures[key]) for _, key in POSE_COLUMNS),
+            *(number(figures.get(key)) for _, key in POSE_COLUMNS),
         ]
         for name, figures in result["parts"].items()
     ]

@@ -60,10 +60,10 @@ def export_bop(
     """
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     folder = folder.expanduser().resolve()
-    _check_target(folder, source)
+    check_target(folder, source)
     poses, info = scene_gt(truth, source), scene_gt_info(truth)
     # Named first, so that an export that was cut off can be repeated in its folder.
-    _write_json(folder / _SEQUENCE, _about(source))
+    _write_json(folder / _SEQUENCE, about_export(source))
     cameras: dict[str, object] = {}
     first: Camera | None = None
     scale = 1.0
@@ -85,7 +85,12 @@ def export_bop(
         _write_json(folder / "models_info.json", models_info(source.assembly))
 
 
-def _check_target(folder: Path, source: Sequence) -> None:
+def check_target(folder: Path, source: Sequence) -> None:
+    """Refuse a folder that an export must not write into.
+
+    Raises:
+        SequenceError: it lies over the sequence, or holds anything but an earlier export of it.
+    """
     origin = Path(source.path).resolve()
     if folder == origin or origin in folder.parents or folder in origin.parents:
         raise SequenceError(
@@ -115,7 +120,8 @@ def _is_earlier_export(folder: Path, source: Sequence) -> bool:
     )
 
 
-def _about(source: Sequence) -> dict[str, object]:
+def about_export(source: Sequence) -> dict[str, object]:
+    """sequence.json of an export: what it was made from."""
     about: dict[str, object] = {"generator": _GENERATOR, "source": source.path}
     if isinstance(source, FolderSequence):
         about["fps"] = source.fps
@@ -135,7 +141,7 @@ def _assembly_reference(assembly: Assembly) -> str:
 def _write_images(source: Sequence, place: int, folder: Path) -> tuple[Camera, float]:
     """Write one frame's images; return its camera and the millimetres per unit of its depth."""
     index = source.frame_indices[place]
-    if not isinstance(source, FolderSequence):
+    if not isinstance(source, FolderSequence) or not source.has_plain_files:
         return _write_decoded(source[place], folder)
     rgb = source.files.rgb[index]
     if source.cameras[index].distortion is None:

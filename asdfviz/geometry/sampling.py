@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Faces, Points
+from asdfviz.geometry.shapes import Faces, Points, Vector
 
 
 def farthest_points(points: Points, count: int) -> Float64[np.ndarray, "m 3"]:
@@ -26,14 +26,23 @@ def surface_points(
     vertices: Points, faces: Faces, count: int, seed: int = 0
 ) -> Float64[np.ndarray, "m 3"]:
     """Sample `count` points evenly by area over the surface; the same seed gives the same points."""
+    return oriented_surface_points(vertices, faces, count, seed)[0]
+
+
+def oriented_surface_points(
+    vertices: Points, faces: Faces, count: int, seed: int = 0
+) -> tuple[Float64[np.ndarray, "m 3"], Float64[np.ndarray, "m 3"]]:
+    """The points of `surface_points` and the unit normals of their faces."""
     rng = np.random.default_rng(seed)
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    normals = np.cross(b - a, c - a)
+    area = np.linalg.norm(normals, axis=1)
     picked = rng.choice(len(faces), size=count, p=area / area.sum())
     st = rng.random((2, count, 1))
     # The far half of the unit square is folded back into the triangle.
     st = np.where(st.sum(axis=0) > 1, 1 - st, st)
-    return a[picked] + st[0] * (b - a)[picked] + st[1] * (c - a)[picked]
+    points = a[picked] + st[0] * (b - a)[picked] + st[1] * (c - a)[picked]
+    return points, normals[picked] / area[picked, None]
 
 
 def diameter(points: Points) -> float:
@@ -50,3 +59,10 @@ def diameter(points: Points) -> float:
     heights = points @ directions.T
     ends = points[np.unique(np.concatenate([heights.argmax(axis=0), heights.argmin(axis=0)]))]
     return float(np.linalg.norm(ends[:, None] - ends[None], axis=2).max())
+
+
+def surface_middle(vertices: Points, faces: Faces) -> Vector:
+    """Centroid of the surface by area: the one point that every symmetry of a part leaves in place."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return (area[:, None] * (a + b + c) / 3).sum(axis=0) / area.sum()

@@ -1,7 +1,8 @@
 """ASDF: poses from keypoints refined by depth, states from looks and poses fused over time.
 
 Schieber et al., "ASDF: Assembly State Detection Utilizing Late Fusion by Integrating 6D Pose
-Estimation", ISMAR 2024. `Asdf.step` reads like the figure of the paper.
+Estimation", ISMAR 2024. `Asdf.step` reads like the figure of the paper. With crop weights, first
+poses come from crops instead of keypoints; `--first-pose keypoints` is the paper to the letter.
 """
 
 from __future__ import annotations
@@ -20,6 +21,13 @@ from asdfviz.datatypes import (
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.assignment import assign_detections
+from asdfviz.methods.first_pose import (
+    CropPoseConfig,
+    CropPoses,
+    FirstPose,
+    LooksAtParts,
+    crop_poses,
+)
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
 from asdfviz.methods.part_poses import (
     PartShape,
@@ -47,6 +55,12 @@ class AsdfConfig:
     """The network."""
     pnp: PnpConfig = ROBUST_PNP
     """From keypoints to a pose."""
+    first_pose: FirstPose | None = None
+    """What first poses come from: keypoints (the paper) or hypotheses (crops around the boxes).
+    Default: hypotheses if crop weights lie beside the assembly (crops.safetensors) or are named,
+    else keypoints."""
+    crops: CropPoseConfig = field(default_factory=CropPoseConfig)
+    """First poses from crops."""
     box_fit: BoxFitConfig = field(default_factory=BoxFitConfig)
     """Distances that the boxes contradict."""
     translation: TranslationConfig = field(default_factory=TranslationConfig)
@@ -69,35 +83,49 @@ class _Scene:
     detector: Detects
     shapes: dict[str, PartShape]
     pose2state: Pose2State
+    crop_poses: CropPoses | None
+    """None: first poses come from keypoints."""
 
 
 class Asdf:
     """Detect, assign, PnP, refine by depth, state by looks, state by poses, fuse."""
 
-    def __init__(self, config: AsdfConfig, *, detector: Detects | None = None) -> None:
+    def __init__(
+        self,
+        config: AsdfConfig,
+        *,
+        detector: Detects | None = None,
+        looker: LooksAtParts | None = None,
+    ) -> None:
         """Keep the config.
 
         Args:
             config: the options.
             detector: used instead of the configured network.
+            looker: used instead of the configured crop network.
         """
         self._config = config
-        self._given_detector = detector
+        self._given_detector, self._given_looker = detector, looker
         self._scene: _Scene | None = None
+        self._before: Mapping[str, PoseEstimate] = {}
         self._boxes: dict[str, Box] = {}
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
-        """Load the network, sample the parts' surfaces and forget the sequence before.
+        """Load the networks, sample the parts' surfaces and forget the sequence before.
 
         Raises:
             WeightsError: there are no weights for this assembly.
         """
-        self._boxes = {}
+        config = self._config
+        self._boxes, self._before = {}, {}
         self._scene = _Scene(
             assembly=assembly,
-            detector=self._given_detector or load_detector(self._config.detector, assembly),
-            shapes=part_shapes(assembly, surface_points=self._config.translation.surface_points),
-            pose2state=Pose2State(assembly, config=self._config.fusion),
+            detector=self._given_detector or load_detector(config.detector, assembly),
+            shapes=part_shapes(assembly, surface_points=config.translation.surface_points),
+            pose2state=Pose2State(assembly, config=config.fusion),
+            crop_poses=crop_poses(
+                config.first_pose, config.crops, assembly, looker=self._given_looker
+            ),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -106,9 +134,9 @@ class Asdf:
         assembly, shapes = scene.assembly, scene.shapes
         with timed("detect"):
             detections = scene.detector.detect(frame.rgb)
-        with timed("pnp"):
+        with timed("pnp" if scene.crop_poses is None else "crops"):
             found = assign_detections(detections, assembly, previous=self._boxes)
-            poses = self._poses_by_pnp(found, frame)
+            poses = self._first_poses(found, frame)
         with timed("refine"):
             poses = poses_refined_by_depth(poses, found, shapes, frame, config=config.translation)
             poses, found = settled_poses(
@@ -118,27 +146,29 @@ class Asdf:
                 frame,
                 assembly=assembly,
                 shapes=shapes,
-                solve=lambda boxes: self._poses_by_pnp_and_depth(boxes, frame),
+                solve=lambda boxes: self._poses_with_depth(boxes, frame),
                 config=config.rivals,
             )
             self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
+            self._before = poses
         with timed("state"):
             looks = appearance_probabilities(detections, assembly, config=config.appearance)
             places = relative_pose_probabilities(poses, assembly, config=config.relative_pose)
             state = scene.pose2state.step(looks, places)
         return FramePrediction(frame.index, poses, state, detections, timed.seconds)
 
-    def _poses_by_pnp(
-        self, found: Mapping[str, Detection], frame: Frame
-    ) -> dict[str, PoseEstimate]:
+    def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
         config, scene = self._config, self._started()
+        if scene.crop_poses is not None:
+            before = {name: pose.T_camera_part for name, pose in self._before.items()}
+            return scene.crop_poses.poses(found, frame, use_depth=True, previous=before)
         poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)
         return poses_fitted_to_boxes(poses, found, scene.shapes, frame, config=config.box_fit)
 
-    def _poses_by_pnp_and_depth(
+    def _poses_with_depth(
         self, found: Mapping[str, Detection], frame: Frame
     ) -> dict[str, PoseEstimate]:
-        poses = self._poses_by_pnp(found, frame)
+        poses = self._first_poses(found, frame)
         shapes = self._started().shapes
         return poses_refined_by_depth(poses, found, shapes, frame, config=self._config.translation)
 
@@ -150,7 +180,7 @@ class Asdf:
 
 SPEC = MethodSpec(
     name="asdf",
-    summary="The paper's pipeline: keypoints, PnP, depth refinement, Pose2State",
+    summary="The paper's pipeline: first poses, depth refinement, Pose2State",
     config=AsdfConfig,
     factory="asdfviz.methods.asdf:Asdf",
 )

@@ -50,8 +50,13 @@ def weights_path(config: NetworkConfig, assembly: Assembly) -> Path:
     """Return the file that the network is read from; it need not exist."""
     if config.weights is not None:
         return config.weights.expanduser().resolve()
-    own = Path(assembly.path).parent / WEIGHTS
-    joint = own.parent.parent / WEIGHTS
+    return shipped_weights(assembly, WEIGHTS)
+
+
+def shipped_weights(assembly: Assembly, name: str) -> Path:
+    """Return the file of that name beside assembly.yaml, or the one above if only that is there."""
+    own = Path(assembly.path).parent / name
+    joint = own.parent.parent / name
     return joint if joint.is_file() and not own.is_file() else own
 
 

@@ -19,6 +19,12 @@ GROUP = "asdfviz.methods"
 BUILT_IN = {
     "yolov8pose": "asdfviz.methods.yolov8pose:SPEC",
     "asdf": "asdfviz.methods.asdf:SPEC",
+    "asdf_track": "asdfviz.methods.asdf_track:SPEC",
+    "srt3d": "asdfviz.methods.srt3d:SPEC",
+    "icg": "asdfviz.methods.icg:SPEC",
+    "icg_srt3d": "asdfviz.methods.icg_srt3d:SPEC",
+    "gbot": "asdfviz.methods.gbot:SPEC",
+    "gbot_reinit": "asdfviz.methods.gbot_reinit:SPEC",
 }
 """Listed by the package's own entry points too; here, so that a clone on the path is enough."""
 

@@ -1,4 +1,8 @@
-"""YOLOv8-pose with PnP: the paper's baseline. Poses from keypoints, the state from its box alone."""
+"""YOLOv8-pose with PnP: the paper's baseline. Poses from keypoints, the state from its box alone.
+
+With crop weights, first poses come from crops instead (colour alone: no depth); the paper's own are
+`--first-pose keypoints`.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +12,13 @@ from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, StateEst
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.assignment import assign_detections
+from asdfviz.methods.first_pose import (
+    CropPoseConfig,
+    CropPoses,
+    FirstPose,
+    LooksAtParts,
+    crop_poses,
+)
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
 from asdfviz.methods.part_poses import poses_from_keypoints
 from asdfviz.methods.spec import MethodSpec
@@ -24,6 +35,12 @@ class Yolov8PoseConfig:
     """The network."""
     pnp: PnpConfig = field(default_factory=PnpConfig)
     """From keypoints to a pose."""
+    first_pose: FirstPose | None = None
+    """What first poses come from: keypoints (the paper) or hypotheses (crops around the boxes).
+    Default: hypotheses if crop weights lie beside the assembly (crops.safetensors) or are named,
+    else keypoints."""
+    crops: CropPoseConfig = field(default_factory=CropPoseConfig)
+    """First poses from crops."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """From state boxes to probabilities."""
 
@@ -31,26 +48,38 @@ class Yolov8PoseConfig:
 class Yolov8Pose:
     """Detect, PnP, and the state of the highest-scoring state box."""
 
-    def __init__(self, config: Yolov8PoseConfig, *, detector: Detects | None = None) -> None:
+    def __init__(
+        self,
+        config: Yolov8PoseConfig,
+        *,
+        detector: Detects | None = None,
+        looker: LooksAtParts | None = None,
+    ) -> None:
         """Keep the config.
 
         Args:
             config: the options.
             detector: used instead of the configured network.
+            looker: used instead of the configured crop network.
         """
         self._config = config
-        self._given_detector = detector
+        self._given_detector, self._given_looker = detector, looker
+        self._crop_poses: CropPoses | None = None
         self._detector: Detects | None = None
         self._assembly: Assembly | None = None
         self._boxes: dict[str, Box] = {}
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
-        """Load the network for this assembly.
+        """Load the networks for this assembly.
 
         Raises:
             WeightsError: there are no weights for it.
         """
+        config = self._config
         self._detector = self._given_detector or load_detector(self._config.detector, assembly)
+        self._crop_poses = crop_poses(
+            config.first_pose, config.crops, assembly, looker=self._given_looker
+        )
         self._assembly = assembly
         self._boxes = {}
 
@@ -61,10 +90,13 @@ class Yolov8Pose:
         config, assembly, timed = self._config, self._assembly, StageTimer()
         with timed("detect"):
             detections = self._detector.detect(frame.rgb)
-        with timed("pnp"):
+        with timed("pnp" if self._crop_poses is None else "crops"):
             found = assign_detections(detections, assembly, previous=self._boxes)
             self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
-            poses = poses_from_keypoints(found, frame, assembly, config=config.pnp)
+            if self._crop_poses is None:
+                poses = poses_from_keypoints(found, frame, assembly, config=config.pnp)
+            else:
+                poses = self._crop_poses.poses(found, frame, use_depth=False)
         with timed("state"):
             looks = appearance_probabilities(detections, assembly, config=config.appearance)
             state = None if looks is None else StateEstimate(looks, {"appearance": looks})
@@ -73,7 +105,7 @@ class Yolov8Pose:
 
 SPEC = MethodSpec(
     name="yolov8pose",
-    summary="YOLOv8-pose keypoints, RANSAC PnP, state by its box (the paper's baseline)",
+    summary="YOLOv8-pose, first poses by RANSAC PnP, state by its box (the paper's baseline)",
     config=Yolov8PoseConfig,
     factory="asdfviz.methods.yolov8pose:Yolov8Pose",
 )

@@ -12,7 +12,7 @@ from asdfviz.datatypes import Assembly, Mesh
 from asdfviz.synth.hands import GRASPS, HandMesh, hand_mesh
 from asdfviz.synth.mesh_bank import MeshBank
 from asdfviz.synth.primitives import distractor_meshes
-from asdfviz.synth.resting import RestingFace, resting_faces
+from asdfviz.synth.resting import RestingFace, center_of_mass, resting_faces
 
 Cloud = Float64[np.ndarray, "_ 3"]
 """Points whose number differs from cloud to cloud."""
@@ -58,7 +58,10 @@ def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:
         distractors=distractors,
         hands=hand_range,
         sleeves=sleeve_range,
-        resting={n: resting_faces(p.mesh.vertices) for n, p in assembly.parts.items()},
+        resting={
+            n: resting_faces(p.mesh.vertices, center=center_of_mass(p.mesh))
+            for n, p in assembly.parts.items()
+        },
         distractor_points=tuple(m.vertices for m in solids),
         hand_points=tuple(h.mesh.vertices for h in hands),
     )

@@ -1,12 +1,17 @@
-"""Writes BOP scene folders frame by frame, so that a stopped job goes on where it was.
+"""Writes BOP scene folders frame by frame, so that a stopped or killed job goes on where it was.
 
-Each frame leaves one small record under `records/`; `merge` gathers them into scene_gt.json,
-scene_gt_info.json, scene_camera.json, states.json, sequence.json and camera.json.
+    rgb/NNNNNN.jpg  depth/NNNNNN.png  labels/NNNNNN.txt (YOLO-pose)
+    mask/NNNNNN_KKKKKK.png  mask_visib/NNNNNN_KKKKKK.png on request (K: place in scene_gt.json)
+
+The last thing that a frame leaves is one small record under `records/`; `merge` gathers them into
+scene_gt.json, scene_gt_info.json, scene_camera.json and states.json. sequence.json and camera.json
+are there from the beginning and say what the folder was begun with.
 """
 
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -15,9 +20,17 @@ import cv2
 import numpy as np
 
 from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.data.json_files import read_json
+from asdfviz.data.scene_objects import SCENE_GT, SCENE_GT_INFO
+from asdfviz.data.truth import STATES
 from asdfviz.datatypes import Camera
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Depth, Rgb, Transform
+from asdfviz.pose.labels import Subject
+from asdfviz.synth.assets import Assets
+from asdfviz.synth.description import Scene
+from asdfviz.synth.frame_labels import label_text, silhouette_masks
+from asdfviz.synth.mesh_bank import MeshBank
 from asdfviz.synth.render import Picture
 from asdfviz.synth.scene import Group, TrueScene
 
@@ -38,34 +51,52 @@ def require_size(width: int, height: int) -> None:
 
 
 class SceneFolder:
-    """A BOP scene folder that is being written."""
+    """A BOP scene folder that is being written.
 
-    def __init__(self, folder: Path) -> None:
+    Args:
+        folder: where it is or will be.
+        assets: of the assembly; with them, frames get labels.
+        masks: whether frames get masks too; needs the assets.
+    """
+
+    def __init__(self, folder: Path, *, assets: Assets | None = None, masks: bool = False) -> None:
         self.folder = folder
-        for name in ("rgb", "records"):
-            (folder / name).mkdir(parents=True, exist_ok=True)
+        self._assets = assets
+        self._masks = masks
+        self._subject = None if assets is None else Subject.of(assets.assembly)
+        self._finished: frozenset[int] = frozenset()
+        if (folder / STATES).is_file() and not self._records.is_dir():
+            entries = read_json(folder / STATES, error=InputError).entries()
+            self._finished = frozenset(entry.get("frame").integer() for entry in entries)
 
-    def require_same(self, *, sequence: Mapping[str, object], camera: Camera) -> None:
-        """Refuse to go on in a folder that was begun with another assembly, seed or size.
+    def begin(self, *, sequence: Mapping[str, object], camera: Camera) -> None:
+        """Note what the folder is for, or see that it was begun for the same.
+
+        Args:
+            sequence: content of sequence.json: assembly, seed and whatever else the images depend on.
+            camera: content of camera.json.
 
         Raises:
-            InputError: naming the file and both values.
+            InputError: the folder holds something else, or was begun with another seed, size ...
         """
         wanted = {"sequence.json": dict(sequence), "camera.json": camera_fields(camera)}
+        if not (self.folder / "sequence.json").is_file() and self._strangers():
+            raise InputError(
+                f"{self.folder} holds something else ({', '.join(self._strangers()[:4])}): take "
+                "another folder"
+            )
         for name, content in wanted.items():
             file = self.folder / name
-            if not file.is_file():
-                continue
-            begun = json.loads(file.read_text(encoding="utf-8"))
-            for key, value in content.items():
-                if begun.get(key) != value:
-                    raise InputError(
-                        f"{file} was begun with {key} {begun.get(key)}, not {value}: take another folder"
-                    )
+            if file.is_file():
+                _require_equal(file, json.loads(json.dumps(content)))
+            else:
+                write_text(file, _dump(content))
+        if not self._finished:
+            self._records.mkdir(exist_ok=True)
 
     def has(self, frame: int) -> bool:
         """Whether a frame is already complete."""
-        return self._record(frame).is_file()
+        return frame in self._finished or self._record(frame).is_file()
 
     def write_frame(
         self,
@@ -77,41 +108,91 @@ class SceneFolder:
         depth: Depth | None,
         jpeg_quality: int = 92,
     ) -> None:
-        """Write one frame's images, then its record, each atomically."""
+        """Write one frame's images, labels and masks, then its record, each atomically.
+
+        Raises:
+            InputError: the folder holds a finished recording, which has no such frame.
+        """
+        if self._finished:
+            raise InputError(
+                f"{self.folder} holds a finished recording of {len(self._finished)} frames: take "
+                "another folder"
+            )
         bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
         quality = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality]
-        _write_image(self.folder / "rgb" / f"{frame:06d}.jpg", bgr, quality)
+        write_image(self.folder / "rgb" / f"{frame:06d}.jpg", bgr, quality)
         if depth is not None:
-            (self.folder / "depth").mkdir(exist_ok=True)
             depth_mm = np.round(np.clip(depth, 0, 65.0) * 1000).astype(np.uint16)
-            _write_image(self.folder / "depth" / f"{frame:06d}.png", depth_mm, [])
+            write_image(self.folder / "depth" / f"{frame:06d}.png", depth_mm)
+        order = truth_order(true_scene)
+        if self._subject is not None:
+            text = label_text(true_scene, picture, order, self._subject)
+            write_text(self.folder / "labels" / f"{frame:06d}.txt", text)
+        if self._masks and self._assets is not None:
+            self._write_masks(frame, true_scene.scene, picture, order, self._assets.bank)
         write_text(self._record(frame), json.dumps(frame_record(frame, true_scene, picture)))
 
-    def merge(self, *, sequence: Mapping[str, object], camera: Camera) -> int:
+    def _write_masks(
+        self, frame: int, scene: Scene, picture: Picture, order: Sequence[int], bank: MeshBank
+    ) -> None:
+        whole = silhouette_masks(scene, bank, order)
+        for k, (index, mask) in enumerate(zip(order, whole, strict=True)):
+            name = f"{frame:06d}_{k:06d}.png"
+            for room, pixels in (("mask", mask), ("mask_visib", picture.ids == index)):
+                write_image(self.folder / room / name, pixels.astype(np.uint8) * 255)
+
+    def merge(self) -> int:
         """Gather all records into the BOP files; returns how many frames there are."""
-        records = [
-            json.loads(p.read_text()) for p in sorted((self.folder / "records").glob("*.json"))
-        ]
+        if self._finished:
+            return len(self._finished)
+        records = [json.loads(p.read_text()) for p in sorted(self._records.glob("*.json"))]
         files: dict[str, object] = {
-            "scene_gt.json": {str(r["frame"]): r["gt"] for r in records},
-            "scene_gt_info.json": {str(r["frame"]): r["info"] for r in records},
+            SCENE_GT: {str(r["frame"]): r["gt"] for r in records},
+            SCENE_GT_INFO: {str(r["frame"]): r["info"] for r in records},
             "scene_camera.json": {str(r["frame"]): r["camera"] for r in records},
-            "states.json": [r["state"] for r in records],
-            "sequence.json": dict(sequence),
-            "camera.json": camera_fields(camera),
+            STATES: [r["state"] for r in records],
         }
         for name, content in files.items():
             write_text(self.folder / name, _dump(content))
         return len(records)
 
     def finish(self) -> None:
-        """Remove the records of a complete folder."""
-        for path in (self.folder / "records").glob("*.json"):
-            path.unlink()
-        (self.folder / "records").rmdir()
+        """Remove the records of a complete folder: it then counts as finished."""
+        if self._records.is_dir():
+            shutil.rmtree(self._records)
+
+    @property
+    def is_finished(self) -> bool:
+        """Whether the folder held a finished recording when it was opened."""
+        return bool(self._finished)
+
+    @property
+    def frames_done(self) -> int:
+        """How many frames are complete by now."""
+        return len(self._finished) or sum(1 for _ in self._records.glob("*.json"))
+
+    @property
+    def _records(self) -> Path:
+        return self.folder / "records"
 
     def _record(self, frame: int) -> Path:
-        return self.folder / "records" / f"{frame:06d}.json"
+        return self._records / f"{frame:06d}.json"
+
+    def _strangers(self) -> list[str]:
+        """What lies in the folder; hidden files do not count."""
+        if not self.folder.is_dir():
+            return []
+        return sorted(p.name for p in self.folder.iterdir() if not p.name.startswith("."))
+
+
+def _require_equal(file: Path, wanted: Mapping[str, object]) -> None:
+    begun = read_json(file, error=InputError).items()
+    for key, value in wanted.items():
+        there = begun[key].value if key in begun else None
+        if there != value:
+            raise InputError(
+                f"{file} was begun with {key} {there}, not {value}: take another folder"
+            )
 
 
 def camera_fields(camera: Camera) -> dict[str, float]:
@@ -211,7 +292,8 @@ def _dump(content: object) -> str:
     return "[\n" + ",\n".join(rows) + "\n]\n"
 
 
-def _write_image(path: Path, image: np.ndarray, options: Sequence[int]) -> None:
+def write_image(path: Path, image: np.ndarray, options: Sequence[int] = ()) -> None:
+    """Encode an image by the suffix of its name and write it atomically."""
     done, data = cv2.imencode(path.suffix, image, list(options))
     if not done:
         raise OSError(f"{path} could not be encoded")

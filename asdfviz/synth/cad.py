@@ -1,7 +1,7 @@
 """Makes the assemblies that this project designed itself and writes them as models.
 
-The shapes are code (`own_*.py`); this module gives them colours, states and joints. The committed
-models are what `write_own_assembly` makes, kept so by a test.
+The designs are code (`own_*.py`, in millimetres); this module turns them into an Assembly. The
+committed models are what `write_own_assembly` makes, kept so by a test.
 """
 
 from __future__ import annotations
@@ -16,13 +16,19 @@ from manifold3d import Manifold
 from asdfviz.data.assembly_writer import write_assembly
 from asdfviz.data.meshes import default_keypoints
 from asdfviz.data.states_section import default_transitions, state_class_name
-from asdfviz.datatypes import Assembly, Joint, Mesh, Part, State
+from asdfviz.datatypes import Assembly, Mesh, Part, State
 from asdfviz.errors import AssemblyError
 from asdfviz.geometry.sampling import diameter
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.symmetry import Axis, Symmetries
-from asdfviz.synth import own_corner_clamp
+from asdfviz.synth import own_corner_clamp, own_geared_caliper, own_screw_clamp, own_vise
+from asdfviz.synth.own_design import Design, Piece, Step
 
+OWN_ASSEMBLIES: dict[str, Callable[[], Design]] = {
+    "corner_clamp": own_corner_clamp.design,
+    "geared_caliper": own_geared_caliper.design,
+    "vise": own_vise.design,
+    "screw_clamp": own_screw_clamp.design,
+}
 _METRE = 1e-3
 """Metres per CAD unit."""
 _MADE_BY = "Made by asdfviz.synth.cad.write_own_assembly: change the code, not this file."
@@ -47,99 +53,62 @@ def own_assembly(name: str) -> Assembly:
         raise AssemblyError(
             f"'{name}' is not one of our own assemblies: {', '.join(OWN_ASSEMBLIES)}"
         )
-    return OWN_ASSEMBLIES[name]()
-
-
-def _corner_clamp() -> Assembly:
-    along = own_corner_clamp.DIAGONAL
-    axle = np.array([0.0, 0.0, own_corner_clamp.AXIS_HEIGHT]) * _METRE
-    slide = _metres(own_corner_clamp.SLIDE)
-    T_base_jaw = _in_metres(own_corner_clamp.jaw_pose())
-    T_base_reversed = _in_metres(own_corner_clamp.reversed_jaw_pose())
-    T_base_bolt = _in_metres(own_corner_clamp.bolt_pose())
-    # Jaw and bolt share axis and origin: they move together, tip in socket.
-    jaw_joint = Joint("prismatic", along, axle, slide=slide)
-    bolt_joint = Joint("cylindrical", along, axle, slide=slide, turn=(-np.pi, np.pi))
-    stuck = Joint("prismatic", along, axle, slide=_metres(own_corner_clamp.REVERSED_SLIDE))
-    about_z = Symmetries(continuous=(Axis(np.array([0.0, 0.0, 1.0]), np.zeros(3)),))
-    parts = (
-        _part("base", own_corner_clamp.base_solid(), (0, 90, 170), 1),
-        _part("jaw", own_corner_clamp.jaw_solid(), (225, 120, 20), 2),
-        _part("bolt", own_corner_clamp.bolt_solid(), (205, 205, 200), 3, symmetries=about_z),
-    )
-    base = {"base": np.eye(4)}
-    with_jaw = base | {"jaw": T_base_jaw}
-    states = (
-        _state(0, "base", base, {}),
-        _state(1, "jaw", with_jaw, {"jaw": jaw_joint}),
-        _state(2, "bolt", with_jaw | {"bolt": T_base_bolt}, {"jaw": jaw_joint, "bolt": bolt_joint}),
-        _state(3, "jaw_reversed", base | {"jaw": T_base_reversed}, {"jaw": stuck}, after=0),
-    )
-    return _assembly("corner_clamp", "Corner clamp", parts, states)
-
-
-OWN_ASSEMBLIES: dict[str, Callable[[], Assembly]] = {"corner_clamp": _corner_clamp}
-
-
-def _state(
-    index: int,
-    name: str,
-    poses: dict[str, Transform],
-    joints: dict[str, Joint],
-    *,
-    after: int | None = None,
-) -> State:
-    return State(index, name, poses, is_error=after is not None, after=after, joints=joints)
-
-
-def _assembly(
-    name: str, title: str, parts: tuple[Part, ...], states: tuple[State, ...]
-) -> Assembly:
-    """Add the detector classes and the transitions that follow from parts and states."""
-    named = tuple(
-        State(
-            s.index,
-            s.name,
-            s.T_base_part,
-            is_error=s.is_error,
-            after=s.after,
-            detector_class=state_class_name(name, s.name, index=s.index),
-            joints=s.joints,
-        )
-        for s in states
-    )
-    state_classes = [s.detector_class for s in named if s.detector_class]
+    design = OWN_ASSEMBLIES[name]()
+    parts: dict[str, Part] = {}
+    for piece in design.pieces:
+        parts |= _parts(piece, first_id=len(parts) + 1)
+    base = next(iter(parts))
+    states = _states(name, design.steps, base)
+    part_classes = dict.fromkeys(p.detector_class for p in parts.values())
     return Assembly(
         name=name,
-        title=title,
-        base=parts[0].name,
-        parts={p.name: p for p in parts},
-        states=named,
-        transitions=default_transitions(named),
-        detector_classes=(*(p.detector_class for p in parts), *state_classes),
+        title=design.title,
+        base=base,
+        parts=parts,
+        states=states,
+        transitions=default_transitions(states),
+        detector_classes=(*part_classes, *(s.detector_class for s in states if s.detector_class)),
         path="",
     )
 
 
-def _part(
-    name: str,
-    solid: Manifold,
-    color: tuple[int, int, int],
-    obj_id: int,
-    *,
-    symmetries: Symmetries | None = None,
-) -> Part:
-    mesh = solid_mesh(solid, name=name)
-    return Part(
-        name=name,
-        mesh=mesh,
-        keypoints=default_keypoints(mesh),
-        symmetries=symmetries or Symmetries(),
-        diameter=diameter(mesh.vertices),
-        color=np.array(color, dtype=np.uint8),
-        detector_class=name,
-        obj_id=obj_id,
-    )
+def _states(assembly: str, steps: tuple[Step, ...], base: str) -> tuple[State, ...]:
+    states: list[State] = []
+    before = State(-1, "", {base: np.eye(4)})
+    for index, step in enumerate(steps):
+        if step.after is not None:
+            before = next(s for s in states if s.name == step.after)
+        poses = {part: _in_metres(T) for part, T in step.poses.items()}
+        state = State(
+            index,
+            step.name,
+            {**before.T_base_part, **poses},
+            is_error=step.after is not None,
+            after=None if step.after is None else before.index,
+            detector_class=state_class_name(assembly, step.name, index=index),
+            joints={**before.joints, **step.joints},
+        )
+        states.append(state)
+        before = state
+    return tuple(states)
+
+
+def _parts(piece: Piece, *, first_id: int) -> dict[str, Part]:
+    mesh = solid_mesh(piece.solid, name=piece.names[0])
+    keypoints = default_keypoints(mesh)
+    return {
+        name: Part(
+            name=name,
+            mesh=mesh,
+            keypoints=keypoints,
+            symmetries=piece.symmetries,
+            diameter=diameter(mesh.vertices),
+            color=np.array(piece.color, dtype=np.uint8),
+            detector_class=piece.names[0],
+            obj_id=obj_id,
+        )
+        for obj_id, name in enumerate(piece.names, start=first_id)
+    }
 
 
 def solid_mesh(solid: Manifold, *, name: str) -> Mesh:
@@ -163,7 +132,3 @@ def _in_metres(T_mm: Transform) -> Transform:
     T = T_mm.copy()
     T[:3, 3] *= _METRE
     return T
-
-
-def _metres(span_mm: tuple[float, float]) -> tuple[float, float]:
-    return span_mm[0] * _METRE, span_mm[1] * _METRE

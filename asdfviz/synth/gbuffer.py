@@ -7,26 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Bool, Float32, Int64
+from jaxtyping import Float32, Int64
 from torch import Tensor
-from torch.nn.functional import grid_sample, normalize
 
 from asdfviz.geometry.camera import scaled_intrinsics
-from asdfviz.synth.description import Ground, Scene
+from asdfviz.synth.description import Scene
+from asdfviz.synth.grounds import ground_depth, ground_looks
 from asdfviz.synth.mesh_bank import MeshBank, Triangles
-from asdfviz.synth.raster import Projected, corner_weights, rasterize
-from asdfviz.synth.tensors import length, to_tensor
-from asdfviz.synth.textures import (
-    BLURS_PX,
-    MACRO_SIZE,
-    MICRO_PIXELS,
-    MICRO_SIZE,
-    macro_map,
-    micro_map,
-)
-
-FAR = 12.0
-"""Depth given to rays that hit nothing, metres."""
+from asdfviz.synth.raster import Fragments, Projected, corner_weights, rasterize
+from asdfviz.synth.tensors import length, to_tensor, transform_each, unit
+from asdfviz.synth.textures import macro_map
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,13 +78,13 @@ class Views:
 
     def project(self, triangles: Triangles) -> Projected:
         """The triangles as each image's camera sees them."""
+        Rt = torch.cat([self.R, self.t[:, :, None]], dim=2)
         index = triangles.vertex_image
-        p = (self.R[index] @ triangles.vertices[:, :, None])[:, :, 0] + self.t[index]
-        z = p[:, 2].clamp(min=1e-3)
-        K = self.K[index]
-        u = (K[:, 0, 0] * p[:, 0] + K[:, 0, 1] * p[:, 1]) / z + K[:, 0, 2]
-        points_px = torch.stack([u, K[:, 1, 1] * p[:, 1] / z + K[:, 1, 2]], dim=1)
-        return Projected(points_px, p[:, 2], triangles.faces, triangles.image)
+        x, y, z = transform_each(self.K @ Rt, triangles.vertices, index)
+        safe = z.clamp(min=1e-3)
+        return Projected(
+            torch.stack([x / safe, y / safe], dim=1), z, triangles.faces, triangles.image
+        )
 
 
 def place_all(scenes: Sequence[Scene], bank: MeshBank) -> Triangles:
@@ -110,150 +100,91 @@ def place_all(scenes: Sequence[Scene], bank: MeshBank) -> Triangles:
 def build_gbuffer(scenes: Sequence[Scene], triangles: Triangles, views: Views) -> GBuffer:
     """Rasterise the meshes, put the grounds behind them and look up all materials."""
     rays, centers = views.rays(), views.centers()
-    buffer = _ground_buffer(scenes, rays, centers)
-    _paint_meshes(scenes, triangles, views.project(triangles), buffer, rays)
-    return buffer
-
-
-def _ground_buffer(scenes: Sequence[Scene], rays: Tensor, centers: Tensor) -> GBuffer:
-    count, height, width, _ = rays.shape
-    depth = torch.full((count, height, width), FAR, device=rays.device)
-    normal = torch.zeros_like(rays)
-    albedo = torch.zeros_like(rays)
-    roughness = torch.ones_like(depth)
-    for i, scene in enumerate(scenes):
-        for ground in reversed(scene.grounds):
-            _lay(ground, rays[i], centers[i], depth[i], normal[i], albedo[i], roughness[i])
-    missed = depth >= FAR
-    normal[missed] = -normalize(rays[missed], dim=1)
-    position = centers[:, None, None] + rays * depth[..., None]
-    owner = torch.full_like(depth, -1, dtype=torch.int64)
-    return GBuffer(
+    depth, ground = ground_depth(scenes, rays, centers)
+    projected = views.project(triangles)
+    fragments, owner = _nearest(triangles, projected, depth)
+    weights = corner_weights(projected, fragments, (len(scenes), views.height, views.width))
+    view = -unit(rays)
+    buffer = GBuffer(
         depth,
-        position,
-        normal,
-        -normalize(rays, dim=3),
-        albedo,
-        roughness,
+        centers[:, None, None] + rays * depth[..., None],
+        view.clone(),
+        view,
+        torch.zeros_like(rays),
+        torch.ones_like(depth),
         torch.zeros_like(depth),
         owner,
     )
+    _paint_grounds(scenes, torch.where(owner < 0, ground, -1), buffer, rays)
+    _paint_meshes(scenes, triangles, fragments, weights, buffer, rays)
+    return buffer
 
 
-def _lay(
-    ground: Ground,
-    rays: Float32[Tensor, "h w 3"],
-    center: Float32[Tensor, "3"],
-    depth: Float32[Tensor, "h w"],
-    normal: Float32[Tensor, "h w 3"],
-    albedo: Float32[Tensor, "h w 3"],
-    roughness: Float32[Tensor, "h w"],
+def exact_depth(
+    scenes: Sequence[Scene], triangles: Triangles, views: Views
+) -> tuple[Float32[Tensor, "b h w"], Int64[Tensor, "b h w"]]:
+    """Depth and owner (see GBuffer) without any looks."""
+    depth, _ = ground_depth(scenes, views.rays(), views.centers())
+    return depth, _nearest(triangles, views.project(triangles), depth)[1]
+
+
+def _nearest(
+    triangles: Triangles, projected: Projected, depth: Float32[Tensor, "b h w"]
+) -> tuple[Fragments, Int64[Tensor, "b h w"]]:
+    """What of the meshes lies before the grounds; writes its depth into `depth`."""
+    count, height, width = depth.shape
+    owner = torch.full_like(depth, -1, dtype=torch.int64)
+    found = rasterize(projected, (count, height, width))
+    in_front = (found.depth < depth.view(-1)[found.covered]).nonzero()[:, 0]
+    seen = Fragments(found.depth[in_front], found.face[in_front], found.covered[in_front])
+    depth.view(-1)[seen.covered] = seen.depth
+    owner.view(-1)[seen.covered] = triangles.instance[seen.face]
+    return seen, owner
+
+
+def _paint_grounds(
+    scenes: Sequence[Scene], which: Int64[Tensor, "b h w"], buffer: GBuffer, rays: Tensor
 ) -> None:
-    """Write one ground over what lies behind it."""
-    reach = (ground.height - center[2]) / torch.where(
-        rays[:, :, 2].abs() < 1e-4, -1e-4, rays[:, :, 2]
-    )
-    x, y = center[0] + rays[:, :, 0] * reach, center[1] + rays[:, :, 1] * reach
-    mask = ground_mask(ground, x, y) & (reach > 0) & (reach < FAR)
-    if not bool(mask.any()):
-        return
-    x, y, reach = x[mask], y[mask], reach[mask]
-    footprint = float(reach.mean()) * float(length(rays[0, 1] - rays[0, 0]))
-    weights = _texels(ground, x, y, footprint)
-    colors = to_tensor(ground.colors, rays.device, dtype=torch.float32)
-    w1, w2 = weights[0, :, None], weights[1, :, None]
-    color = (colors[0] * (1 - w1) + colors[1] * w1) * (1 - w2) + colors[2] * w2
-    c, s = float(np.cos(ground.angle)), float(np.sin(ground.angle))
-    slope_x = (c * weights[3] - s * weights[4]) * ground.bump
-    slope_y = (s * weights[3] + c * weights[4]) * ground.bump
-    normal[mask] = normalize(torch.stack([-slope_x, -slope_y, torch.ones_like(x)], dim=1), dim=1)
-    albedo[mask] = (color * weights[2, :, None]).clamp(0.002, 0.95)
-    depth[mask] = reach
-    roughness[mask] = ground.roughness
-
-
-def ground_mask(
-    ground: Ground, x: Float32[Tensor, "h w"], y: Float32[Tensor, "h w"]
-) -> Bool[Tensor, "h w"]:
-    """Whether points (x, y) of a ground's plane belong to it."""
-    mask = torch.ones_like(x, dtype=torch.bool)
-    for a, b, c in ground.edges.tolist():
-        mask &= a * x + b * y <= c
-    if ground.circle is not None:
-        cx, cy, radius = ground.circle
-        mask &= (x - cx) ** 2 + (y - cy) ** 2 <= radius**2
-    return mask
-
-
-def _texels(
-    ground: Ground, x: Float32[Tensor, "p"], y: Float32[Tensor, "p"], footprint: float
-) -> Float32[Tensor, "5 p"]:
-    """Both maps at points of the plane, combined."""
-    c, s = float(np.cos(ground.angle)), float(np.sin(ground.angle))
-    u = c * x + s * y + ground.offset[0]
-    v = -s * x + c * y + ground.offset[1]
-    device = str(x.device)
-    size = MACRO_SIZE * ground.scale
-    large = macro_map(*ground.macro, device)
-    grid = torch.stack([u, v], dim=1)[None, None] * (2 / size)
-    coarse = grid_sample(
-        large[None], grid, mode="bilinear", padding_mode="reflection", align_corners=False
-    )[0, :, 0]
-    blur_px = 0.6 * footprint / (MICRO_SIZE / MICRO_PIXELS)
-    level = int(np.searchsorted(BLURS_PX, blur_px * 0.75))
-    small = micro_map(*ground.micro, min(level, len(BLURS_PX) - 1), device)
-    wrapped = torch.stack([u, v], dim=1)[None, None] / MICRO_SIZE
-    wrapped = (wrapped - wrapped.floor()) * 2 - 1
-    # The repeating map is padded by one texel so that interpolation crosses its border smoothly.
-    padded = torch.nn.functional.pad(small[None], (1, 1, 1, 1), mode="circular")
-    wrapped = wrapped * (MICRO_PIXELS / (MICRO_PIXELS + 2))
-    fine = grid_sample(padded, wrapped, mode="bilinear", align_corners=False)[0, :, 0]
-    return torch.stack(
-        [
-            (coarse[0] + fine[0]).clamp(0, 1),
-            (coarse[1] + fine[1]).clamp(0, 1),
-            coarse[2] * fine[2],
-            coarse[3] / ground.scale + fine[3],
-            coarse[4] / ground.scale + fine[4],
-        ]
-    )
+    """Write the looks of the grounds where they are seen."""
+    pixels = which.shape[1] * which.shape[2]
+    for i, scene in enumerate(scenes):
+        for k, ground in enumerate(scene.grounds):
+            place = (which[i].view(-1) == k).nonzero()[:, 0] + i * pixels
+            if len(place) == 0:
+                continue
+            x, y = (buffer.position.view(-1, 3)[place, axis] for axis in (0, 1))
+            pixel = float(length(rays[i, 0, 1] - rays[i, 0, 0]))
+            footprint = float(buffer.depth.view(-1)[place].mean()) * pixel
+            albedo, normal = ground_looks(ground, x, y, footprint)
+            buffer.normal.view(-1, 3)[place] = normal
+            buffer.albedo.view(-1, 3)[place] = albedo
+            buffer.roughness.view(-1)[place] = ground.roughness
 
 
 def _paint_meshes(
     scenes: Sequence[Scene],
     triangles: Triangles,
-    projected: Projected,
+    fragments: Fragments,
+    weights: Float32[Tensor, "p 3"],
     buffer: GBuffer,
     rays: Tensor,
 ) -> None:
-    """Write the meshes' pixels over the grounds."""
-    count, height, width = buffer.depth.shape
-    shape = (count, height, width)
-    fragments = rasterize(projected, shape)
-    weights = corner_weights(projected, fragments, shape)
-    in_front = fragments.depth < buffer.depth.view(-1)[fragments.covered]
-    hit, depth = fragments.covered[in_front], fragments.depth[in_front]
-    face, weights = fragments.face[in_front], weights[in_front]
+    """Write the looks of the meshes where they are seen."""
+    hit, face = fragments.covered, fragments.face
     if len(hit) == 0:
         return
-    owner = triangles.instance[face]
-    finish = _finishes(scenes, rays.device)[owner]
-    normal = normalize((triangles.normals[face] * weights[:, :, None]).sum(1), dim=1)
+    finish = _finishes(scenes, rays.device)[triangles.instance[face]]
+    normal = triangles.normals_at(face, weights)
     local = (triangles.local[triangles.faces[face]] * weights[:, :, None]).sum(1)
     view = buffer.view.view(-1, 3)[hit]
     normal = torch.where((normal * view).sum(1, keepdim=True) < 0, -normal, normal)
     color, normal = _decorate(
-        finish, local, normal, depth * float(length(rays[0, 0, 1] - rays[0, 0, 0]))
+        finish, local, normal, fragments.depth * float(length(rays[0, 0, 1] - rays[0, 0, 0]))
     )
-    buffer.position.view(-1, 3)[hit] += (depth - buffer.depth.view(-1)[hit])[
-        :, None
-    ] * rays.reshape(-1, 3)[hit]
-    buffer.depth.view(-1)[hit] = depth
     buffer.normal.view(-1, 3)[hit] = normal
     buffer.albedo.view(-1, 3)[hit] = color.clamp(0.002, 0.95)
     buffer.roughness.view(-1)[hit] = finish[:, 3]
     buffer.translucency.view(-1)[hit] = finish[:, 8]
-    buffer.owner.view(-1)[hit] = owner
 
 
 def _finishes(scenes: Sequence[Scene], device: torch.device) -> Float32[Tensor, "i 12"]:
@@ -280,14 +211,29 @@ def _decorate(
     normal: Float32[Tensor, "p 3"],
     footprint: Float32[Tensor, "p"],
 ) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p 3"]]:
-    """Mottled colour and a normal tilted by printed layers where a pixel can resolve them."""
-    noise = macro_map("noise", 0, str(local.device))[0]
+    """Mottled colour, streaks of the printer's lines, and a normal tilted by its layers.
+
+    The tilt shows only where a pixel can resolve a layer. Level faces show the diagonal lines that
+    fill a layer, others the layers' edges.
+    """
+    # The brightness of "plain" strays by three hundredths.
+    noise = (macro_map("plain", 0, str(local.device))[2] - 1) / 0.03
     x = (local[:, 0] + 0.71 * local[:, 2]) * (noise.shape[0] / 0.25)
     y = (local[:, 1] + 0.53 * local[:, 2] - 0.31 * local[:, 0]) * (noise.shape[0] / 0.25)
     value = noise[y.long() % noise.shape[0], x.long() % noise.shape[1]]
-    color = finish[:, :3] * (1 + (value - 0.5) * finish[:, 4])[:, None]
+    color = finish[:, :3] * (1 + 0.3 * value * finish[:, 4]).clamp(min=0.3)[:, None]
+    # Skin is uneven: the same noise, some millimetres aside, tilts its normals.
+    column, row = x.long() % noise.shape[1], y.long() % noise.shape[0]
+    tilt_x = noise[row, (column + 9) % noise.shape[1]] - value
+    tilt_y = noise[(row + 9) % noise.shape[0], column] - value
+    uneven = torch.stack([tilt_x, tilt_y, tilt_x - tilt_y], dim=1) * finish[:, 8:9]
+    normal = unit(normal + 0.6 * uneven)
     along = local.gather(1, finish[:, 5:6].long())[:, 0]
+    level = (normal * unit(finish[:, 9:12])).sum(1).abs() > 0.85
+    line = torch.where(level, local.sum(1) - along, along) * (noise.shape[0] / 0.25)
+    streak = noise[11][(2.3 * line).long() % noise.shape[1]]
+    color = color * (1 + 0.7 * streak * finish[:, 7]).clamp(min=0.3)[:, None]
     height = finish[:, 6]
     seen = (height / (2 * footprint) - 0.5).clamp(0, 1)
     tilt = torch.sin(along * (2 * np.pi) / height) * finish[:, 7] * seen
-    return color, normalize(normal + finish[:, 9:12] * tilt[:, None], dim=1)
+    return color, unit(normal + finish[:, 9:12] * tilt[:, None])

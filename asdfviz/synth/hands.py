@@ -6,6 +6,7 @@ The hand's frame: fingers point along +y, the back of the hand looks along +z, t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -27,6 +28,8 @@ _FINGERS = (
 _WRIST = np.array([0.0, -0.088, -0.002])
 _THUMB_BASE = np.array([0.022, -0.066, -0.012])
 _THUMB_LENGTHS = (0.046, 0.034, 0.027)
+_PINCH = np.array([0.35, -0.75, -0.35]) / np.linalg.norm([0.35, -0.75, -0.35])
+_PALM = np.array([0.0, -0.04, -0.004])
 _BLEND = 0.008
 _STEP = 0.0065
 
@@ -45,18 +48,34 @@ class Grasp:
     """Bend of the wrist, radians."""
 
 
+def _pinch(gap: float, *, curled: bool = False) -> Grasp:
+    """Thumb against index (and middle) fingertip; wider ones are more open."""
+    bend = 1.62 - 9.5 * gap
+    others = (2.4, 2.7, 2.8) if curled else (bend + 0.08, bend + 0.2, bend + 0.35)
+    return Grasp((bend, *others), 0.05 + 1.2 * gap, gap, 0.25)
+
+
 GRASPS = (
-    Grasp((1.55, 1.65, 1.8, 1.9), 0.06, 0.012, 0.25),
-    Grasp((1.40, 1.45, 1.6, 1.8), 0.08, 0.025, 0.15),
-    Grasp((1.25, 1.30, 1.4, 1.5), 0.10, 0.040, 0.3),
-    Grasp((1.45, 2.4, 2.7, 2.8), 0.05, 0.015, 0.1),
-    Grasp((1.10, 1.15, 1.2, 1.3), 0.12, 0.055, 0.0),
+    _pinch(0.006, curled=True),
+    _pinch(0.009),
+    _pinch(0.013, curled=True),
+    _pinch(0.018),
+    _pinch(0.023),
+    _pinch(0.030),
+    _pinch(0.038),
+    _pinch(0.047),
+    _pinch(0.057),
+    Grasp((2.0, 2.05, 2.1, 2.2), 0.06, 0.034, 0.1),
     Grasp((0.45, 0.40, 0.45, 0.5), 0.13, -1.0, 0.1),
+    Grasp((0.12, 0.10, 0.12, 0.15), 0.05, -1.0, 0.15),
     Grasp((2.6, 2.7, 2.7, 2.7), 0.04, -1.0, 0.2),
     Grasp((0.25, 2.2, 2.5, 2.5), 0.06, -1.0, 0.0),
 )
-"""The first five hold something; then an open hand, a fist and a pointing finger."""
-HOLDING = 5
+"""Pinches of growing width and a power grip hold something; then an open hand, a flat one, a fist and
+a pointing finger."""
+HOLDING = 10
+PINCHES = range(9)
+OPEN_HAND = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,7 +85,12 @@ class HandMesh:
     mesh: Mesh
     along_arm: Float64[np.ndarray, "n"]
     """Distance of each vertex from the wrist towards the elbow, metres, negative on the hand."""
+    pinch: Vector
+    """Unit vector from the index fingertip to the thumb's, hand frame."""
+    entry: Vector
+    """Unit vector from the palm to the grasp point, across `pinch`: what is grasped lies that way."""
     gap: float
+    """Free width between the fingertips along `pinch`, metres; 0 for hands that hold nothing."""
 
 
 Cone = tuple[Vector, Vector, float, float]
@@ -131,8 +155,7 @@ def _skeleton(grasp: Grasp) -> tuple[list[Cone], Vector]:
         cones.append((knuckle, root, 0.0115, 0.0145))
     if grasp.gap >= 0:
         # The thumb meets the fingertip from the palm's side, a gap away.
-        away = np.array([0.35, -0.75, -0.35])
-        target = tips[0] + away / np.linalg.norm(away) * (grasp.gap + 0.015)
+        target = tips[0] + _PINCH * (grasp.gap + 0.015)
         origin = (tips[0] + target) / 2
     else:
         target = np.array([0.062, 0.004, -0.03])
@@ -176,4 +199,15 @@ def hand_mesh(index: int) -> HandMesh:
     mesh = mesh_implicit(distance, low, high, step=_STEP)
     bend = np.array([0.0, -np.cos(grasp.wrist), np.sin(grasp.wrist)])
     along = (mesh.vertices - _WRIST) @ bend
-    return HandMesh(Mesh(mesh.vertices - origin, mesh.faces), along, max(grasp.gap, 0.0))
+    entry = origin - _PALM
+    entry = entry - (entry @ _PINCH) * _PINCH
+    entry = entry / np.linalg.norm(entry)
+    gap = _free_width(distance, origin) if grasp.gap >= 0 else 0.0
+    return HandMesh(Mesh(mesh.vertices - origin, mesh.faces), along, _PINCH, entry, gap)
+
+
+def _free_width(distance: Callable[[Points], Float64[np.ndarray, "n"]], origin: Vector) -> float:
+    """How wide the fingertips stand apart on the line between them, metres."""
+    steps = np.linspace(0.0, 0.05, 201)
+    sides = [distance(origin + s * steps[:, None] * _PINCH) for s in (-1.0, 1.0)]
+    return float(sum(steps[int((side < 0).argmax())] for side in sides))

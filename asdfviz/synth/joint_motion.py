@@ -29,7 +29,7 @@ def joined_poses(
     """T_base_part of a state with its joints at random places within `spread` of their travel.
 
     Parts whose joints are equal hang on one another (a jaw and its screw, all that sits on a ball)
-    and move as one.
+    and move as one; joints of one link are all at the same share of their ranges.
     """
     motions: dict[tuple[object, ...], Transform] = {}
     travels: dict[tuple[object, ...], float] = {}
@@ -39,9 +39,10 @@ def joined_poses(
         if joint is None:
             poses[name] = T_base_part
             continue
-        line = (joint.axis.tobytes(), joint.slide)
+        line = (joint.link,) if joint.link else (joint.axis.tobytes(), joint.slide)
         travel = travels.setdefault(line, rng.random())
-        key = (joint.kind, *line, joint.origin.tobytes(), joint.turn)
+        axle = (joint.axis.tobytes(), joint.origin.tobytes())
+        key = (joint.kind, *line, *axle, joint.slide, joint.turn)
         if key not in motions:
             motions[key] = _motion(joint, travel, rng, spread)
         poses[name] = motions[key] @ T_base_part
@@ -53,5 +54,7 @@ def _motion(joint: Joint, travel: float, rng: np.random.Generator, spread: float
     low, high = joint.slide
     slide = spread * (low + (high - low) * travel) * joint.axis
     axis = random_rotation(rng)[0] if joint.kind == "ball" else joint.axis
-    R = rotation_about(axis, spread * rng.uniform(*joint.turn))
+    start, end = joint.turn
+    turned = travel if joint.link else rng.random()
+    R = rotation_about(axis, spread * (start + (end - start) * turned))
     return transform_from(R, joint.origin - R @ joint.origin + slide)

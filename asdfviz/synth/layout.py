@@ -18,6 +18,9 @@ from asdfviz.synth.joint_motion import random_rotation
 from asdfviz.synth.looks import plastic, random_hue, skin, sleeve
 from asdfviz.synth.resting import RestingFace, footprint, overlap, resting_faces
 
+GROUP_THROWS = 24
+"""From so many sides a joined group is put down to find how it can stand."""
+
 
 def turn_z(angle: float) -> Rotation:
     """Rotation about the vertical."""
@@ -112,9 +115,9 @@ def place_group(
         size = float(np.ptp(apply(standing, points)[:, 2]))
         lift = max(0.0, min(rng.uniform(0.0, 0.22), eye - 0.28 - size))
     else:
-        faces = (
-            assets.resting[assets.assembly.base] if len(T_base_part) == 1 else resting_faces(points)
-        )
+        alone = len(T_base_part) == 1
+        base = assets.resting[assets.assembly.base]
+        faces = base if alone else resting_faces(points, throws=GROUP_THROWS)
         standing, lift = rest(points, faces, rng), 0.0
     u, v = rng.uniform(0.28, 0.72, 2) * [table.width, table.height]
     spot = table.on_table(u, v)
@@ -153,6 +156,20 @@ def place_distractor(assets: Assets, table: Table, rng: np.random.Generator) -> 
     T_world_mesh[:2, 3] += spot
     finish = plastic(random_hue(rng), rng)
     return Placed(assets.distractors[kind], T_world_mesh, finish, "distractor")
+
+
+def stand(assets: Assets, points_world: Points, rng: np.random.Generator) -> list[Placed]:
+    """A block or post from the table to the lowest points of a thing; nothing if there is no gap."""
+    low = float(points_world[:, 2].min())
+    if low < 0.004:
+        return []
+    middle = points_world[points_world[:, 2] < low + 0.003].mean(axis=0)
+    kind = assets.distractors[int(rng.choice([0, 1, 2]))]
+    width, depth = rng.uniform(0.012, 0.05, 2)
+    T = transform_from(
+        turn_z(rng.random() * 2 * np.pi), np.array([middle[0], middle[1], low / 2])
+    ) @ np.diag([width, depth, low, 1.0])
+    return [Placed(kind, T, plastic(random_hue(rng), rng), "distractor")]
 
 
 def hand_at(

@@ -11,7 +11,7 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly
 from asdfviz.geometry.shapes import Vector
 from asdfviz.synth.description import Finish, Ground, Light
-from asdfviz.synth.textures import MACRO_KINDS, MICRO_KINDS
+from asdfviz.synth.textures import MACRO_KINDS, MACRO_VARIANTS, MICRO_KINDS, MICRO_VARIANTS
 
 FLOOR = -0.72
 """Height of the floor below the table's top, metres."""
@@ -75,7 +75,7 @@ def plastic(color: Vector, rng: np.random.Generator) -> Finish:
     """Printed plastic."""
     return Finish(
         color=color,
-        roughness=float(rng.uniform(0.3, 0.75)),
+        roughness=float(rng.uniform(0.22, 0.7)),
         mottling=float(rng.uniform(0, 0.16)),
         layer_axis=int(rng.integers(3)),
         layer_height=float(rng.uniform(0.0006, 0.0025)),
@@ -89,7 +89,7 @@ def skin(rng: np.random.Generator) -> Finish:
         color = linear(GLOVES[int(rng.integers(len(GLOVES)))]) * np.exp(rng.normal() * 0.15)
         return Finish(np.clip(color, 0.004, 0.8), float(rng.uniform(0.35, 0.6)), 0.1)
     tone = linear(SKINS[int(rng.integers(len(SKINS)))]) * np.exp(rng.normal(size=3) * 0.04)
-    return Finish(tone, float(rng.uniform(0.42, 0.62)), 0.22, translucency=0.28)
+    return Finish(tone, float(rng.uniform(0.45, 0.65)), 0.18, translucency=0.35)
 
 
 def sleeve(rng: np.random.Generator) -> Finish:
@@ -100,7 +100,7 @@ def sleeve(rng: np.random.Generator) -> Finish:
 
 def _micro(rng: np.random.Generator, kind: str | None = None) -> tuple[str, int]:
     chosen = kind if kind is not None else MICRO_KINDS[int(rng.integers(len(MICRO_KINDS)))]
-    return chosen, int(rng.integers(2))
+    return chosen, int(rng.integers(MICRO_VARIANTS))
 
 
 def _three(rng: np.random.Generator) -> Float64[np.ndarray, "3 3"]:
@@ -138,7 +138,7 @@ def _plane(
     return Ground(
         height=height,
         edges=np.zeros((0, 3)) if edges is None else edges,
-        macro=(macro, int(rng.integers(4))),
+        macro=(macro, int(rng.integers(MACRO_VARIANTS))),
         micro=_micro(rng, micro),
         colors=_three(rng) if colors is None else colors,
         angle=float(rng.random() * 2 * np.pi),
@@ -146,36 +146,44 @@ def _plane(
         bump=float(rng.uniform(0.6, 1.8)),
         roughness=float(rng.uniform(0.55, 1.0)) if macro == "wood" else 0.95,
         circle=circle,
-        scale=float(rng.uniform(0.8, 1.3)),
+        scale=float(rng.uniform(0.8, 1.3)) * (0.5 if macro == "drape" else 1.0),
     )
 
 
 def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tuple[Ground, ...]:
-    """Blue drape on a pale round table over a dark carpet, as in the paper's recordings."""
-    blue = linear((118, 172, 214)) * np.exp(rng.normal(size=3) * 0.06 + rng.normal() * 0.1)
-    drape_edges, drape_circle = _outline(points, rng)
+    """Blue drape on a pale round table over a brown carpet, as in the paper's recordings."""
+    blue = linear((122, 164, 196)) * np.exp(rng.normal(size=3) * 0.025 + rng.normal() * 0.08)
+    center = points.mean(axis=0) + rng.normal(size=2) * 0.02
+    reach = float(np.linalg.norm(points - center, axis=1).max())
+    radius = reach + rng.uniform(0.04, 0.15)
+    # The drape is about as large as the table and hangs over its rim where it is larger.
+    k = int(rng.integers(4, 8))
+    angles = rng.random() * 2 * np.pi + (np.arange(k) + rng.uniform(-0.2, 0.2, k)) * 2 * np.pi / k
+    normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    limits = np.maximum(
+        (points @ normals.T).max(axis=0) + 0.02,
+        normals @ center + radius * rng.uniform(0.75, 1.05, k),
+    )
     cloth = _plane(
         rng,
         0.0,
         "drape",
-        micro="fine",
+        micro="nonwoven",
         colors=np.stack([blue] * 3),
-        edges=drape_edges,
-        circle=drape_circle,
+        edges=np.column_stack([normals, limits]),
+        circle=(float(center[0]), float(center[1]), radius + rng.uniform(0.0, 0.04)),
     )
-    center = points.mean(axis=0)
-    radius = float(np.linalg.norm(points - center, axis=1).max()) + rng.uniform(0.05, 0.2)
-    pale = linear((222, 202, 170)) * rng.uniform(0.8, 1.1)
+    pale = linear((232, 208, 168)) * rng.uniform(0.85, 1.1)
     table = _plane(
         rng,
         -0.001,
-        "wood",
-        micro="grain",
-        colors=np.stack([pale, pale * 0.9, pale]),
+        "board",
+        micro="smooth",
+        colors=np.stack([pale] * 3),
         circle=(float(center[0]), float(center[1]), radius),
     )
-    brown = linear((62, 56, 52)) * rng.uniform(0.6, 1.6)
-    carpet = np.stack([brown, brown * [1.5, 1.35, 1.25], brown])
+    brown = linear((88, 66, 54)) * rng.uniform(0.7, 1.4)
+    carpet = np.stack([brown, brown * [1.4, 1.32, 1.25], brown])
     return cloth, table, _plane(rng, FLOOR, "plain", micro="carpet", colors=carpet)
 
 
@@ -196,8 +204,30 @@ def any_grounds(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) ->
     return top, _plane(rng, FLOOR, below, colors=dark)
 
 
-def random_lights(rng: np.random.Generator) -> tuple[tuple[Light, ...], Vector, Vector]:
-    """One to three area lights, the sky's light and how that varies with direction."""
+def room_lights(rng: np.random.Generator) -> tuple[tuple[Light, ...], Vector, Vector]:
+    """Large panels on the ceiling of a bright room: soft shadows, much light from all around."""
+    warmth = rng.normal() * 0.05 + 0.04
+    white = np.array([1 + warmth, 1.0, 1 - warmth])
+    lights: list[Light] = []
+    for _ in range(int(rng.integers(1, 3))):
+        azimuth, elevation = rng.random() * 2 * np.pi, rng.uniform(0.75, 1.35)
+        flat = np.cos(elevation)
+        where = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)]) * 2.0
+        lights.append(Light(where, float(rng.uniform(0.35, 0.8)), white * rng.uniform(0.35, 0.8)))
+    return tuple(lights), white * rng.uniform(0.4, 0.75), rng.normal(size=3) * 0.12
+
+
+def random_lights(
+    rng: np.random.Generator, *, room: float = 0.35
+) -> tuple[tuple[Light, ...], Vector, Vector]:
+    """One to three area lights, the sky's light and how that varies with direction.
+
+    Args:
+        rng: throws.
+        room: probability of the soft light of a bright room.
+    """
+    if rng.random() < room:
+        return room_lights(rng)
     count = int(rng.choice([1, 2, 3], p=[0.45, 0.4, 0.15]))
     lights: list[Light] = []
     for _ in range(count):

@@ -11,7 +11,7 @@ from jaxtyping import Float32, Float64, Int64
 from torch import Tensor
 
 from asdfviz.datatypes import Mesh
-from asdfviz.synth.tensors import invert, to_tensor
+from asdfviz.synth.tensors import invert, to_tensor, transform_each, unit
 
 CREASE = np.deg2rad(34.0)
 """Faces that meet at a larger angle (radians) keep their own normals: no pillow shading."""
@@ -56,11 +56,25 @@ class Triangles:
     local: Float32[Tensor, "n 3"]
     """The same in the mesh's own frame."""
     faces: Int64[Tensor, "f 3"]
-    normals: Float32[Tensor, "f 3 3"]
     instance: Int64[Tensor, "f"]
     """Index of the placed mesh."""
     image: Int64[Tensor, "f"]
+    vertex_instance: Int64[Tensor, "n"]
     vertex_image: Int64[Tensor, "n"]
+    bank: MeshBank
+    bank_face: Int64[Tensor, "f"]
+    """Index of the triangle in the bank."""
+    normal_maps: Float32[Tensor, "i 3 3"]
+    """Takes normals (as rows, from the right) of each placed mesh into the world."""
+
+    def normals_at(
+        self, face: Int64[Tensor, "p"], weights: Float32[Tensor, "p 3"]
+    ) -> Float32[Tensor, "p 3"]:
+        """Unit normals in the world at points of triangles, given by weights of the corners."""
+        corners = self.bank.normals.view(-1, 9).index_select(0, self.bank_face[face])
+        local = (corners.view(-1, 3, 3) * weights[:, :, None]).sum(1)
+        maps = torch.nn.functional.pad(self.normal_maps.transpose(1, 2), (0, 1))
+        return unit(transform_each(maps, local, self.instance[face]).T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,16 +119,24 @@ class MeshBank:
         f_start, f_count = self.face_ranges[mesh].T
         v_owner, v_source = _expand(v_start, v_count)
         f_owner, f_source = _expand(f_start, f_count)
-        T = T_world_mesh.float()
-        local = self.vertices[v_source]
-        vertices = (T[v_owner, :3, :3] @ local[:, :, None])[:, :, 0] + T[v_owner, :3, 3]
+        local = self.vertices.index_select(0, v_source)
+        vertices = transform_each(T_world_mesh[:, :3].float(), local, v_owner).T.contiguous()
         offset = v_count.cumsum(0) - v_count
-        faces = self.faces[f_source] + offset[f_owner][:, None]
+        faces = self.faces.index_select(0, f_source) + offset.index_select(0, f_owner)[:, None]
         # Normals turn with the inverse transpose, which is the rotation itself when rigid.
-        inverse = invert(T_world_mesh[:, :3, :3]).float()
-        normals = self.normals[f_source] @ inverse[f_owner]
-        normals = torch.nn.functional.normalize(normals, dim=2)
-        return Triangles(vertices, local, faces, normals, f_owner, image[f_owner], image[v_owner])
+        normal_maps = invert(T_world_mesh[:, :3, :3]).float()
+        return Triangles(
+            vertices,
+            local,
+            faces,
+            f_owner,
+            image[f_owner],
+            v_owner,
+            image[v_owner],
+            self,
+            f_source,
+            normal_maps,
+        )
 
 
 def _expand(start: Tensor, count: Tensor) -> tuple[Tensor, Tensor]:

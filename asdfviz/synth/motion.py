@@ -1,7 +1,8 @@
-"""Paths of parts and hands: rests, lifts, carries, insertions, as poses frame by frame."""
+"""Paths of parts and hands: how fast they may be, and poses along a route frame by frame."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,17 +12,53 @@ from jaxtyping import Float64
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 
+_EASE = 1.12
+"""An eased start and end is faster in the middle by a tenth, which more frames make up for."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """The farthest that something moves between two frames."""
+
+    step: float
+    """Metres."""
+    turn: float
+    """Radians."""
+
+    def cost(self, T_a: Transform, T_b: Transform) -> float:
+        """Frames that the way between two poses takes."""
+        length = float(np.linalg.norm(T_b[:3, 3] - T_a[:3, 3]))
+        return max(length / self.step, rotation_angle(T_a[:3, :3].T @ T_b[:3, :3]) / self.turn)
+
+    def halved(self) -> Limits:
+        """Half as fast."""
+        return Limits(self.step / 2, self.turn / 2)
+
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """How fast hands and parts may move between two frames."""
+    """How fast hands and parts move, and how much of it one frame may see."""
 
-    step: float = 0.024
-    """Metres a frame."""
-    turn: float = 0.2
-    """Radians a frame (12 degrees)."""
-    reach: float = 0.085
-    """Metres a frame of an empty hand."""
+    speed: float = 0.25
+    """Of carried parts, metres a second."""
+    turn: float = 2.0
+    """Of carried parts, radians a second."""
+    hand_speed: float = 0.85
+    """Of empty hands, metres a second."""
+    step: float = 0.025
+    """Of carried parts, metres a frame at most: at low rates people work slower."""
+    frame_turn: float = 0.2
+    """Of carried parts, radians a frame at most (12 degrees)."""
+    hand_step: float = 0.085
+    """Of empty hands, metres a frame at most."""
+
+    def parts(self, fps: float) -> Limits:
+        """Limits of carried parts at a frame rate (1/s)."""
+        return Limits(min(self.speed / fps, self.step), min(self.turn / fps, self.frame_turn))
+
+    def hands(self, fps: float) -> Limits:
+        """Limits of empty hands at a frame rate (1/s)."""
+        return Limits(min(self.hand_speed / fps, self.hand_step), min(8.0 / fps, 0.9))
 
 
 def blend(T_a: Transform, T_b: Transform, share: float) -> Transform:
@@ -42,45 +79,22 @@ def _axis(R: Float64[np.ndarray, "3 3"], angle: float) -> Vector:
     return columns[:, int(np.linalg.norm(columns, axis=0).argmax())]
 
 
-def carry(
-    start: Transform,
-    goal: Transform,
-    *,
-    leave: Vector,
-    arrive: Vector,
-    clear: float,
-    pace: Pace,
-    stretch: float = 1.0,
-) -> list[Transform]:
-    """World poses of a carried part, one a frame, the last one being the goal.
+def frames_needed(stops: Sequence[Transform], limits: Limits) -> int:
+    """The least number of frames in which a route can be travelled."""
+    cost = sum(limits.cost(a, b) for a, b in pairwise(stops))
+    return max(1, int(np.ceil(cost * _EASE)))
 
-    The part leaves its place along `leave`, rises to `clear` while it crosses over and turns, sinks and comes home along `arrive`.
+
+def travel(stops: Sequence[Transform], limits: Limits, *, count: int) -> list[Transform]:
+    """World poses along a route, one a frame, eased at both ends; the last one is the last stop.
 
     Args:
-        start: pose at which it lies.
-        goal: pose to reach.
-        leave: way out of the start, metres (world).
-        arrive: way from the goal outwards, metres (world).
-        clear: height of the part's origin over the goal, metres.
-        pace: limits.
-        stretch: factor on the number of frames.
+        stops: where the route begins, bends and ends; the first one is not repeated.
+        limits: weigh turning against moving.
+        count: frames.
     """
-    out, home = start.copy(), goal.copy()
-    out[:3, 3] += leave
-    home[:3, 3] += arrive
-    above_goal = home.copy()
-    above_goal[2, 3] = max(clear, home[2, 3])
-    stops = [start, out, above_goal, home, goal]
-    costs = [
-        max(
-            float(np.linalg.norm(b[:3, 3] - a[:3, 3])) / pace.step,
-            rotation_angle(a[:3, :3].T @ b[:3, :3]) / pace.turn,
-        )
-        for a, b in pairwise(stops)
-    ]
+    costs = [limits.cost(a, b) for a, b in pairwise(stops)]
     ends = np.concatenate([[0.0], np.cumsum(costs)])
-    # An eased start and end is faster in the middle by a tenth, which the count makes up for.
-    count = max(3, int(np.ceil(ends[-1] * 1.12 * stretch)))
     shares = np.arange(1, count + 1) / count
     eased = shares - 0.1 / (2 * np.pi) * np.sin(2 * np.pi * shares)
     path: list[Transform] = []
@@ -89,28 +103,10 @@ def carry(
         leg = int(np.clip(np.searchsorted(ends, time, side="right") - 1, 0, len(costs) - 1))
         share = (time - ends[leg]) / max(costs[leg], 1e-9)
         path.append(blend(stops[leg], stops[leg + 1], float(np.clip(share, 0, 1))))
-    path[-1] = goal
+    path[-1] = stops[-1].copy()
     return path
 
 
-def reach(start: Vector, goal: Vector, *, pace: Pace, stretch: float = 1.0) -> list[Vector]:
-    """Points of an empty hand's way, in a flat arc, the last one being the goal."""
-    length = float(np.linalg.norm(goal - start))
-    count = max(2, int(np.ceil(length / pace.reach * stretch)))
-    points: list[Vector] = []
-    for share in np.arange(1, count + 1) / count:
-        eased = share * share * (3 - 2 * share)
-        lift = 0.05 * np.sin(np.pi * eased) * min(1.0, length / 0.2)
-        points.append((1 - eased) * start + eased * goal + np.array([0.0, 0.0, lift]))
-    return points
-
-
-def slide(
-    start: Transform, shift: Vector, turn: float, *, pace: Pace, stretch: float = 1.0
-) -> list[Transform]:
-    """A thing pushed over the table: shifted and turned about the vertical through its own origin."""
-    R = rotation_about(np.array([0.0, 0.0, 1.0]), turn)
-    goal = transform_from(R @ start[:3, :3], start[:3, 3] + shift)
-    cost = max(float(np.linalg.norm(shift)) / pace.step, abs(turn) / pace.turn)
-    count = max(2, int(np.ceil(cost * 1.12 * stretch)))
-    return [blend(start, goal, k / count) for k in range(1, count + 1)]
+def moved(T: Transform, shift: Vector) -> Transform:
+    """The pose shifted in the world."""
+    return transform_from(T[:3, :3], T[:3, 3] + shift)

@@ -11,16 +11,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly
-from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.datatypes import Assembly, State
+from asdfviz.geometry.shapes import Intrinsics, Points, Rgb, Transform
 from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Placed, Scene
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
 from asdfviz.synth.layout import hand_at
 from asdfviz.synth.looks import any_grounds, part_colors, plastic, random_hue, random_lights
+from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import Group, TrueScene, camera_for
-from asdfviz.synth.shading import look_at
+from asdfviz.synth.sensor import photograph, random_rgb_sensor
+from asdfviz.synth.shading import ShadingConfig, look_at
+from asdfviz.synth.strays import stray
+
+PACK_LIGHT = ShadingConfig(interleave=2, occlusion=0.35, shadow_pixels=320)
+"""Objects in the air cast few shadows on one another: four points of a light do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +43,12 @@ class PackConfig:
     """Share of the image that the objects' circles fill before no more are added."""
     groups: float = 0.3
     """Share of joined groups among the objects."""
+    strays: float = 0.15
+    """Share of groups with a part out of place or missing, as no state says."""
     true_colors: float = 0.6
     """Probability that a picture keeps the real colours."""
+    supersampled: float = 0.2
+    """Probability of colour at one and a half times the resolution, averaged."""
     occluders: float = 0.22
     """Occluders an object."""
     hand: float = 0.3
@@ -92,6 +102,63 @@ def make_pack(assets: Assets, *, rng: np.random.Generator, config: PackConfig) -
     return TrueScene(scene, tuple(groups), None)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PackObject:
+    """One part in a pack; groups have one for each of their parts."""
+
+    name: str
+    T_camera_part: Transform
+    box: tuple[int, int, int, int]
+    """x, y, width and height of the whole part, also beyond the image, pixels."""
+    visible: float
+    """Share of the whole part's pixels that is seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PackTruth:
+    """What a pack shows."""
+
+    K: Intrinsics
+    objects: tuple[PackObject, ...]
+    groups: tuple[tuple[State, tuple[int, ...]], ...]
+    """Joined parts of a state: places in `objects`, the base part first."""
+
+
+def draw_pack(
+    assets: Assets, *, rng: np.random.Generator, config: PackConfig
+) -> tuple[Rgb, PackTruth]:
+    """Draw, render and photograph one pack in memory, for training that makes its own images."""
+    pack, picture = render_pack(assets, rng=rng, config=config)
+    rgb = photograph(picture.radiance, sensor=random_rgb_sensor(rng), rng=rng)
+    scene = pack.scene
+    seen = np.bincount(picture.ids[picture.ids >= 0], minlength=len(scene.placed))
+    truth = [i for i, p in enumerate(scene.placed) if p.truth]
+    objects = [
+        PackObject(
+            scene.placed[i].name,
+            scene.T_camera_world @ scene.placed[i].T_world_mesh,
+            tuple(picture.silhouette_box[i].tolist()),
+            float(seen[i] / max(picture.silhouette_px[i], 1)),
+        )
+        for i in truth
+    ]
+    place = {index: k for k, index in enumerate(truth)}
+    groups = tuple((g.state, tuple(place[i] for i in g.members)) for g in pack.groups)
+    return rgb, PackTruth(scene.camera.K, tuple(objects), groups)
+
+
+def render_pack(
+    assets: Assets, *, rng: np.random.Generator, config: PackConfig
+) -> tuple[TrueScene, Picture]:
+    """Draw and render one pack."""
+    pack = make_pack(assets, rng=rng, config=config)
+    supersampling = 1.5 if rng.random() < config.supersampled else 1.0
+    picture = render(
+        [pack.scene], assets.bank, rng=rng, supersampling=supersampling, shading=PACK_LIGHT
+    )[0]
+    return pack, picture
+
+
 def _objects(
     assets: Assets, K: np.ndarray, rng: np.random.Generator, config: PackConfig
 ) -> list[tuple[Mapping[str, Transform], Transform, int | None]]:
@@ -133,7 +200,9 @@ def _draw(
     """A single part, or a joined group with its state; a lone base part is state 0."""
     if rng.random() < config.groups:
         state = assembly.states[int(rng.integers(len(assembly.states)))]
-        return joined_poses(state, rng), state.index
+        poses = joined_poses(state, rng)
+        wrong = rng.random() < config.strays and stray(assembly, state, poses, rng)
+        return (wrong, None) if wrong else (poses, state.index)
     names = list(assembly.parts)
     return {names[int(rng.integers(len(names)))]: np.eye(4)}, None
 

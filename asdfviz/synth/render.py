@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from jaxtyping import Float32, Int64
+from torch import Tensor
 
 from asdfviz.geometry.shapes import Depth, Ids
 from asdfviz.synth.description import Scene
-from asdfviz.synth.gbuffer import FAR, GBuffer, Views, build_gbuffer, ground_mask, place_all
+from asdfviz.synth.gbuffer import Views, build_gbuffer, exact_depth, place_all
+from asdfviz.synth.grounds import FAR
 from asdfviz.synth.mesh_bank import MeshBank, Triangles
-from asdfviz.synth.raster import Projected, rasterize
+from asdfviz.synth.raster import Cells, Projected, rasterize_cells
 from asdfviz.synth.shading import ShadingConfig, shade
 
 LARGEST = 2048
@@ -67,25 +69,22 @@ def render(
         albedo = torch.nn.functional.interpolate(
             fine.albedo.mean(dim=3)[:, None], size=(camera.height, camera.width), mode="area"
         )[:, 0]
-        return _pictures(scenes, triangles, fine, radiance, albedo, device)
+        exact = (fine.depth, fine.owner) if supersampling == 1 else None
+        return _pictures(scenes, triangles, exact, radiance, albedo, device)
 
 
 def _pictures(
     scenes: Sequence[Scene],
     triangles: Triangles,
-    fine: GBuffer,
-    radiance: torch.Tensor,
-    albedo: torch.Tensor,
+    exact: tuple[Tensor, Tensor] | None,
+    radiance: Tensor,
+    albedo: Tensor,
     device: str,
 ) -> list[Picture]:
+    """Add what is measured at the image's own pixels; `exact` if that is known already."""
     views = Views.of(scenes, scale=1.0, device=device)
     projected = views.project(triangles)
-    exact = rasterize(projected, (len(scenes), views.height, views.width))
-    depth = _with_grounds(scenes, views, torch.full_like(views.rays()[..., 0], FAR))
-    owner = torch.full(depth.shape, -1, dtype=torch.int64, device=depth.device)
-    nearer = exact.depth < depth.view(-1)[exact.covered]
-    owner.view(-1)[exact.covered[nearer]] = triangles.instance[exact.face[nearer]]
-    depth.view(-1)[exact.covered[nearer]] = exact.depth[nearer]
+    depth, owner = exact or exact_depth(scenes, triangles, views)
     depth = torch.where(depth < FAR, depth, 0.0)
     counts, boxes = silhouettes(scenes, triangles, projected)
     pictures: list[Picture] = []
@@ -107,72 +106,42 @@ def _pictures(
     return pictures
 
 
-def _with_grounds(scenes: Sequence[Scene], views: Views, depth: torch.Tensor) -> torch.Tensor:
-    """Nearer of a depth and the grounds, at exact pixel centres."""
-    rays, centers = views.rays(), views.centers()
-    for i, scene in enumerate(scenes):
-        for ground in scene.grounds:
-            down = torch.where(rays[i, :, :, 2].abs() < 1e-4, -1e-4, rays[i, :, :, 2])
-            reach = (ground.height - centers[i, 2]) / down
-            x, y = (
-                centers[i, 0] + rays[i, :, :, 0] * reach,
-                centers[i, 1] + rays[i, :, :, 1] * reach,
-            )
-            mask = ground_mask(ground, x, y) & (reach > 0)
-            depth[i] = torch.where(mask & (reach < depth[i]), reach, depth[i])
-    return depth
-
-
 def silhouettes(
     scenes: Sequence[Scene], triangles: Triangles, projected: Projected
 ) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "n 4"]]:
     """Pixel count and box of every placed thing rendered alone, also beyond the image's border.
 
-    All of them lie side by side in one atlas, each in a cell of the size of its own box, at most
-    LARGEST pixels a side.
+    Each is drawn into a cell of the size of its own box, at most LARGEST pixels a side.
     """
     total = sum(len(s.placed) for s in scenes)
-    corners = triangles.faces.reshape(-1)
-    owner = triangles.instance.repeat_interleave(3)
-    px = projected.points_px[corners]
-    index = owner[:, None].expand(-1, 2)
+    px = projected.points_px
+    index = triangles.vertex_instance[:, None].expand(-1, 2)
     low = torch.full((total, 2), torch.inf, device=px.device)
     high = torch.full((total, 2), -torch.inf, device=px.device)
     low = low.scatter_reduce(0, index, px, "amin").floor().clamp(-LARGEST / 2, LARGEST / 2)
     high = high.scatter_reduce(0, index, px, "amax").ceil()
-    size = (high - low + 1).clamp(1, LARGEST)
-    rows, width = int(size[:, 1].max()), int(size[:, 0].sum())
-    starts = size[:, 0].cumsum(0) - size[:, 0]
-    cell = Projected(
-        px + torch.stack([starts - low[:, 0], -low[:, 1]], dim=1)[owner],
-        projected.depth[corners],
-        torch.arange(len(corners), device=px.device).view(-1, 3),
-        torch.zeros_like(triangles.image),
+    size = (high - low + 1).clamp(1, LARGEST).long()
+    cells = Cells.of_sizes(size[:, 0], size[:, 1])
+    alone = Projected(
+        px - low[triangles.vertex_instance], projected.depth, triangles.faces, triangles.instance
     )
-    atlas = rasterize(cell, (1, rows, width))
+    atlas = rasterize_cells(alone, cells)
     owners = triangles.instance[atlas.face]
-    # What is cut off at a cell's end must not count for its neighbour.
-    inside = (atlas.covered % width >= starts[owners]) & (
-        atlas.covered % width < (starts + size[:, 0])[owners]
-    )
-    covered, owners = atlas.covered[inside], owners[inside]
     counts = torch.bincount(owners, minlength=total)
-    return counts.cpu().numpy(), _tight_boxes(covered, owners, starts, low, width, total)
+    return counts.cpu().numpy(), _tight_boxes(atlas.covered, owners, cells, low.long())
 
 
 def _tight_boxes(
-    covered: torch.Tensor,
-    owners: torch.Tensor,
-    starts: torch.Tensor,
-    low: torch.Tensor,
-    width: int,
-    total: int,
+    covered: Int64[Tensor, "p"],
+    owners: Int64[Tensor, "p"],
+    cells: Cells,
+    low: Int64[Tensor, "n 2"],
 ) -> Int64[np.ndarray, "n 4"]:
-    """Boxes of the covered pixels in image coordinates."""
-    u = covered % width - starts.long()[owners] + low[:, 0].long()[owners]
-    v = covered // width + low[:, 1].long()[owners]
-    huge = 1 << 30
-    ends: list[torch.Tensor] = []
+    """Boxes of the covered pixels in image coordinates; `low` is each cell's first pixel there."""
+    total, huge = len(low), 1 << 30
+    place, width = covered - cells.start[owners], cells.width[owners]
+    u, v = place % width + low[owners, 0], place // width + low[owners, 1]
+    ends: list[Tensor] = []
     for values in (u, v):
         first = torch.full((total,), huge, dtype=torch.int64, device=u.device)
         last = torch.full((total,), -huge, dtype=torch.int64, device=u.device)

@@ -13,7 +13,7 @@ import numpy as np
 
 from asdfviz.datatypes import Camera, State
 from asdfviz.geometry.camera import scaled_intrinsics
-from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, rotation_about, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Ground, Placed, Scene
@@ -26,9 +26,11 @@ from asdfviz.synth.layout import (
     place_distractor,
     place_group,
     place_loose,
+    stand,
 )
 from asdfviz.synth.looks import any_grounds, part_colors, plastic, random_lights, theatre
 from asdfviz.synth.shading import look_at
+from asdfviz.synth.strays import stray
 
 KINECT = Camera(
     np.array([[607.2491, 0.0, 639.1670], [0.0, 607.1653, 364.7615], [0.0, 0.0, 1.0]]), 1280, 720
@@ -53,8 +55,12 @@ class SceneConfig:
     true_colors: float = 0.6
     theatre: float = 0.35
     """Blue drape over a round table."""
-    held: float = 0.5
-    """The joined group is in the air, at any orientation."""
+    room_light: float = 0.35
+    """Soft light from large panels instead of lamps."""
+    held: float = 0.6
+    """The joined group is in a hand, on a stand or in the air, at any orientation."""
+    stray: float = 0.12
+    """A joined part is out of place or missing, as no state says; the scene then has no group."""
     hand_when_held: float = 0.75
     passing_hand: float = 0.35
     present: float = 0.88
@@ -83,7 +89,7 @@ class TrueScene:
     scene: Scene
     groups: tuple[Group, ...]
     main: int | None
-    """Which group the picture's state is about; None for packs."""
+    """Which group the picture's state is about; None for packs and for what is no state."""
 
 
 def camera_for(width: int, height: int, *, zoom: float = 1.0) -> Camera:
@@ -121,17 +127,20 @@ def make_scene(
     states = assets.assembly.states
     state = states[int(rng.integers(len(states)))]
     T_base_part = joined_poses(state, rng)
+    wrong = rng.random() < config.stray and stray(assets.assembly, state, T_base_part, rng)
+    T_base_part = wrong or T_base_part
     held = bool(rng.random() < config.held)
     T_world_base = place_group(assets, T_base_part, table, rng, held=held)
     placed = [_part(assets, name, T_world_base @ T, colors, rng) for name, T in T_base_part.items()]
-    group = Group(state, tuple(range(len(placed))))
-    placed += _loose_parts(assets, state, table, colors, rng, config)
+    groups = () if wrong else (Group(state, tuple(range(len(placed)))),)
+    placed += _loose_parts(assets, T_base_part, table, colors, rng, config)
     for _ in range(int(rng.integers(config.distractors + 1))):
         extra = place_distractor(assets, table, rng)
         placed += [] if extra is None else [extra]
     grounds = _grounds(table, rng, config)
-    placed += _hands(assets, T_world_base, T_base_part, table, rng, config, held) if hands else []
-    lights, sky, tint = random_lights(rng)
+    group = apply(T_world_base, group_points(assets.assembly, T_base_part))
+    placed += _around(assets, group, table, rng, config, held=held, hands=hands)
+    lights, sky, tint = random_lights(rng, room=config.room_light)
     target = table.on_table(camera.width / 2, camera.height / 2)
     scene = Scene(
         camera,
@@ -144,7 +153,7 @@ def make_scene(
         target,
         max(reach + 0.25, 0.5),
     )
-    return TrueScene(scene, (group,), 0)
+    return TrueScene(scene, groups, 0 if groups else None)
 
 
 def _part(
@@ -160,18 +169,14 @@ def _part(
 
 def _loose_parts(
     assets: Assets,
-    state: State,
+    joined: Mapping[str, Transform],
     table: Table,
     colors: Mapping[str, Vector],
     rng: np.random.Generator,
     config: SceneConfig,
 ) -> list[Placed]:
     """The parts that are not joined yet, and some second copies."""
-    names = [
-        n
-        for n in assets.assembly.parts
-        if n not in state.T_base_part and rng.random() < config.present
-    ]
+    names = [n for n in assets.assembly.parts if n not in joined and rng.random() < config.present]
     every = list(assets.assembly.parts)
     names += [
         every[int(rng.integers(len(every)))]
@@ -190,22 +195,25 @@ def _grounds(table: Table, rng: np.random.Generator, config: SceneConfig) -> tup
     return theatre(points, rng) if rng.random() < config.theatre else any_grounds(points, rng)
 
 
-def _hands(
+def _around(
     assets: Assets,
-    T_world_base: Transform,
-    T_base_part: Mapping[str, Transform],
+    group: Points,
     table: Table,
     rng: np.random.Generator,
     config: SceneConfig,
+    *,
     held: bool,
+    hands: bool,
 ) -> list[Placed]:
+    """Hands that hold the group or pass by, or a stand under what no hand holds."""
     placed: list[Placed] = []
-    if held and rng.random() < config.hand_when_held:
-        points = apply(T_world_base, group_points(assets.assembly, T_base_part))
-        placed += holding_hand(assets, points, rng)
+    if held and hands and rng.random() < config.hand_when_held:
+        placed += holding_hand(assets, group, rng)
         if rng.random() < 0.3:
-            placed += holding_hand(assets, points, rng)
-    if rng.random() < config.passing_hand:
+            placed += holding_hand(assets, group, rng)
+    elif held and rng.random() < 0.7:
+        placed += stand(assets, group, rng)
+    if hands and rng.random() < config.passing_hand:
         placed += passing_hand(assets, table, rng)
     return placed
 

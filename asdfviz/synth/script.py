@@ -1,230 +1,300 @@
 """The script of an assembly sequence: what is where in every frame, and which state that is.
 
-A hand fetches part after part; once, if the assembly knows errors, one is made and corrected. Parts
-lie, are held or are joined to the base, and nothing else moves.
+A hand fetches part after part; an error may be made and corrected. Parts lie, are held (rigid to
+the hand) or are joined to the base, and nothing else moves. Without hands parts move by themselves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from asdfviz.datatypes import Assembly, State
-from asdfviz.geometry.sampling import surface_points
 from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import apply, inverse, rotation_angle
+from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
 from asdfviz.synth.assets import Assets
-from asdfviz.synth.contact import approach
-from asdfviz.synth.joint_motion import joined_poses
+from asdfviz.synth.film import Act
+from asdfviz.synth.grasping import Grip, Hold, backed, find_grip
 from asdfviz.synth.layout import Outfit
-from asdfviz.synth.motion import Pace, carry, reach, slide
+from asdfviz.synth.motion import Limits, Pace, blend, frames_needed, moved
+from asdfviz.synth.penetration import Solid
+from asdfviz.synth.routes import Obstacle, over, over_with_hand, rests_between, wrong_place
 from asdfviz.synth.stage import Stage
+from asdfviz.synth.ways import Body, Way, changes, differs
 
-APPROACH = 0.04
-"""How far out of its place a part begins to slide home, metres."""
 DWELL = 2
-"""Frames that a hand waits near by after a step."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Moment:
-    """One frame of the script."""
-
-    T_world_part: Mapping[str, Transform]
-    attached: tuple[str, ...]
-    state: State
-    """The state that the truth names."""
-    T_world_hand: Transform | None
-    held: str | None
-    """The part between the fingers."""
+"""Frames that a hand waits near by after a step, at 10 a second."""
+UNLISTED = "unlisted"
+"""Name of the state in which a part sits where no state of the assembly has it."""
+AWKWARD = 0.001
+"""A grip that is worse than this is looked for with a stopover, metres."""
+ASIDE = 0.12
+"""How far a hand draws back towards the shoulder after a step, metres."""
+OUT_OF_VIEW = 0.5
+"""How far a hand that leaves goes, metres."""
 
 
 @dataclass(slots=True)
 class Director:
-    """Plays the assembly through and writes down every frame."""
+    """Plays the assembly through and writes down every act."""
 
     assets: Assets
+    solids: Mapping[str, Solid]
     stage: Stage
-    outfit: Outfit
+    targets: Mapping[int, Mapping[str, Transform]]
+    ways: Mapping[tuple[int, str], Way]
+    outfit: Outfit | None
+    """The person's hand; None where parts move by themselves."""
     pace: Pace
-    stretch: float
-    joints_seed: int
-    """Draws the places within the joints' travel, the same for every state."""
-    poses: dict[str, Transform] = field(default_factory=dict[str, Transform])
-    joined: dict[str, Transform] = field(default_factory=dict[str, Transform])
+    fps: float
+    rng: np.random.Generator
+    poses: dict[str, Transform] = field(init=False)
+    joined: dict[str, Transform] = field(init=False)
+    joined_in: dict[str, int] = field(default_factory=dict[str, int])
+    """Index of the state for which each joined part was put where it is."""
     label: State = field(init=False)
-    hand: Vector = field(init=False)
-    moments: list[Moment] = field(default_factory=list[Moment])
+    T_world_hand: Transform | None = None
+    grasp: int = 0
+    acts: list[Act] = field(default_factory=list[Act])
 
     def __post_init__(self) -> None:
         self.label = self.assembly.states[0]
-        self.poses = {self.assembly.base: self.stage.T_world_base, **self.stage.T_world_part}
+        self.poses = {self.assembly.base: self.stage.stand.T_world_base, **self.stage.T_world_part}
         self.joined = {self.assembly.base: np.eye(4)}
-        self.hand = self._rest_point()
 
     @property
     def assembly(self) -> Assembly:
-        """The assembly that is played."""
+        """What is played."""
         return self.assets.assembly
 
-    def targets(self, state: State) -> Mapping[str, Transform]:
-        """T_base_part of a state with the joints where this sequence leaves them."""
-        return joined_poses(state, np.random.default_rng([self.joints_seed, 5]), spread=0.8)
-
     def idle(self, count: int) -> None:
-        """Frames in which nothing moves and no hand is there."""
-        for _ in range(max(1, round(count * self.stretch))):
-            self._record(None, None)
+        """Nothing moves for some frames (at 10 a second); the hand stays where it is."""
+        frames = max(1, round(count * max(self.fps, 5.0) / 10))
+        stops = () if self.T_world_hand is None else (self.T_world_hand,)
+        self._add(stops, self.pace.hands(self.fps), frames=frames, least=1)
 
-    def go_to(self, state: State) -> None:
-        """Change what is joined until it is `state`."""
-        goals = self.targets(state)
-        leaving = [n for n in self.joined if n not in goals]
-        changed = [n for n in self.joined if n in goals and _differs(self.joined[n], goals[n])]
-        new = [n for n in goals if n not in self.joined]
-        for name in leaving:
-            self._move(name, self.stage.T_world_part[name], home=np.array([0.0, 0.0, 0.02]))
-        for name in [*changed, *new]:
-            T_base_part = goals[name]
-            home = self._way_in(name, T_base_part)
-            T_world_base = self.poses[self.assembly.base]
-            self._move(name, T_world_base @ T_base_part, home=T_world_base[:3, :3] @ home)
-            self.joined[name] = T_base_part
+    def go_to(self, state: State, *, slip: bool = False) -> None:
+        """Change what is joined until it is `state`.
+
+        Args:
+            state: where to.
+            slip: the last part is first held to a wrong place, if there is a free one.
+        """
+        goals = self.targets[state.index]
+        for name in reversed([n for n in self.joined if n not in goals]):
+            self._move(name, self.stage.T_world_part[name], way_in=np.zeros(3))
+        names = changes(self.joined, goals)
+        for name in names:
+            T = self.stage.stand.T_world_base
+            way = T[:3, :3] @ self.ways[state.index, name].out
+            wrong = self._wrong_place(name, state) if slip and name == names[-1] else None
+            self._move(name, T @ goals[name], way_in=way, wrong=wrong)
+            self.joined[name] = goals[name]
+            self.joined_in[name] = state.index
         self.label = state
-        self._retreat_a_little()
-        self._wait(DWELL)
+        self._draw_back()
+        self.idle(DWELL)
 
     def show(self, shift: Vector, turn: float) -> None:
-        """Push what was assembled over the table."""
+        """Push what was assembled over the table, and leave."""
         base = self.assembly.base
-        T_base_grasp = self._grasp(base, self.poses[base])
-        self._reach_to(apply(self.poses[base], T_base_grasp[None])[0])
-        if not self.stage.base_held:
-            for T in slide(self.poses[base], shift, turn, pace=self.pace, stretch=self.stretch):
-                self._put_base(T)
-                self._record(self._hand_pose(apply(T, T_base_grasp[None])[0]), base)
+        start = self.poses[base]
+        center = apply(start, self.solids[base].middle[None])[0]
+        R = rotation_about(np.array([0.0, 0.0, 1.0]), turn)
+        goal = transform_from(R @ start[:3, :3], R @ (start[:3, 3] - center) + center + shift)
+        riders = {n: T for n, T in self.joined.items() if n != base}
+        grip = self._grip(base, [start, goal], skip=set(self.joined))
+        if grip is None or grip.badness > AWKWARD:
+            return self.leave()  # A flat base that fingers cannot get round stays where it is.
+        self._reach_for(base, grip)
+        # What rides far from the middle goes farther than the middle does.
+        slow = self.pace.parts(self.fps).halved()
+        self._carry(base, [start, goal], grip, limits=slow, riders=riders)
+        for name, T_base_part in self.joined.items():
+            self.poses[name] = goal @ T_base_part
         self.leave()
 
     def leave(self) -> None:
         """Draw the hand out of the view."""
-        self._reach_to(self._rest_point())
+        if self.T_world_hand is not None and self.outfit is not None:
+            off = backed(self.T_world_hand, self.outfit, self.grasp)
+            self._hand_along([self.T_world_hand, off, self._away(off)])
+            self.T_world_hand = None
+
+    def _move(
+        self,
+        name: str,
+        goal: Transform,
+        *,
+        way_in: Vector,
+        wrong: Transform | None = None,
+    ) -> None:
+        """Bring a part somewhere; where no grip does for all of the way it is put down on it."""
+        ends = [goal, moved(goal, way_in / 2), moved(goal, way_in)]
+        ends += [] if wrong is None else [blend(wrong, ends[2], k) for k in (0.0, 0.3, 0.6)]
+        grip = self._grip(name, [self.poses[name], *ends], skip={name})
+        if grip is not None and grip.badness > AWKWARD:
+            if wrong is not None:
+                return self._move(name, goal, way_in=way_in)
+            via = self._stopover(name, ends, grip)
+            if via is not None:
+                rest, first, grip = via
+                self._bring(name, rest, first, way_in=np.zeros(3))
+                self._draw_back()
+        self._bring(name, goal, grip, way_in=way_in, wrong=wrong)
+
+    def _bring(
+        self,
+        name: str,
+        goal: Transform,
+        grip: Grip | None,
+        *,
+        way_in: Vector,
+        wrong: Transform | None = None,
+    ) -> None:
+        start = out = self.poses[name]
+        home = moved(goal, way_in)
+        if grip is not None:
+            self._reach_for(name, grip)
+        if name in self.joined:
+            T = self.stage.stand.T_world_base
+            out = moved(start, T[:3, :3] @ self.ways[self.joined_in[name], name].out)
+            self._take_off(name)
+        high = over(out, home, grip, self.outfit, self.solids[name], self._obstacles(name))
+        stops = [start, out, *high, home]
+        if wrong is None:
+            self._carry(name, [*stops, goal], grip)
+        else:
+            self._carry(name, [*stops, wrong], grip)
+            self._hold_wrongly(name, wrong, grip)
+            self._carry(name, [wrong, home, goal], grip)
+        self.poses[name] = goal
+
+    def _stopover(
+        self, name: str, ends: Sequence[Transform], grip: Grip
+    ) -> tuple[Transform, Grip, Grip] | None:
+        """A rest between on the part's own spot, with better grips on the ways there and on."""
+        best: tuple[Transform, Grip, Grip] | None = None
+        least = grip.badness
+        spot, faces = self.stage.T_world_part[name], self.assets.resting[name]
+        for rest in rests_between(name, ends[0], spot, faces, self.poses, self.solids):
+            first = self._grip(name, [self.poses[name], rest], skip={name})
+            if first is None or first.badness >= least:
+                continue
+            second = self._grip(name, [rest, *ends], skip={name})
+            if second is not None and second.badness < least:
+                least = max(first.badness, second.badness)
+                best = (rest, first, second)
+        return best
+
+    def _hold_wrongly(self, name: str, wrong: Transform, grip: Grip | None) -> None:
+        """A moment in which nothing moves and the truth says that this is no state."""
+        right = self.label
+        poses = {**self.joined, name: inverse(self.stage.stand.T_world_base) @ wrong}
+        self.label = State(
+            len(self.assembly.states), UNLISTED, poses, is_error=True, after=right.completed
+        )
+        self.joined[name] = poses[name]
+        self._carry(name, [wrong], grip, frames=max(2, round(0.5 * self.fps)))
+        del self.joined[name]
+        self.label = right
 
     def _take_off(self, name: str) -> None:
         """The part is no longer counted as joined; an error ends with the last wrong part."""
         del self.joined[name]
         if self.label.is_error:
             right = self.assembly.states[self.label.completed]
-            goals = self.targets(right)
-            wrong = [n for n, T in self.joined.items() if n not in goals or _differs(T, goals[n])]
+            goals = self.targets[right.index]
+            wrong = [n for n, T in self.joined.items() if n not in goals or differs(T, goals[n])]
             self.label = self.label if wrong else right
 
-    def _move(self, name: str, goal: Transform, *, home: Vector) -> None:
-        start = self.poses[name]
-        grasp = self._grasp(name, goal)
-        self._reach_to(apply(start, grasp[None])[0])
-        leave = self._way_out(name, start)
-        if name in self.joined:
-            self._take_off(name)
-        path = carry(
-            start,
-            goal,
-            leave=leave,
-            arrive=home,
-            clear=self._clear_height(name, start, goal),
-            pace=self.pace,
-            stretch=self.stretch,
-        )
-        for T in path:
-            self.poses[name] = T
-            self.hand = apply(T, grasp[None])[0]
-            self._record(self._hand_pose(self.hand), name)
+    def _wrong_place(self, name: str, state: State) -> Transform | None:
+        T = self.stage.stand.T_world_base
+        others = [Body(self.solids[n], T_n) for n, T_n in self.joined.items() if n != name]
+        body = Body(self.solids[name], self.targets[state.index][name])
+        found = wrong_place(body, others, self.ways[state.index, name].out, T, self.rng)
+        return None if found is None else T @ found
 
-    def _put_base(self, T_world_base: Transform) -> None:
-        self.poses[self.assembly.base] = T_world_base
-        for name, T_base_part in self.joined.items():
-            self.poses[name] = T_world_base @ T_base_part
-
-    def _way_in(self, name: str, T_base_part: Transform) -> Vector:
-        """From the place outwards, base frame, metres."""
-        joint = next((s.joints[name] for s in self.assembly.states if name in s.joints), None)
-        up = self.poses[self.assembly.base][:3, :3].T @ np.array([0.0, 0.0, 1.0])
-        candidates = [up]
-        if joint is not None:
-            candidates = [joint.axis, -joint.axis, up]
-        candidates += [s * axis for axis in np.eye(3) for s in (1.0, -1.0)]
-        upward = [c for c in candidates if c @ up > -0.3]
-        others = [(self.assembly.parts[n].mesh, T) for n, T in self.joined.items() if n != name]
-        mesh = self.assembly.parts[name].mesh
-        return APPROACH * approach(mesh, T_base_part, others, upward, distance=APPROACH)
-
-    def _way_out(self, name: str, start: Transform) -> Vector:
-        """Out of where the part is now: the way it came if it was joined, else straight up."""
-        if np.allclose(start, self.stage.T_world_part[name], atol=1e-6):
-            return np.array([0.0, 0.0, 0.02])
-        T_world_base = self.poses[self.assembly.base]
-        return T_world_base[:3, :3] @ self._way_in(name, inverse(T_world_base) @ start)
-
-    def _clear_height(self, name: str, start: Transform, goal: Transform) -> float:
-        vertices = self.assembly.parts[name].mesh.vertices
-        below = max(-float((vertices @ T[:3, :3].T)[:, 2].min()) for T in (start, goal))
-        tops = [
-            float(apply(self.poses[n], self.assembly.parts[n].mesh.vertices)[:, 2].max())
-            for n in self.joined
+    def _grip(self, name: str, places: Sequence[Transform], *, skip: set[str]) -> Grip | None:
+        """A grip that does at the start and at the goal of a move."""
+        if self.outfit is None:
+            return None
+        bodies = [Body(self.solids[n], T) for n, T in self.poses.items() if n not in skip]
+        riders = self.joined if name == self.assembly.base else {}
+        riding = [(n, T) for n, T in riders.items() if n != name]
+        holds = [
+            Hold(T, (*bodies, *(Body(self.solids[n], T @ T_n) for n, T_n in riding)))
+            for T in places
         ]
-        return max(tops) + below + 0.008
+        shoulder = self.stage.stand.shoulder
+        return find_grip(self.solids[name], holds, shoulder, self.outfit, self.rng)
 
-    def _grasp(self, name: str, goal: Transform) -> Vector:
-        """Where fingers take a part (its frame): the end that looks at the arm, rather high."""
-        mesh = self.assembly.parts[name].mesh
-        samples = surface_points(mesh.vertices, mesh.faces, 300, seed=1)
-        world = apply(goal, samples)
-        arm = self.stage.shoulder - world.mean(axis=0)
-        wish = np.array([*(arm[:2] / np.linalg.norm(arm[:2])), 0.5])
-        end = samples[int((world @ wish).argmax())]
-        return 0.65 * end + 0.35 * mesh.vertices.mean(axis=0)
+    def _reach_for(self, name: str, grip: Grip) -> None:
+        """Bring the empty hand to a part."""
+        if self.outfit is None:
+            return
+        at = self.poses[name] @ grip.T_part_hand
+        before = backed(at, self.outfit, grip.grasp)
+        come_from = self._away(before) if self.T_world_hand is None else self.T_world_hand
+        high = over_with_hand(come_from, before, self.outfit, grip.grasp, self._obstacles(None))
+        self.grasp = grip.grasp
+        self._hand_along([come_from, *high, before, at])
 
-    def _hand_pose(self, point: Vector) -> Transform:
-        arm = self.stage.shoulder - point
-        away = np.array([*(arm[:2] / (np.linalg.norm(arm[:2]) + 1e-9)), 0.0])
-        T = self.outfit.pose(
-            point, away, pitch=0.35, roll=-0.45 if not self.outfit.mirrored else 0.45
-        )
-        low = float(apply(T, self.assets.hand_points[self.outfit.grasp])[:, 2].min())
-        T[2, 3] += max(0.0, 0.001 - low)
-        return T
+    def _draw_back(self) -> None:
+        if self.T_world_hand is None or self.outfit is None:
+            return
+        off = backed(self.T_world_hand, self.outfit, self.grasp)
+        out = self.stage.stand.shoulder - off[:3, 3]
+        away = out / np.linalg.norm(out) * ASIDE + [0.0, 0.0, 0.03]
+        self._hand_along([self.T_world_hand, off, moved(off, away)])
 
-    def _rest_point(self) -> Vector:
-        middle = self.stage.T_world_base[:3, 3]
-        out = self.stage.shoulder - middle
-        return middle + out / np.linalg.norm(out) * 0.5 + [0.0, 0.0, 0.05]
+    def _away(self, T_world_hand: Transform) -> Transform:
+        out = self.stage.stand.shoulder - T_world_hand[:3, 3]
+        return moved(T_world_hand, out / np.linalg.norm(out) * OUT_OF_VIEW)
 
-    def _reach_to(self, point: Vector) -> None:
-        for at in reach(self.hand, point, pace=self.pace, stretch=self.stretch):
-            self._record(self._hand_pose(at), None)
-        self.hand = point
+    def _obstacles(self, name: str | None) -> list[Obstacle]:
+        """What lies around, except one part."""
+        found = [Obstacle.of(T, self.solids[n].samples) for n, T in self.poses.items() if n != name]
+        first = self.assets.distractors.start
+        clouds = self.assets.distractor_points
+        return found + [
+            Obstacle.of(c.T_world_mesh, clouds[c.mesh - first]) for c in self.stage.clutter
+        ]
 
-    def _wait(self, count: int) -> None:
-        for _ in range(max(1, round(count * self.stretch))):
-            self._record(self._hand_pose(self.hand), None)
+    def _carry(
+        self, name: str, stops: Sequence[Transform], grip: Grip | None, *,
+        limits: Limits | None = None, riders: Mapping[str, Transform] | None = None,
+        frames: int | None = None,
+    ) -> None:  # fmt: skip
+        pace = limits or self.pace.parts(self.fps)
+        pivot = self.solids[name].middle
+        middle = transform_from(np.eye(3), pivot)
+        count = frames or frames_needed([T @ middle for T in stops], pace)
+        self.acts.append(
+            Act(
+                tuple(stops), dict(self.poses), tuple(self.joined), self.label, pace, count, count,
+                held=name, riders=dict(riders or {}), pivot=pivot,
+                T_part_hand=None if grip is None else grip.T_part_hand,
+                grasp=0 if grip is None else grip.grasp,
+            )
+        )  # fmt: skip
+        if grip is not None:
+            self.T_world_hand = stops[-1] @ grip.T_part_hand
 
-    def _retreat_a_little(self) -> None:
-        out = self.stage.shoulder - self.hand
-        self._reach_to(self.hand + out / np.linalg.norm(out) * 0.16)
+    def _hand_along(self, stops: Sequence[Transform]) -> None:
+        limits = self.pace.hands(self.fps)
+        frames = frames_needed(stops, limits)
+        self._add(tuple(stops), limits, frames=frames, least=max(1, frames // 3))
+        self.T_world_hand = stops[-1]
 
-    def _record(self, T_world_hand: Transform | None, held: str | None) -> None:
-        self.moments.append(
-            Moment(dict(self.poses), tuple(self.joined), self.label, T_world_hand, held)
-        )
-
-
-def _differs(T_a: Transform, T_b: Transform) -> bool:
-    moved = float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3]))
-    return moved > 0.001 or rotation_angle(T_a[:3, :3].T @ T_b[:3, :3]) > 0.02
-
-
-def chosen_error(assembly: Assembly, rng: np.random.Generator) -> State | None:
-    """One of the error states, or None where the assembly has none."""
-    errors = assembly.errors
-    return errors[int(rng.integers(len(errors)))] if errors else None
+    def _add(
+        self, stops: tuple[Transform, ...], limits: Limits, *, frames: int, least: int
+    ) -> None:
+        self.acts.append(
+            Act(
+                stops, dict(self.poses), tuple(self.joined), self.label, limits, frames, least,
+                grasp=self.grasp,
+            )
+        )  # fmt: skip

@@ -20,6 +20,12 @@ FIELD_OF_VIEW = np.array(
 ) / np.array([1280.0, 720.0])
 """Outline of the depth image within the colour image, as shares of width and height."""
 
+FOCAL = 607.25 / 1280
+"""Focal length of the Azure Kinect's colour image, as a share of the width."""
+CENTER = (639.167 / 1280, 364.76 / 720)
+KINECT_LENS = (0.109, -0.124, 0.067)
+"""Radial distortion that the real colour images still hold."""
+
 Linear = Float32[np.ndarray, "h w 3"]
 Plane = Float32[np.ndarray, "h w"]
 
@@ -36,9 +42,15 @@ class RgbSensor:
     blur_px: float = 0.6
     """Lens and demosaicing, at 1280 pixels width."""
     noise: float = 0.006
-    """Standard deviation of read noise, linear; shot noise goes with it."""
+    """Standard deviation of the noise at a linear value of 0.28; grows with the root of the light."""
+    flare: float = 0.01
+    """Light scattered over the whole image, as a share of the mean."""
     contrast: float = 1.0
     saturation: float = 1.0
+    sharpening: float = 0.0
+    """Strength of the camera's own sharpening."""
+    knee: float = 0.55
+    """Linear value above which highlights are compressed; at 1 they are cut off."""
     jpeg_quality: int = 92
     motion_px: tuple[float, float] = (0.0, 0.0)
     """Movement of the camera while the shutter was open."""
@@ -46,20 +58,26 @@ class RgbSensor:
 
 @dataclass(frozen=True, slots=True)
 class DepthSensor:
-    """One setting of the depth camera."""
+    """One setting of the depth camera; pixels are those of an image 1280 wide."""
 
-    noise: float = 0.0011
+    noise: float = 0.0019
     """Standard deviation of the range at 0.6 m, metres; grows with the square of the range."""
     smear_px: float = 7.0
-    """Width of the ramps at depth edges, at 1280 pixels width."""
-    dark_albedo: float = 0.02
-    """Below this linear albedo returns are lost now and then."""
-    dark_loss: float = 0.45
-    edge_jump: float = 0.025
+    """Width of the ramps at depth edges."""
+    trail_px: float = 11.0
+    """Width of the longer ramps on the side of near things away from the illuminator."""
+    dark_albedo: float = 0.014
+    """Below this linear albedo returns are lost now and then, or come too far."""
+    dark_loss: float = 0.4
+    """Share of lost returns on black."""
+    edge_jump: float = 0.045
     """Depth step, metres, beyond which the side away from the illuminator is lost."""
     field_of_view: bool = True
     shift_px: tuple[float, float] = (0.0, 0.0)
-    """Misregistration of depth against colour, at 1280 pixels width."""
+    """Misregistration of depth against colour."""
+    lens: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Radial coefficients k1, k2, k3 of a colour lens that nobody took out of the colour image: depth
+    then lies nearer to the image's centre than colour does."""
     bias: float = 0.0
     """Constant range error, metres."""
 
@@ -70,7 +88,7 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
     shaken = rng.random() < 0.12
     motion = rng.normal(size=2) * 3.0 if shaken else np.zeros(2)
     return RgbSensor(
-        exposure=float(rng.uniform(0.26, 0.52)),
+        exposure=float(rng.uniform(0.26, 0.56)),
         white_balance=(
             float(1 + temperature),
             float(1 + rng.normal() * 0.015),
@@ -79,22 +97,28 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
         vignette=float(rng.uniform(0, 0.3)),
         blur_px=float(rng.uniform(0.5, 1.4)),
         noise=float(rng.uniform(0.0015, 0.0075)),
+        flare=float(rng.uniform(0.0, 0.09)),
         contrast=float(rng.uniform(0.92, 1.25)),
         saturation=float(rng.uniform(0.85, 1.35)),
+        sharpening=float(max(0.0, rng.uniform(-0.5, 0.9))),
+        knee=float(rng.uniform(0.5, 1.0)),
         jpeg_quality=int(rng.integers(78, 97)),
         motion_px=(float(motion[0]), float(motion[1])),
     )
 
 
 def random_depth_sensor(rng: np.random.Generator, *, shifted: bool = False) -> DepthSensor:
-    """Draw a setting; `shifted` adds the misregistration seen in the real frames."""
+    """Draw a setting; `shifted` adds a misregistration and half the time the real frames' lens."""
     shift = (float(rng.normal() * 3), float(rng.normal() * 1.5)) if shifted else (0.0, 0.0)
     return DepthSensor(
-        noise=float(rng.uniform(0.0006, 0.0018)),
+        noise=float(rng.uniform(0.0008, 0.003)),
         smear_px=float(rng.uniform(3, 10)),
-        dark_loss=float(rng.uniform(0.2, 0.7)),
+        trail_px=float(rng.uniform(2, 20)),
+        dark_loss=float(rng.uniform(0.1, 0.5)),
+        edge_jump=float(rng.uniform(0.03, 0.09)),
         field_of_view=bool(rng.random() < 0.7),
         shift_px=shift,
+        lens=KINECT_LENS if shifted and rng.random() < 0.5 else (0.0, 0.0, 0.0),
         bias=float(rng.normal() * 0.002),
     )
 
@@ -133,19 +157,25 @@ def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator)
     scale = width / 1280
     image: np.ndarray = radiance * np.array(sensor.white_balance, np.float32)
     middle, bright = np.percentile(image.mean(axis=2)[::4, ::4], [80, 98])
-    level = max(float(middle), 0.45 * float(bright))
+    level = max(float(middle), 0.5 * float(bright))
     image = image * np.float32(sensor.exposure / max(level, 1e-4))
+    image = (image + sensor.flare * image.mean(axis=(0, 1))) / (1 + sensor.flare)
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
     image *= (1 - sensor.vignette * (x * x + y * y) / 2)[:, :, None]
     image = cv2.GaussianBlur(image, (0, 0), max(sensor.blur_px * scale, 0.25))
     if any(abs(m) * scale > 0.6 for m in sensor.motion_px):
         image = cv2.filter2D(image, -1, motion_kernel(*(m * scale for m in sensor.motion_px)))
-    # Filmic shoulder: linear below, never quite white.
-    image = np.where(image < 0.55, image, 0.55 + 0.45 * np.tanh((image - 0.55) / 0.45))
+    if sensor.knee < 1:
+        above = np.tanh((image - sensor.knee) / (1 - sensor.knee)) * (1 - sensor.knee)
+        image = np.where(image < sensor.knee, image, sensor.knee + above)
     grain = rng.standard_normal((height, width, 3), dtype=np.float32)
     if scale > 0.4:
         grain = 0.7 * grain + 0.6 * cv2.GaussianBlur(grain, (0, 0), 0.8) * 1.6
-    image = image + grain * np.sqrt(sensor.noise**2 + np.maximum(image, 0) * sensor.noise**2 * 2.5)
+    # Mostly shot noise: cameras smooth the dark parts themselves.
+    image = image + grain * sensor.noise * np.sqrt(0.004 + 3.4 * np.maximum(image, 0))
+    if sensor.sharpening > 0:
+        soft = cv2.GaussianBlur(image, (0, 0), max(1.2 * scale, 0.4))
+        image = image + sensor.sharpening * (image - soft)
     gray = image.mean(axis=2, keepdims=True)
     image = gray + (image - gray) * sensor.saturation
     image = np.clip(image, 0, 1) ** np.float32(1 / 2.2)
@@ -173,30 +203,72 @@ def measure_depth(
     known = depth > 0
     far = float(depth.max()) if known.any() else 1.0
     filled = np.where(known, depth, far).astype(np.float32)
-    sigma = max(sensor.smear_px * scale / 3, 0.3)
-    soft = cv2.GaussianBlur(filled, (0, 0), sigma)
-    coarse = (max(2, round(width * 0.5)), max(2, round(height * 0.5)))
-    soft = cv2.resize(cv2.resize(soft, coarse, interpolation=cv2.INTER_AREA), (width, height))
-    grain = rng.standard_normal((coarse[1], coarse[0]), dtype=np.float32)
-    grain = cv2.resize(cv2.GaussianBlur(grain, (0, 0), 0.7), (width, height)) * 2.0
-    soft += grain * sensor.noise * (filled / 0.6) ** 2 + sensor.bias
-    # Flying pixels: seen from the illuminator, 32 mm aside, the far side of a step lies in shadow.
-    reach = max(1, round(0.032 * 607.2 * scale / far * 0.3))
+    darkness = np.clip(1.4 - albedo / sensor.dark_albedo, 0, 1)
+    measured = _smeared(filled, sensor, scale)
+    spread = sensor.noise * (filled / 0.6) ** 2
+    measured += _range_noise(rng, height, width) * spread + sensor.bias + 0.005 * darkness
+    # Seen from the illuminator, 32 mm aside, the far side of a high step lies in shadow.
+    reach = max(1, round(0.032 * FOCAL * width / far * 0.3))
     shadow = np.zeros_like(known)
     shadow[:, reach:] = (filled[:, reach:] - filled[:, :-reach]) > sensor.edge_jump
-    patches = cv2.resize(
-        rng.random((max(2, height // 5), max(2, width // 5)), dtype=np.float32), (width, height)
-    )
-    darkness = np.clip(1.4 - albedo / sensor.dark_albedo, 0, 1)
-    lost = shadow | (patches < sensor.dark_loss * darkness) | ~known
-    measured = np.where(lost, 0, soft).astype(np.float32)
-    if sensor.shift_px != (0.0, 0.0):
-        dx, dy = (s * scale for s in sensor.shift_px)
-        M = np.array([[1, 0, dx], [0, 1, dy]], np.float32)
-        measured = cv2.warpAffine(measured, M, (width, height), flags=cv2.INTER_NEAREST)
+    share = np.clip(sensor.dark_loss * darkness, 1e-6, 1 - 1e-6)
+    # The logistic curve stands for the normal one (Bowling et al. 2009).
+    lost = _patches(rng, height, width, scale) < np.log(share / (1 - share)) / 1.702
+    measured = np.where(shadow | lost | ~known, 0, measured).astype(np.float32)
+    measured = _misregistered(measured, sensor, scale)
     if sensor.field_of_view:
         measured[~field_of_view(height, width)] = 0
     return measured
+
+
+def _smeared(depth: Plane, sensor: DepthSensor, scale: float) -> Plane:
+    """Depth with edges drawn out, the long ramps to the right of near things."""
+    height, width = depth.shape
+    reach = round(sensor.trail_px * scale)
+    if reach > 1:
+        trailing = cv2.blur(depth, (reach, 1), anchor=(reach - 1, 0))
+        depth = np.minimum(depth, trailing)
+    soft = cv2.GaussianBlur(depth, (0, 0), max(sensor.smear_px * scale / 3, 0.3))
+    coarse = (max(2, round(width * 0.5)), max(2, round(height * 0.5)))
+    return cv2.resize(cv2.resize(soft, coarse, interpolation=cv2.INTER_AREA), (width, height))
+
+
+def _range_noise(rng: np.random.Generator, height: int, width: int) -> Plane:
+    """Noise of deviation 1 whose neighbours agree: over 5, 13 and 64 pixels at 1280 width."""
+    total = np.zeros((height, width), np.float32)
+    for cells, weight in ((256, 0.42), (96, 0.62), (20, 0.66)):
+        size = (cells, max(2, cells * height // width))
+        grain = rng.standard_normal((size[1], size[0]), dtype=np.float32)
+        # Cubic interpolation keeps about seven tenths of the deviation.
+        total += weight * 1.35 * cv2.resize(grain, (width, height), interpolation=cv2.INTER_CUBIC)
+    return total
+
+
+def _patches(rng: np.random.Generator, height: int, width: int, scale: float) -> Plane:
+    """Smooth noise of about deviation 1, from which lost patches are cut."""
+    total = np.zeros((height, width), np.float32)
+    for size_px, weight in ((28, 0.9), (8, 0.44)):
+        rows, columns = (max(2, round(n / (size_px * scale))) for n in (height, width))
+        grain = rng.standard_normal((rows, columns), dtype=np.float32)
+        total += weight * 1.35 * cv2.resize(grain, (width, height), interpolation=cv2.INTER_CUBIC)
+    return total
+
+
+def _misregistered(measured: Plane, sensor: DepthSensor, scale: float) -> Plane:
+    """Depth moved against colour: p shows what colour has at lens(p - shift)."""
+    if sensor.shift_px == (0.0, 0.0) and not any(sensor.lens):
+        return measured
+    height, width = measured.shape
+    v, u = np.mgrid[0:height, 0:width].astype(np.float32)
+    focal, (cx, cy) = FOCAL * width, np.array(CENTER) * [width, height]
+    x = (u - sensor.shift_px[0] * scale - cx) / focal
+    y = (v - sensor.shift_px[1] * scale - cy) / focal
+    r2 = x * x + y * y
+    k1, k2, k3 = sensor.lens
+    stretch = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    at_u = (x * stretch * focal + cx).astype(np.float32)
+    at_v = (y * stretch * focal + cy).astype(np.float32)
+    return cv2.remap(measured, at_u, at_v, cv2.INTER_NEAREST)
 
 
 def field_of_view(height: int, width: int) -> Mask:

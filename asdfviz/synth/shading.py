@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, interpolate, normalize, pad
+from torch.nn.functional import avg_pool2d, interpolate, pad
 
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import transform_from
@@ -17,7 +17,7 @@ from asdfviz.synth.description import Light, Scene
 from asdfviz.synth.gbuffer import GBuffer
 from asdfviz.synth.mesh_bank import Triangles
 from asdfviz.synth.raster import Projected, depth_map
-from asdfviz.synth.tensors import length, to_tensor
+from asdfviz.synth.tensors import length, to_tensor, transform_each, unit
 
 LOWEST_OCCLUDED = -0.2
 """Height, metres, below which nothing is occluded by what stands on the table."""
@@ -27,8 +27,11 @@ LOWEST_OCCLUDED = -0.2
 class ShadingConfig:
     """Cost against quality of the light."""
 
-    shadow_samples: int = 4
-    """Points of an area light that cast a shadow map each."""
+    interleave: int = 4
+    """Every block of so many pixels a side shares as many points of an area light as it has pixels;
+    each pixel tests one of them, and neighbours are averaged."""
+    occlusion: float = 1.0
+    """Strength of the darkening in corners and round things that stand close."""
     shadow_pixels: int = 448
     """Side of a shadow map."""
     bias: float = 0.0022
@@ -67,7 +70,7 @@ def shade(
             * on[:, None, None, None]
         )
         total += color * _reflect(buffer, lights) * visible[..., None]
-    return total + _ambient(scenes, buffer)
+    return total + _ambient(scenes, buffer, config.occlusion)
 
 
 def _tensor(rows: Sequence[np.ndarray], device: torch.device) -> Tensor:
@@ -83,45 +86,60 @@ def _visibility(
     config: ShadingConfig,
 ) -> Float32[Tensor, "b h w"]:
     """Share of each area light that each pixel sees."""
-    device = buffer.depth.device
-    side = config.shadow_pixels
-    count, height, width = buffer.depth.shape
-    lifted = (buffer.position + buffer.normal * config.bias).view(count, -1, 3).transpose(1, 2)
-    noise = to_tensor((rng.random((2, 9973)) - 0.5) * 1.6, device, dtype=torch.float32)
-    pixels = height * width
-    noise = noise.repeat(1, pixels // 9973 + 1)[:, :pixels] + side / 2
-    visible = torch.zeros(count, pixels, device=device)
-    image = torch.arange(count, device=device)[:, None] * (side * side)
-    for _ in range(config.shadow_samples):
-        M = _light_cameras(scenes, lights, rng, side, device)
-        index = triangles.vertex_image
-        p = (M[index, :, :3] @ triangles.vertices[:, :, None])[:, :, 0] + M[index, :, 3]
-        z = p[:, 2].clamp(min=1e-3)
-        cast = Projected(
-            p[:, :2] / z[:, None] + side / 2, p[:, 2], triangles.faces, triangles.image
+    side, n = config.shadow_pixels, config.interleave
+    count = len(buffer.depth)
+    lifted = buffer.position + buffer.normal * config.bias
+    visible = torch.empty_like(buffer.depth)
+    image = torch.arange(count, device=visible.device)[:, None, None] * (side * side)
+    turn = rng.random() * 2 * np.pi
+    for k in range(n * n):
+        # A spiral of golden angles fills the disc evenly, whatever the number of its points.
+        radius, angle = np.sqrt((k + 0.5) / (n * n)), turn + k * 2.39996
+        disc = radius * np.array([np.cos(angle), np.sin(angle)])
+        M = _light_cameras(scenes, lights, disc, side, visible.device)
+        blocked = _cast(triangles, M, (count, side, side)).view(-1)
+        # 7 steps through the block visit its pixels in an order unlike the spiral's.
+        row, column = divmod(7 * k % (n * n), n)
+        some = lifted[:, row::n, column::n]
+        shape = some.shape[:3]
+        noise = to_tensor((rng.random((2, *shape[1:])) - 0.5) * 1.6, visible.device).float()
+        x, y, z = (
+            (M[:, :, :3] @ some.reshape(count, -1, 3).transpose(1, 2) + M[:, :, 3:])
+            .view(count, 3, *shape[1:])
+            .unbind(1)
         )
-        blocked = depth_map(cast, (count, side, side)).view(-1)
-        q = M[:, :, :3] @ lifted + M[:, :, 3:]
-        texel = (q[:, :2] / q[:, 2:] + noise).round_().clamp_(0, side - 1).long()
-        nearest = blocked[image + texel[:, 1] * side + texel[:, 0]]
-        visible += q[:, 2] < nearest + 0.0008
-    visible = visible.view(count, 1, height, width) / config.shadow_samples
-    return avg_pool2d(visible, 5, stride=1, padding=2, count_include_pad=False)[:, 0]
+        u, v = (
+            (c / z + noise[i] + side / 2).round_().clamp_(0, side - 1).long()
+            for i, c in enumerate((x, y))
+        )
+        visible[:, row::n, column::n] = (z < blocked[image + v * side + u] + 0.0008).float()
+    soft = visible[:, None]
+    for window in (n + 1 - n % 2, 3):
+        soft = avg_pool2d(soft, window, stride=1, padding=window // 2, count_include_pad=False)
+    return soft[:, 0]
+
+
+def _cast(
+    triangles: Triangles, M: Float32[Tensor, "b 3 4"], shape: tuple[int, int, int]
+) -> Float32[Tensor, "b h w"]:
+    """Depth of the nearest surface from each light camera."""
+    x, y, z = transform_each(M, triangles.vertices, triangles.vertex_image)
+    points_px = torch.stack([x, y], dim=1) / z.clamp(min=1e-3)[:, None] + shape[2] / 2
+    return depth_map(Projected(points_px, z, triangles.faces, triangles.image), shape)
 
 
 def _light_cameras(
     scenes: Sequence[Scene],
     lights: Sequence[Light],
-    rng: np.random.Generator,
+    disc: Float64[np.ndarray, "2"],
     side: int,
     device: torch.device,
 ) -> Float32[Tensor, "b 3 4"]:
-    """K T_camera_world (centre at pixel 0) of a random point of each light, looking at the scene."""
+    """K T_camera_world (centre at pixel 0) of one point of each light's disc, looking at the scene."""
     rows: list[np.ndarray] = []
     for scene, light in zip(scenes, lights, strict=True):
-        disc = rng.normal(size=3)
-        disc *= light.radius * np.sqrt(rng.random()) / np.linalg.norm(disc)
-        eye = light.position + disc
+        axes = look_at(light.position, scene.target, roll=0.3)[:2, :3]
+        eye = light.position + light.radius * disc @ axes
         focal = side / 2 * float(np.linalg.norm(eye - scene.target)) / scene.reach
         rows.append(np.diag([focal, focal, 1.0]) @ look_at(eye, scene.target, roll=0.3)[:3])
     return _tensor(rows, device)
@@ -137,7 +155,7 @@ def _reflect(buffer: GBuffer, lights: Sequence[Light]) -> Float32[Tensor, "b h w
     cosine = (buffer.normal * direction).sum(3)
     wrap = buffer.translucency
     diffuse = ((cosine + wrap) / (1 + wrap)).clamp(min=0)
-    half = normalize(direction + buffer.view, dim=3)
+    half = unit(direction + buffer.view)
     n_half = (buffer.normal * half).sum(3).clamp(0, 1)
     n_view = (buffer.normal * buffer.view).sum(3).clamp(0.06, 1)
     alpha = buffer.roughness.square().clamp(min=0.03).square()
@@ -146,7 +164,9 @@ def _reflect(buffer: GBuffer, lights: Sequence[Light]) -> Float32[Tensor, "b h w
     return (buffer.albedo * diffuse[..., None] + gloss[..., None]) * fall
 
 
-def _ambient(scenes: Sequence[Scene], buffer: GBuffer) -> Float32[Tensor, "b h w 3"]:
+def _ambient(
+    scenes: Sequence[Scene], buffer: GBuffer, strength: float
+) -> Float32[Tensor, "b h w 3"]:
     """Light from all around: sky above, what the ground throws back below, less in corners."""
     device = buffer.depth.device
     sky = _tensor([s.sky for s in scenes], device)[:, None, None]
@@ -158,24 +178,26 @@ def _ambient(scenes: Sequence[Scene], buffer: GBuffer) -> Float32[Tensor, "b h w
     ).clamp(min=0.2)
     # The floor lies too far below the table to be darkened by it.
     deep = buffer.position[..., 2] < LOWEST_OCCLUDED
-    occlusion = torch.where(deep, 1.0, ambient_occlusion(buffer.depth))
+    occlusion = torch.where(deep, 1.0, ambient_occlusion(buffer.depth, strength=strength))
     n_view = (buffer.normal * buffer.view).sum(3).clamp(0, 1)
     rim = 0.04 + 0.4 * (1 - n_view) ** 5 * (1 - buffer.roughness)
     return light * (buffer.albedo + rim[..., None]) * occlusion[..., None]
 
 
-def ambient_occlusion(depth: Float32[Tensor, "b h w"]) -> Float32[Tensor, "b h w"]:
+def ambient_occlusion(
+    depth: Float32[Tensor, "b h w"], *, strength: float = 1.0
+) -> Float32[Tensor, "b h w"]:
     """Darkness of places that lie deeper than their surroundings, at three sizes."""
     height, width = depth.shape[1:]
     small = interpolate(depth[:, None], size=(height // 4, width // 4), mode="area")
     total = torch.ones_like(depth)
-    for reach, strength in ((0.006, 16.0), (0.016, 9.0), (0.04, 5.0)):
+    for reach, power in ((0.006, 16.0), (0.016, 9.0), (0.04, 5.0)):
         radius = max(1, round(reach * width / 4))
         soft = _continued(small, 2 * radius)
         for _ in range(2):
             soft = avg_pool2d(soft, 2 * radius + 1, stride=1)
         large = interpolate(soft, size=(height, width), mode="bilinear")[:, 0]
-        total *= torch.exp(-strength * (depth - large).clamp(0, 0.08))
+        total *= torch.exp(-strength * power * (depth - large).clamp(0, 0.08))
     return total
 
 

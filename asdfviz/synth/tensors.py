@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 import torch
-from jaxtyping import Shaped
+from jaxtyping import Float32, Int64, Shaped
 from torch import Tensor
 
 
@@ -17,8 +17,7 @@ def to_tensor(
     dtype: torch.dtype | None = None,
 ) -> Tensor:
     """Copy an array to a device, in its own type unless another is named."""
-    tensor: Tensor = torch.tensor(array, dtype=dtype)
-    return tensor.to(device)
+    return torch.tensor(array, dtype=dtype, device=device)
 
 
 def length(vectors: Tensor) -> Tensor:
@@ -26,7 +25,28 @@ def length(vectors: Tensor) -> Tensor:
     return (vectors * vectors).sum(dim=-1, keepdim=True).sqrt()
 
 
+def unit(vectors: Tensor) -> Tensor:
+    """Vectors along the last axis (of size 3) brought to length 1; zero stays zero."""
+    x, y, z = vectors.unbind(-1)
+    return vectors * (x * x + y * y + z * z).clamp_(min=1e-24).rsqrt_()[..., None]
+
+
 def invert(matrices: Tensor) -> Tensor:
     """Inverses of square matrices, batched."""
     inverse = torch.linalg.inv(matrices)  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType] - untyped in torch
     return cast(Tensor, inverse)
+
+
+def transform_each(
+    matrices: Float32[Tensor, "m 3 4"], points: Float32[Tensor, "n 3"], index: Int64[Tensor, "n"]
+) -> Float32[Tensor, "3 n"]:
+    """Affine images of points, each under the matrix that its index names; a row a coordinate.
+
+    Written out by coordinates: many 3x3 products one by one are slow in torch.
+    """
+    M = matrices.reshape(-1, 12).T.index_select(1, index)
+    x, y, z = points.T.contiguous()
+    rows = [
+        M[i + 3].addcmul(M[i], x).addcmul_(M[i + 1], y).addcmul_(M[i + 2], z) for i in (0, 4, 8)
+    ]
+    return torch.stack(rows)

@@ -1,6 +1,6 @@
 """Carries annotated poses from keyframes to the frames between them, forwards and backwards.
 
-The annotator's engine: a person sets a pose in a few frames, the tracker fills in the others. Each
+The annotator's engine: a person sets poses in a few frames, the tracker fills in the others. Each
 frame between two keyframes is tracked from both sides and the two are blended, the nearer and the
 surer side counting for more. A side ends where it has lost the part; a frame that no side reaches
 stays without a pose.
@@ -8,8 +8,9 @@ stays without a pose.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,8 +18,9 @@ from asdfviz.datatypes import Camera, Frame
 from asdfviz.errors import InputError, Stopped
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import orthonormalized
-from asdfviz.track.presets import YCB_ICG, TrackerConfig
-from asdfviz.track.tracker import Body, Tracker
+from asdfviz.track.bodies import Body
+from asdfviz.track.presets import FINE, TrackerConfig
+from asdfviz.track.tracker import Tracker
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,12 +36,16 @@ class CarriedPose:
 class CarryConfig:
     """How keyframes are carried."""
 
-    tracker: TrackerConfig = YCB_ICG
+    tracker: TrackerConfig = FINE
     patience: int = 3
     """Frames in a row with too little confidence after which a side ends."""
     apart: float = 0.1
     """Sides that differ by more than this share of the part's reach are not blended: the surer
     one counts."""
+
+
+Redetect: TypeAlias = Callable[[Frame, str], Transform | None]
+"""Where a detector sees a part in a frame, T_camera_part, or None."""
 
 
 def carry_keyframes(
@@ -54,75 +60,172 @@ def carry_keyframes(
     progress: Callable[[int, int], None] | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> dict[int, CarriedPose]:
-    """Track one part from its keyframes to all places from `first` to `last`, both included.
+    """Track one part from its keyframes to all places: `carry_parts` for one."""
+    carried = carry_parts(
+        frame_at,
+        {"part": keyframes},
+        bodies={"part": body},
+        camera=camera,
+        first=first,
+        last=last,
+        config=config,
+        progress=progress,
+        stop=stop,
+    )
+    return carried["part"]
 
-    `frame_at` gives the frame at a place, `keyframes` T_camera_part by place. `progress` is told
-    (frames tracked, most frames to track). Places that no side reached are absent, and so are the
-    keyframes themselves, which nobody has to guess.
+
+def carry_parts(
+    frame_at: Callable[[int], Frame],
+    keyframes: Mapping[str, Mapping[int, Transform]],
+    *,
+    bodies: Mapping[str, Body],
+    camera: Camera,
+    first: int,
+    last: int,
+    config: CarryConfig | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+    redetect: Redetect | None = None,
+) -> dict[str, dict[int, CarriedPose]]:
+    """Track parts from their keyframes to all places from `first` to `last`, both included.
+
+    Args:
+        frame_at: gives the frame at a place; asked at most twice for each, once a direction.
+        keyframes: T_camera_part by part and place.
+        bodies: of those parts, and maybe of others.
+        camera: of all frames.
+        first: first place.
+        last: last place.
+        config: how keyframes are carried.
+        progress: told (frames tracked, most frames to track).
+        stop: asked before every frame.
+        redetect: finds parts again that were lost; what it says is believed only if the picture
+            fits it.
+
+    Returns:
+        Poses by part and place. Places that no side reached are absent, and so are the keyframes
+        themselves, which nobody has to guess.
 
     Raises:
         InputError: no keyframe, or one outside of the range.
         Stopped: `stop` said so.
     """
     config = config or CarryConfig()
-    if not keyframes:
-        raise InputError("nothing to carry: set the part's pose in at least one frame")
-    outside = [place for place in keyframes if not first <= place <= last]
-    if outside:
-        raise InputError(f"keyframe {outside[0]} is outside of frames {first} to {last}")
-    places = sorted(keyframes)
-    forward = list(zip(places, [*places[1:], last + 1], strict=True))
-    backward = list(zip(places, [first - 1, *places[:-1]], strict=True))
-    steps = sum(abs(end - begin) - 1 for begin, end in (*forward, *backward))
-    done = 0
-
-    def tell() -> None:
-        nonlocal done
-        if stop is not None and stop():
-            raise Stopped("stopped while keyframes were being carried")
-        done += 1
-        if progress is not None:
-            progress(done, steps)
-
-    sides: tuple[dict[int, CarriedPose], dict[int, CarriedPose]] = ({}, {})
-    for side, spans in zip(sides, (forward, backward), strict=True):
-        for begin, end in spans:
-            order = range(begin, end, 1 if end > begin else -1)
-            side |= _one_side(frame_at, order, keyframes[begin], body, camera, config, tell)
+    _check(keyframes, first, last)
+    places = [place for own in keyframes.values() for place in own]
+    steps = last - min(places) + max(places) - first + 2
+    job = _Job(
+        frame_at, keyframes, bodies, camera, config, redetect, stop, progress, steps
+    )  # fmt: skip
+    forward = _one_side(job, range(min(places), last + 1))
+    backward = _one_side(job, range(max(places), first - 1, -1))
     if progress is not None:
-        progress(steps, steps)
-    return _merged(sides, places, body, config)
+        progress(job.steps, job.steps)
+    return {
+        name: _merged((forward[name], backward[name]), sorted(own), bodies[name], config)
+        for name, own in keyframes.items()
+    }
 
 
-def _one_side(
-    frame_at: Callable[[int], Frame],
-    order: range,
-    T_camera_part: Transform,
-    body: Body,
-    camera: Camera,
-    config: CarryConfig,
-    tell: Callable[[], None],
-) -> dict[int, CarriedPose]:
-    """Track along `order`, whose first place is the keyframe, until lost; unsure poses left out."""
-    found: dict[int, CarriedPose] = {}
-    if len(order) < 2:
-        return found
-    tracker = Tracker({"part": body}, camera, config.tracker)
-    tracker.start(frame_at(order[0]), {"part": T_camera_part})
-    unsure = 0
-    for place in order[1:]:
-        frame = frame_at(place)
-        T = tracker.update(frame)["part"]
-        sure = tracker.confidence(frame)["part"]
-        tell()
-        if sure >= config.tracker.confidence.lost_below:
-            found[place] = CarriedPose(T, sure)
-            unsure = 0
+def _check(keyframes: Mapping[str, Mapping[int, Transform]], first: int, last: int) -> None:
+    if not keyframes:
+        raise InputError("nothing to carry: set a part's pose in at least one frame")
+    for own in keyframes.values():
+        if not own:
+            raise InputError("nothing to carry: set the part's pose in at least one frame")
+        outside = [place for place in own if not first <= place <= last]
+        if outside:
+            raise InputError(f"keyframe {outside[0]} is outside of frames {first} to {last}")
+
+
+@dataclass(slots=True, eq=False)
+class _Job:
+    """What both sides share."""
+
+    frame_at: Callable[[int], Frame]
+    keyframes: Mapping[str, Mapping[int, Transform]]
+    bodies: Mapping[str, Body]
+    camera: Camera
+    config: CarryConfig
+    redetect: Redetect | None
+    stop: Callable[[], bool] | None
+    progress: Callable[[int, int], None] | None
+    steps: int
+    done: int = 0
+
+    def tell(self) -> None:
+        """Count a frame."""
+        self.done += 1
+        if self.progress is not None:
+            self.progress(self.done, self.steps)
+
+    def check_stop(self) -> None:
+        """Raise Stopped if that was asked for."""
+        if self.stop is not None and self.stop():
+            raise Stopped("stopped while keyframes were being carried")
+
+
+def _one_side(job: _Job, order: range) -> dict[str, dict[int, CarriedPose]]:
+    """Track along `order`; each part from its keyframes until it is lost, unsure poses left out."""
+    found: dict[str, dict[int, CarriedPose]] = {name: {} for name in job.keyframes}
+    tracker = Tracker(job.bodies, job.camera, job.config.tracker)
+    unsure: dict[str, int] = {}
+    lost: set[str] = set()
+    for place in order:
+        job.check_stop()
+        given = {n: own[place] for n, own in job.keyframes.items() if place in own}
+        # Where all parts are lost there is nothing to do, and no frame to read, up to a keyframe.
+        if not tracker.names and not given and (not lost or job.redetect is None):
             continue
-        unsure += 1
-        if unsure >= config.patience:
-            break
+        frame = job.frame_at(place)
+        if tracker.names:
+            tracker.update(frame)
+        tracker.drop([name for name in given if name in tracker.names])
+        tracker.add(frame, given)
+        lost -= given.keys()
+        unsure |= dict.fromkeys(given, 0)
+        for name, sure in tracker.confidence(frame).items():
+            if name in given:
+                continue
+            if sure >= job.config.tracker.confidence.lost_below:
+                found[name][place] = CarriedPose(tracker.poses[name], sure)
+                unsure[name] = 0
+            else:
+                unsure[name] += 1
+        ended = {n for n in tracker.names if unsure[n] >= job.config.patience}
+        tracker.drop(ended)
+        lost |= ended
+        lost -= _found_again(job, tracker, frame, place, lost, found, unsure)
+        job.tell()
     return found
+
+
+def _found_again(
+    job: _Job,
+    tracker: Tracker,
+    frame: Frame,
+    place: int,
+    lost: Collection[str],
+    found: dict[str, dict[int, CarriedPose]],
+    unsure: dict[str, int],
+) -> set[str]:
+    """Ask the detector for lost parts; those whose pose the picture fits are tracked from there."""
+    back: set[str] = set()
+    for name in lost if job.redetect is not None else ():
+        T = None if job.redetect is None else job.redetect(frame, name)
+        if T is None:
+            continue
+        tracker.add(frame, {name: T})
+        best = tracker.trials(frame, name, [T])[0]
+        if best.confidence < job.config.tracker.confidence.lost_below:
+            tracker.drop([name])
+            continue
+        tracker.replace(frame, {name: best.T_camera_part})
+        found[name][place] = CarriedPose(best.T_camera_part, best.confidence)
+        unsure[name] = 0
+        back.add(name)
+    return back
 
 
 def _merged(
@@ -141,9 +244,12 @@ def _merged(
             if alone is not None:
                 merged[place] = alone
             continue
-        before = max(p for p in places if p < place)
-        after = min(p for p in places if p > place)
-        share = (place - before) / (after - before)
+        # A part that was found again may be known on both sides beyond its outermost keyframes.
+        before = max((p for p in places if p < place), default=None)
+        after = min((p for p in places if p > place), default=None)
+        share = 0.5
+        if before is not None and after is not None:
+            share = (place - before) / (after - before)
         weight = share * b.confidence / (share * b.confidence + (1 - share) * a.confidence)
         corners = body.mesh.vertices
         gap = corners @ (a.T_camera_part - b.T_camera_part)[:3, :3].T

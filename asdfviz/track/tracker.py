@@ -1,53 +1,28 @@
 """The tracker: poses of several known parts, carried from frame to frame by colour and depth.
 
-`start` takes the poses of a first frame (from truth, a detector or a person), `update` moves them
-to the next frame. Parts may be held together as an assembly's state has them. The tracker only
-moves poses; whether they are still right is `confidence`'s to say, and whom to believe its caller's.
+`start` takes the poses of a first frame, `update` moves them to the next one. Parts may be held
+together as a state has them. Whether poses are still right is `confidence`'s to say.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
-from jaxtyping import UInt8
 
-from asdfviz.datatypes import Camera, Frame, Joint, Mesh, Part, State
+from asdfviz.datatypes import Camera, Frame, Joint, State
 from asdfviz.errors import InputError
-from asdfviz.geometry.shapes import Rgb, Scores, Transform, Transforms, Vector
+from asdfviz.geometry.shapes import Rgb, Transform, Transforms, Vector
 from asdfviz.geometry.transforms import inverse, transform_from
-from asdfviz.track.confidence import Evidence, confidence
+from asdfviz.track.bodies import Body
+from asdfviz.track.confidence import Evidence, confidence, depth_tolerance
 from asdfviz.track.links import Link
 from asdfviz.track.modalities import Modalities
 from asdfviz.track.optimizer import Group
 from asdfviz.track.presets import TrackerConfig
-from asdfviz.track.viewpoint_model import ViewpointModel
-from asdfviz.track.visibility import (
-    NO_DEPTH,
-    NO_SILHOUETTES,
-    MaybeDepth,
-    like_regions,
-    render_silhouettes,
-)
-
-REDRAWN_PX = 0.7
-"""Silhouettes are drawn anew when a part may have moved by this many pixels."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Body:
-    """What a tracker needs to know of one part."""
-
-    mesh: Mesh
-    model: ViewpointModel
-    color: UInt8[np.ndarray, 3]
-    """Colour of the real piece (sRGB)."""
-
-    @staticmethod
-    def of(part: Part, model: ViewpointModel) -> Body:
-        """The body of a part of an assembly."""
-        return Body(part.mesh, model, part.color)
+from asdfviz.track.silhouettes import DrawnParts
+from asdfviz.track.starts import Trial, settle
+from asdfviz.track.visibility import NO_DEPTH, NO_SILHOUETTES, MaybeDepth, Silhouettes
 
 
 class Tracker:
@@ -65,11 +40,7 @@ class Tracker:
         self._tracked: list[Modalities] = []
         self._groups: list[Group] = []
         self._Ts_camera_centre: Transforms = np.zeros((0, 4, 4))
-        self._meshes: list[Mesh] = []
-        self._regions: list[int] = []
-        self._reaches: Scores = np.zeros(0)
-        self._silhouettes = NO_SILHOUETTES
-        self._Ts_drawn: Transforms = np.zeros((0, 4, 4))
+        self._drawn = DrawnParts((), camera.K, config)
 
     @property
     def poses(self) -> dict[str, Transform]:
@@ -85,28 +56,44 @@ class Tracker:
         Raises:
             InputError: a name is not one of the bodies, or the frame does not fit the camera.
         """
-        unknown = [name for name in poses if name not in self._bodies]
-        if unknown:
-            raise InputError(f"no body '{unknown[0]}' to track; bodies: {', '.join(self._bodies)}")
+        self.names, self._tracked = (), []
+        self._Ts_camera_centre = np.zeros((0, 4, 4))
+        self.add(frame, poses)
+
+    def add(self, frame: Frame, poses: Mapping[str, Transform]) -> None:
+        """Track further bodies from poses T_camera_part of this frame; all bodies move freely then.
+
+        Raises:
+            InputError: a name is not one of the bodies or tracked already, or the frame does not
+                fit the camera.
+        """
         rgb, _ = self._images(frame)
-        self.names = tuple(poses)
-        self._Ts_camera_centre = np.stack(
-            [np.eye(4), *(poses[n] @ _shift(self._bodies[n].model.centre) for n in self.names)]
-        )[1:].copy()
-        self._tracked = [
-            Modalities(self._bodies[n].model, self._lens, self.config) for n in self.names
-        ]
-        self._meshes = [_centred(self._bodies[n]) for n in self.names]
-        colors = [self._bodies[n].color for n in self.names]
-        self._regions = like_regions(colors, nearer_than=self.config.like_colors)
-        self._reaches = np.array(
-            [np.linalg.norm(mesh.vertices, axis=1).max() for mesh in self._meshes]
-        )
-        self._silhouettes = NO_SILHOUETTES
-        self._Ts_drawn = np.zeros((0, 4, 4))
+        for name, T_camera_part in poses.items():
+            if name not in self._bodies:
+                known = ", ".join(self._bodies)
+                raise InputError(f"no body '{name}' to track; bodies: {known}")
+            if name in self.names:
+                raise InputError(f"'{name}' is tracked already")
+            T = T_camera_part @ _shift(self._bodies[name].model.centre)
+            tracked = Modalities(self._bodies[name].model, self._lens, self.config)
+            tracked.start(rgb, T)
+            self._tracked.append(tracked)
+            self._Ts_camera_centre = np.concatenate([self._Ts_camera_centre, T[None]])
+        self.names = (*self.names, *poses)
+        self._regroup()
+
+    def drop(self, names: Collection[str]) -> None:
+        """Track these bodies no longer; all others move freely then."""
+        kept = [i for i, name in enumerate(self.names) if name not in names]
+        self._tracked = [self._tracked[i] for i in kept]
+        self._Ts_camera_centre = self._Ts_camera_centre[kept].copy()
+        self.names = tuple(self.names[i] for i in kept)
+        self._regroup()
+
+    def _regroup(self) -> None:
+        bodies = [self._bodies[name] for name in self.names]
+        self._drawn = DrawnParts(bodies, self._camera.K, self.config)
         self.release()
-        for i, tracked in enumerate(self._tracked):
-            tracked.start(rgb, self._Ts_camera_centre[i])
 
     def replace(self, frame: Frame, poses: Mapping[str, Transform]) -> None:
         """Set some tracked bodies to new poses T_camera_part; histograms and links stay.
@@ -150,48 +137,104 @@ class Tracker:
         self._groups[0].place(self._Ts_camera_centre)
 
     def update(self, frame: Frame) -> dict[str, Transform]:
-        """Move all poses to a new frame and return them as T_camera_part.
+        """Move all poses to a new frame, learn its colours, and return the poses T_camera_part.
 
         Raises:
             InputError: the frame does not fit the camera, or lacks the depth that is asked for.
         """
+        self.move(frame)
+        self.learn(frame, self.names)
+        return self.poses
+
+    def move(self, frame: Frame) -> None:
+        """Move all poses to a new frame without learning its colours; raises as `update` does."""
         rgb, depth = self._images(frame)
         for iteration in range(self.config.correspondence_iterations):
-            if self.config.silhouettes:
-                self._draw_silhouettes()
+            self._drawn.refresh(self._Ts_camera_centre)
             self._correspond(rgb, depth, iteration)
             for update in range(self.config.update_iterations):
                 self._step(update)
-        self._learn(rgb, depth)
-        return self.poses
+
+    def learn(self, frame: Frame, names: Collection[str]) -> None:
+        """Let these bodies learn their colours at the poses that they have now.
+
+        Raises:
+            InputError: a body is not tracked, or the frame does not fit.
+        """
+        rgb, depth = self._images(frame)
+        for i in map(self._place, names):
+            self._tracked[i].learn(
+                rgb,
+                depth,
+                self._Ts_camera_centre[i],
+                silhouettes=self._drawn.silhouettes,
+                region=self._drawn.regions[i],
+            )
 
     def evidence(self, frame: Frame) -> dict[str, Evidence]:
         """What a frame says of the poses as they are now; silhouettes are those last drawn."""
         rgb, depth = self._images(frame)
         return {
-            name: self._tracked[i].evidence(
-                rgb,
-                depth,
-                self._Ts_camera_centre[i],
-                tolerance=max(4e-3, self.config.confidence.tolerance * float(self._reaches[i])),
-                silhouettes=self._silhouettes,
-                number=i,
-            )
+            name: self._seen(rgb, depth, i, self._Ts_camera_centre[i], self._drawn.silhouettes)
             for i, name in enumerate(self.names)
         }
 
     def confidence(self, frame: Frame) -> dict[str, float]:
         """Probability, 0 to 1, that each pose as it is now is near the truth of the frame."""
-        config = self.config
-        return {
-            name: confidence(
-                seen,
-                config.confidence,
-                has_color=config.region is not None,
-                has_depth=config.depth is not None,
+        return {name: self._sure(seen) for name, seen in self.evidence(frame).items()}
+
+    def trials(
+        self, frame: Frame, name: str, starts: Sequence[Transform], *, rounds: int | None = None
+    ) -> list[Trial]:
+        """Settle one tracked body from several poses T_camera_part; nothing is moved.
+
+        Links do not hold here, and no silhouettes are asked: they show where the body was. Fewer
+        `rounds` than the config's correspondence iterations leave out the finest ones.
+
+        Raises:
+            InputError: the body is not tracked, or the frame does not fit.
+        """
+        rgb, depth = self._images(frame)
+        i = self._place(name)
+        centre = self._bodies[name].model.centre
+        found: list[Trial] = []
+        for T_camera_part in starts:
+            T = settle(
+                self._tracked[i],
+                rgb,
+                depth,
+                T_camera_part @ _shift(centre),
+                config=self.config,
+                rounds=rounds or self.config.correspondence_iterations,
             )
-            for name, seen in self.evidence(frame).items()
-        }
+            seen = self._seen(rgb, depth, i, T, NO_SILHOUETTES)
+            found.append(Trial(T @ _shift(-centre), seen, self._sure(seen)))
+        return found
+
+    def _seen(
+        self,
+        rgb: Rgb,
+        depth: MaybeDepth,
+        i: int,
+        T_camera_centre: Transform,
+        silhouettes: Silhouettes,
+    ) -> Evidence:
+        return self._tracked[i].evidence(
+            rgb,
+            depth,
+            T_camera_centre,
+            tolerance=depth_tolerance(self.config.confidence, float(self._drawn.reaches[i])),
+            silhouettes=silhouettes,
+            number=i,
+        )
+
+    def _sure(self, seen: Evidence) -> float:
+        return confidence(
+            seen,
+            self.config.confidence,
+            has_color=self.config.region is not None,
+            has_depth=self.config.depth is not None,
+        )
 
     def _images(self, frame: Frame) -> tuple[Rgb, MaybeDepth]:
         """The frame's images as the kernels want them."""
@@ -226,29 +269,6 @@ class Tracker:
         link.adopt(inverse(T_root) @ self._Ts_camera_centre[member])
         return link
 
-    def _draw_silhouettes(self) -> None:
-        """Draw anew unless no part has moved by a pixel since."""
-        if len(self._Ts_drawn) and self._pixels_moved() < REDRAWN_PX:
-            return
-        self._Ts_drawn = self._Ts_camera_centre.copy()
-        drawn = render_silhouettes(
-            self._meshes,
-            self._Ts_camera_centre,
-            self._camera.K,
-            size=self.config.silhouette_px,
-            reaches=self._reaches,
-            regions=self._regions,
-        )
-        self._silhouettes = drawn or NO_SILHOUETTES
-
-    def _pixels_moved(self) -> float:
-        """Most pixels that any part's rim can have moved since the silhouettes were drawn."""
-        change = self._Ts_camera_centre - self._Ts_drawn
-        turned = np.abs(change[:, :3, :3]).sum(axis=(1, 2)) * self._reaches / 2
-        metres = turned + np.linalg.norm(change[:, :3, 3], axis=1)
-        depths = np.maximum(self._Ts_camera_centre[:, 2, 3], 0.01)
-        return float((metres * self._lens[0] / depths).max())
-
     def _correspond(self, rgb: Rgb, depth: MaybeDepth, iteration: int) -> None:
         for i, tracked in enumerate(self._tracked):
             tracked.calculate_correspondences(
@@ -256,9 +276,9 @@ class Tracker:
                 depth,
                 self._Ts_camera_centre[i],
                 iteration=iteration,
-                silhouettes=self._silhouettes,
+                silhouettes=self._drawn.silhouettes,
                 number=i,
-                region=self._regions[i],
+                region=self._drawn.regions[i],
             )
 
     def _step(self, update: int) -> None:
@@ -273,20 +293,6 @@ class Tracker:
                     hessian=hessians[k],
                 )
             group.step(self._Ts_camera_centre, gradients, hessians)
-
-    def _learn(self, rgb: Rgb, depth: MaybeDepth) -> None:
-        for i, tracked in enumerate(self._tracked):
-            tracked.learn(
-                rgb,
-                depth,
-                self._Ts_camera_centre[i],
-                silhouettes=self._silhouettes,
-                region=self._regions[i],
-            )
-
-
-def _centred(body: Body) -> Mesh:
-    return Mesh(np.ascontiguousarray(body.mesh.vertices - body.model.centre), body.mesh.faces)
 
 
 def _shift(by: Vector) -> Transform:

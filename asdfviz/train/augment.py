@@ -18,8 +18,8 @@ from jaxtyping import Float32, Float64, Int64
 from asdfviz.datatypes import KEYPOINTS
 from asdfviz.geometry.shapes import Intrinsics, Rgb
 from asdfviz.geometry.transforms import rotation_about
+from asdfviz.pose.labels import LabelledObject
 from asdfviz.train.dataset import LabelledImage
-from asdfviz.train.labels import LabelledObject
 
 Labels: TypeAlias = Int64[np.ndarray, "m"]
 Size: TypeAlias = Float32[np.ndarray, "2"]

@@ -91,6 +91,17 @@ def save_checkpoint(
     write_bytes(path, buffer.getvalue())
 
 
+def keep_average(checkpoint: Path, path: Path) -> None:
+    """Write a checkpoint's averaged weights and progress alone: a fraction of its size.
+
+    A run goes on from it with the averaged weights and a fresh optimiser, warmed up again.
+    """
+    content = load_checkpoint(checkpoint)
+    buffer = io.BytesIO()
+    torch.save({**content, "network": {}, "trainer": {}}, buffer)
+    write_bytes(path, buffer.getvalue())
+
+
 def load_checkpoint(path: Path) -> dict[str, Any]:
     """Read a checkpoint; only tensors, numbers and strings are accepted.
 
@@ -151,6 +162,27 @@ def begin_from(network: Network, checkpoint: Path, *, classes: Sequence[str]) ->
             to, origin = zip(*rows, strict=True)
             tensor[list(to)] = source[list(origin)]
     return taken
+
+
+def require_same(
+    content: Mapping[str, Any], path: Path, *, network: Network, classes: Sequence[str]
+) -> None:
+    """Refuse to go on from the checkpoint of another network.
+
+    Raises:
+        WeightsError: its classes, size or keypoint width differ.
+    """
+    known = json.loads(content["about"])["classes"]
+    if known != list(classes):
+        raise WeightsError(
+            f"'{path}' was trained for {known}, asked for are {list(classes)}: "
+            "take another run folder"
+        )
+    had = (content["scale"], content["keypoint_width"])
+    asked = (network.scale, network.keypoint_width or 0)
+    if had != asked:
+        sizes = f"of scale and keypoint_width {had}, asked for were {asked}"
+        raise WeightsError(f"'{path}' is {sizes}: take another run folder")
 
 
 def network_of(content: Mapping[str, Any]) -> Network:

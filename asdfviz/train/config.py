@@ -46,6 +46,11 @@ class TrainConfig:
     """Scene folders with truth; with several assemblies, each folder's sequence.json says whose."""
     output: Path
     """Run folder: checkpoints, log, curve, weights."""
+    fresh: int = 0
+    """Packs rendered while training, on the training's device: this many, the latest, are drawn
+    from beside `data`, which may then be empty. 0 for none. Such a run does not repeat exactly."""
+    loaders: int = 1
+    """Threads that make batches; a GPU wants as many as there are cores."""
     validation: tuple[Path, ...] = ()
     """Scene folders that are never trained on."""
     start: Path | None = None
@@ -105,7 +110,9 @@ def check_config(config: TrainConfig) -> None:
     """
     if not (math.isfinite(config.minutes) and config.minutes > 0):
         raise InputError(f"minutes is {config.minutes:g}, give a budget above 0")
-    least = {"threads": 1, "image_size": 32, "keypoint_width": 0}
+    least = {"threads": 1, "image_size": 32, "keypoint_width": 0, "fresh": 0, "loaders": 1}
     for name, smallest in least.items():
         if getattr(config, name) < smallest:
             raise InputError(f"{name} is {getattr(config, name)}, use {smallest} or more")
+    if not (config.data or config.fresh):
+        raise InputError("there is nothing to train on: name scene folders (data) or ask for fresh")

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.datatypes import Assembly, State
-from asdfviz.detector.crop_classes import PartClass, part_classes
+from asdfviz.datatypes import Assembly, Mesh, State
+from asdfviz.detector.crop_classes import part_classes
 from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
 from asdfviz.geometry.shapes import Points, Rotation, Transform, Vector
 from asdfviz.geometry.transforms import inverse, rotation_about, transform_from
@@ -25,6 +27,8 @@ from asdfviz.synth.primitives import distractor_meshes
 
 STORED_PIXELS = 128
 """Side of a stored crop; it is cut to the network's input with any roll while training."""
+PART_FACES, HAND_FACES = 700, 1200
+"""Meshes are thinned to this for speed: a crop shows no more."""
 FOCALS = (303.6, 607.2)
 """Of the frames that crops come from, pixels: 640 and 1280 wide."""
 
@@ -90,14 +94,14 @@ class CropDrawer:
     ) -> None:
         self.classes = part_classes(assemblies)
         self._assemblies, self._config = tuple(assemblies), config
-        meshes = [part.mesh for a in assemblies for part in a.parts.values()]
+        meshes = [_light(p.mesh, PART_FACES) for a in assemblies for p in a.parts.values()]
         names = [(i, name) for i, a in enumerate(assemblies) for name in a.parts]
         self._place = {key: place for place, key in enumerate(names)}
         self._solids = range(len(meshes), len(meshes) + len(distractor_meshes()))
         meshes += distractor_meshes()
         self._hands = range(len(meshes), len(meshes) + len(GRASPS))
-        meshes += [hand_mesh(i).mesh for i in range(len(GRASPS))]
-        self._corners = [_corners(m.vertices) for m in meshes]
+        meshes += [_light(hand_mesh(i).mesh, HAND_FACES) for i in range(len(GRASPS))]
+        self._corners = [far_corners(m.vertices) for m in meshes]
         self.bank = MeshBank.of(meshes, device=device)
         self._states = [
             [[s for s in assemblies[c.assembly].states if _joins(s, name)] for name in c.parts]
@@ -185,11 +189,22 @@ class CropDrawer:
         away = _direction(rng)
         x = np.cross(away, [0.0, 0.0, 1.0])
         R = np.stack([x, -away, np.cross(x, -away)], axis=1)
-        R = R @ rotation_about(np.array([0.0, 1.0, 0.0]), float(rng.normal() * 0.8))
+        roll = rotation_about(np.array([0.0, 1.0, 0.0]), float(rng.normal() * 0.8))
         side = -1.0 if rng.random() < 0.5 else 1.0
         where = middle + away * extent * rng.uniform(0.3, 0.7) + [0, 0, rng.normal() * 0.01]
-        T = transform_from(R @ np.diag([side, 1.0, 1.0]), where)
+        T = transform_from(R @ roll @ np.diag([side, 1.0, 1.0]), where)
         return Thing(self._hands[int(rng.integers(len(self._hands)))], T, skin(rng).color)
+
+
+def _light(mesh: Mesh, faces: int) -> Mesh:
+    """The mesh with about so many faces; as it is where the simplifier is not installed."""
+    if len(mesh.faces) <= faces or find_spec("fast_simplification") is None:
+        return mesh
+    import fast_simplification  # pyright: ignore[reportMissingTypeStubs] - it has none
+
+    simplify = cast(Any, fast_simplification).simplify
+    vertices, kept = simplify(mesh.vertices * 1e3, np.array(mesh.faces), target_count=faces, agg=3)
+    return Mesh(np.asarray(vertices, np.float64) / 1e3, np.asarray(kept, np.int32))
 
 
 def _joins(state: State, name: str) -> bool:
@@ -201,7 +216,7 @@ def _direction(rng: np.random.Generator) -> Vector:
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-def _corners(vertices: Points, count: int = 96) -> Points:
+def far_corners(vertices: Points, count: int = 96) -> Float64[np.ndarray, "_ 3"]:
     """Vertices farthest out in even directions: enough for boxes and lowest points."""
     place = np.arange(count) + 0.5
     polar, azimuth = np.arccos(1 - 2 * place / count), np.pi * (1 + 5**0.5) * place
@@ -214,7 +229,9 @@ def _moved(T: Transform, points: Float64[np.ndarray, "_ 3"]) -> Float64[np.ndarr
     return points @ T[:3, :3].T + T[:3, 3]
 
 
-def _centred(corners: Points, R: Rotation, distance: float) -> tuple[Transform, float]:
+def _centred(
+    corners: Float64[np.ndarray, "_ 3"], R: Rotation, distance: float
+) -> tuple[Transform, float]:
     """The pose whose box lies about the optical axis, and the box's longer side at its depth, metres."""
     turned = corners @ R.T
     t = np.array([0.0, 0.0, distance]) - (turned.min(axis=0) + turned.max(axis=0)) / 2

@@ -18,8 +18,7 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.geometry.shapes import Depth, Intrinsics, Rgb
-from asdfviz.pose.box_fit import hull_corners
-from asdfviz.train.labels import LabelledObject, Labeller, Subject, read_groups
+from asdfviz.pose.labels import LabelledObject, Labeller, Subject, read_groups
 
 SEQUENCE = "sequence.json"
 
@@ -75,8 +74,7 @@ def _subjects(assemblies: Sequence[Assembly]) -> list[Subject]:
     subjects: list[Subject] = []
     first = 0
     for assembly in assemblies:
-        hulls = {name: hull_corners(part.mesh.vertices) for name, part in assembly.parts.items()}
-        subjects.append(Subject(assembly, first, hulls))
+        subjects.append(Subject.of(assembly, first_label=first))
         first += len(assembly.detector_classes)
     return subjects
 

@@ -1,10 +1,11 @@
-"""Makes batches in a background thread, the same ones for the same seed and step."""
+"""Makes batches in background threads, the same ones for the same seed and step."""
 
 from __future__ import annotations
 
-import queue
-import threading
+import itertools
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -90,47 +91,32 @@ def make_batch(packer: Packer, recipe: Recipe, *, seed: int, step: int) -> Batch
 
 @contextmanager
 def batches(
-    packer: Packer, recipe: Callable[[int], Recipe], *, seed: int, first: int
+    packer: Callable[[], Packer],
+    recipe: Callable[[int], Recipe],
+    *,
+    seed: int,
+    first: int,
+    loaders: int = 1,
 ) -> Generator[Iterator[Batch]]:
     """Give an endless iterator over the batches from step `first` on, made ahead of time.
 
     Args:
-        packer: draws the inputs.
-        recipe: what a step's batch is made of; called shortly before that step.
+        packer: gives what draws the inputs; called shortly before each step.
+        recipe: what a step's batch is made of; called likewise.
         seed: of the run.
         first: number of the first step.
+        loaders: threads that make batches.
     """
-    ready: queue.Queue[Batch | BaseException] = queue.Queue(maxsize=AHEAD)
-    closed = threading.Event()
-
-    def put(item: Batch | BaseException) -> None:
-        while not closed.is_set():
-            try:
-                ready.put(item, timeout=0.2)
-                return
-            except queue.Full:
-                continue
-
-    def work() -> None:
-        step = first
-        try:
-            while not closed.is_set():
-                put(make_batch(packer, recipe(step), seed=seed, step=step))
-                step += 1
-        except Exception as error:  # noqa: BLE001 - raised again in the thread that waits
-            put(error)
+    pool = ThreadPoolExecutor(loaders, thread_name_prefix="training-loader")
+    waiting: deque[Future[Batch]] = deque()
 
     def take() -> Iterator[Batch]:
-        while True:
-            item = ready.get()
-            if isinstance(item, BaseException):
-                raise item
-            yield item
+        for step in itertools.count(first):
+            waiting.append(pool.submit(make_batch, packer(), recipe(step), seed=seed, step=step))
+            if len(waiting) >= AHEAD + loaders:
+                yield waiting.popleft().result()
 
-    worker = threading.Thread(target=work, name="training-loader", daemon=True)
-    worker.start()
     try:
         yield take()
     finally:
-        closed.set()
-        worker.join(timeout=10)
+        pool.shutdown(cancel_futures=True)

@@ -19,20 +19,21 @@ from asdfviz.detector.joint import joint_classes
 from asdfviz.detector.losses import LossConfig, pose_losses
 from asdfviz.detector.network import Network
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.errors import InputError, WeightsError
+from asdfviz.errors import InputError
 from asdfviz.train.checkpoint import (
     Average,
     Progress,
     about_run,
     begin_from,
     load_checkpoint,
+    require_same,
     save_checkpoint,
 )
 from asdfviz.train.config import LOSSES, TrainConfig
-from asdfviz.train.dataset import load_images
-from asdfviz.train.loader import Batch, Recipe, batches
+from asdfviz.train.dataset import LabelledImage, load_images
+from asdfviz.train.inputs import input_stream
+from asdfviz.train.loader import Batch, Recipe
 from asdfviz.train.log import CsvLog, Meter, write_curve
-from asdfviz.train.packing import Packer
 from asdfviz.train.rotation_hint import RotationHint
 from asdfviz.train.schedule import make_optimizer, rate_at, stage_at
 from asdfviz.train.validation import LOGGED, Validation, validate
@@ -64,12 +65,8 @@ class Session:
         self.config, self.assemblies = config, tuple(assemblies)
         self.classes = joint_classes(self.assemblies)
         config.output.mkdir(parents=True, exist_ok=True)
-        self.images = load_images(config.data, self.assemblies, image_size=config.image_size)
-        self.validation_images = (
-            load_images(config.validation, self.assemblies, image_size=config.image_size)
-            if config.validation
-            else ()
-        )
+        self.images = self._load(config.data)
+        self.validation_images = self._load(config.validation)
         torch.manual_seed(config.seed)  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         width = config.keypoint_width or None
         classes = len(self.classes)
@@ -85,6 +82,7 @@ class Session:
         self.progress = Progress()
         self._began = time.monotonic()
         self._before = 0.0
+        self._warm_from = 0
         self._resume()
         self._agreed = self._own_share()
         self.log = CsvLog(config.output / "log.csv", LOG_COLUMNS)
@@ -94,6 +92,11 @@ class Session:
         )
         text = json.dumps(dataclasses.asdict(config), indent=2, default=str)
         write_text(config.output / "config.json", text + "\n")
+
+    def _load(self, folders: tuple[Path, ...]) -> tuple[LabelledImage, ...]:
+        if not folders:
+            return ()
+        return load_images(folders, self.assemblies, image_size=self.config.image_size)
 
     @property
     def last(self) -> Path:
@@ -117,20 +120,21 @@ class Session:
 
     def go(self, report: Callable[[TrainReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False)."""
-        size = max(s.width for s in self.config.stages)
-        height, width = self.images[0].rgb.shape[:2]
-        scale = min(size, self.config.image_size) / max(height, width)
-        packer = Packer(self.images, scale=scale, config=self.config.augment)
-        first = self.progress.step
         checkpointed = validated = logged = self.seconds
         meter = Meter()
         world = self.world
-        seed = self.config.seed * world.size + world.rank
-        with batches(packer, self.recipe, seed=seed, first=first) as stream:
+        with input_stream(
+            self.config,
+            self.assemblies,
+            self.images,
+            world=world,
+            recipe=self.recipe,
+            first=self.progress.step,
+        ) as stream:
             while self.share < 1:
                 if world.agree(float(stop())):
                     self.checkpoint()
-                    return False
+                    break
                 self.step(stream, meter)
                 self._agreed = world.agree(self._own_share())
                 if not world.is_first:
@@ -150,7 +154,7 @@ class Session:
                     validated = self.seconds
         if meter.steps and world.is_first:
             report(self.write_log(meter))
-        return True
+        return self.share >= 1
 
     def recipe(self, step: int) -> Recipe:
         """What the batch of a step is made of."""
@@ -163,7 +167,7 @@ class Session:
         """Take one optimiser step."""
         config = self.config
         batch = next(stream).to(self.world.device)
-        rate = rate_at(config, self.progress.step, min(self.share, 1.0))
+        rate = rate_at(config, self.progress.step - self._warm_from, min(self.share, 1.0))
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         self.network.train()
@@ -269,26 +273,19 @@ class Session:
                 self.average.state = {k: v.clone() for k, v in self.network.state_dict().items()}
             return
         content = load_checkpoint(self.last)
-        known, wanted = json.loads(content["about"])["classes"], list(self.classes)
-        if known != wanted:
-            classes = f"was trained for {known}, asked for are {wanted}"
-            raise WeightsError(f"'{self.last}' {classes}: take another run folder")
-        had = (content["scale"], content["keypoint_width"])
-        asked = (self.network.scale, self.network.keypoint_width or 0)
-        if had != asked:
-            sizes = f"of scale and keypoint_width {had}, asked for were {asked}"
-            raise WeightsError(f"'{self.last}' is {sizes}: take another run folder")
-        self.network.load_state_dict(content["network"])
-        self.average.state = {
-            k: v.to(self.world.device)
-            for k, v in cast(dict[str, Tensor], content["average"]).items()
-        }
+        require_same(content, self.last, network=self.network, classes=self.classes)
+        average = cast(dict[str, Tensor], content["average"])
+        self.network.load_state_dict(content["network"] or average)
+        self.average.state = {k: v.to(self.world.device) for k, v in average.items()}
         self.average.updates = content["updates"]
-        self.optimizer.load_state_dict(content["trainer"]["optimizer"])
-        self.hint.load_state_dict(content["trainer"]["hint"])
         step, seconds, best = content["progress"]
         self.progress = Progress(step=step, seconds=seconds, best=best)
         self._before = seconds
+        if content["trainer"]:
+            self.optimizer.load_state_dict(content["trainer"]["optimizer"])
+            self.hint.load_state_dict(content["trainer"]["hint"])
+        else:
+            self._warm_from = step
 
     def _report(self, meter: Meter) -> TrainReport:
         return TrainReport(

@@ -16,9 +16,9 @@ from asdfviz.detector.nms import iou_matrix
 from asdfviz.geometry.shapes import Intrinsics, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.pose.labels import LabelledObject
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
 from asdfviz.train.dataset import LabelledImage
-from asdfviz.train.labels import LabelledObject
 
 MATCH_IOU = 0.5
 LOGGED = ("recall", "precision", "keypoint_px", "keypoint_share", "rotation_deg")

@@ -19,6 +19,11 @@ from asdfviz.app.bridge import KINDS, parse
         ('{"kind": "SelectPart", "part": null}', act.SelectPart(None)),
         ('{"kind": "ShowTab", "tab": "results"}', act.ShowTab("results")),
         ('{"kind": "Toggle", "what": "xray"}', act.Toggle("xray")),
+        ('{"kind": "RunMethod", "method": "asdf"}', act.RunMethod("asdf")),
+        (
+            '{"kind": "RunMethod", "method": "asdf", "options": {"detector.image_size": "320"}}',
+            act.RunMethod("asdf", {"detector.image_size": "320"}),
+        ),
     ],
 )
 def test_known_requests(message: str, action: act.Action) -> None:
@@ -42,7 +47,9 @@ def test_known_requests(message: str, action: act.Action) -> None:
         '{"kind": "MovePart", "part": "jaw"}',
         '{"kind": "Changed"}',
         '{"kind": ["Seek"], "place": 3}',
-        json.dumps({"kind": "SelectPart", "part": "x" * 5000}),
+        '{"kind": "RunMethod", "method": "asdf", "options": {"a": 1}}',
+        '{"kind": "RunMethod", "method": "asdf", "options": ["a"]}',
+        json.dumps({"kind": "SelectPart", "part": "x" * 9000}),
         "[" * 1900,
     ],
 )

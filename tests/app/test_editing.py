@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,6 +95,8 @@ def test_the_first_edit_notes_what_it_started_from(with_run: Workspace, do: Do) 
     assert with_run.base_of_seed() is None
     do(act.Nudge(0, 1), View(place=1, base=TRUTH, selected="jaw"))
     assert with_run.base_of_seed() == TRUTH
+    do(act.Undo())
+    assert with_run.base_of_seed() is None
 
 
 def test_copying_takes_the_nearest_pose_before(with_run: Workspace, do: Do) -> None:
@@ -123,9 +126,31 @@ def test_dropping_a_correction(with_run: Workspace, do: Do) -> None:
     do(act.RevertPart())
     assert jaw(with_run) == pytest.approx(before)
     placed = View(place=0, base="first", selected="jaw")
-    do(act.PlacePart(), placed)
-    do(act.RevertPart(), placed)
+    do(act.PlacePart(), placed, now=1.0)
+    do(act.RevertPart(), placed, now=2.0)
     assert "jaw" not in with_run.poses(0, "first")
+    # The run speaks again, also once it says something else: nothing of the correction is left.
+    assert with_run.store.poses() == {}
+    do(act.Undo())
+    assert with_run.poses(0, "first")["jaw"].source == ANNOTATION
+
+
+def test_what_is_joined_moves_along_if_it_is_to(with_run: Workspace, do: Do) -> None:
+    view = View(place=3, base="first", selected="jaw")  # state 1: base and jaw
+    assert set(with_run.attached(3, "first")) == {"base", "jaw"}
+
+    def places() -> dict[str, np.ndarray]:
+        return {n: p.T_camera_part[:3, 3] for n, p in with_run.poses(3, "first").items()}
+
+    before = places()
+    do(act.Nudge(0, 1), view)
+    assert places()["base"] == pytest.approx(before["base"])
+    done = do(act.Nudge(0, 1), replace(view, together=True), now=9.0)
+    assert "jaw and 1 joined with it moved" in done.message
+    shift = {name: place[0] - before[name][0] for name, place in places().items()}
+    assert shift == pytest.approx({"base": 0.001, "jaw": 0.002, "bolt": 0.0}, abs=1e-12)
+    do(act.Undo())
+    assert places()["base"] == pytest.approx(before["base"])
 
 
 def test_a_state_for_a_range(with_run: Workspace, do: Do) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,17 +13,19 @@ import pytest
 from asdfviz.app import chrome, hotkeys, welcome
 from asdfviz.app.items import JobStatus
 from asdfviz.app.markup import number
-from asdfviz.app.panels import annotate, methods, results, sequence
+from asdfviz.app.panels import annotate, methods, options, results, sequence
 from asdfviz.app.session import settled
 from asdfviz.app.snapshot import Snapshot, take
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
+from asdfviz.datatypes import Assembly, Run, Stage
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.geometry.transforms import rotation_about
+from asdfviz.methods.asdf import AsdfConfig
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
 METHODS = {
-    "asdf": MethodSpec("asdf", "All <of> it.", object, "x:Y"),
+    "asdf": MethodSpec("asdf", "All <of> it.", AsdfConfig, "x:Y"),
     "mine": BrokenMethod("mine", "<b>boom</b>"),
 }
 TABS: dict[str, Callable[[Snapshot], str]] = {
@@ -170,3 +173,45 @@ def test_cards_are_whole() -> None:
         balance = Balance()
         balance.feed(html)
         assert balance.open == []
+
+
+def test_the_options_of_a_method_are_a_form(workspace: Workspace) -> None:
+    spec = MethodSpec("asdf", "All of it.", AsdfConfig, "x:Y")
+    html = options.card("asdf", spec, workspace.assembly, {"detector.image_size": "<960>"})
+    balance = Balance()
+    balance.feed(html)
+    assert balance.open == []
+    assert 'data-option="detector.image_size"' in html
+    assert 'value="&lt;960&gt;"' in html
+    assert "1 changed" in html
+    assert "weights.safetensors" in html  # what is taken where none are named
+    assert "pixels in an image 1280 wide" in html  # a field's docstring
+
+
+def test_a_run_with_other_options_says_which(workspace: Workspace, clamp: Assembly) -> None:
+    config = {"detector": {"image_size": 960, "confidence": 0.1}, "fusion": {"w_f": 0.35}}
+    run = Run("asdf", config, "tiny", clamp.path, "0", ())
+    workspace.put_run(run, "first")
+    assert "; image size 960<" in methods.content(snapshot(workspace), METHODS)
+
+
+def test_nothing_can_be_judged_where_nothing_is_known(with_run: Workspace) -> None:
+    with_run.truths = (None,) * len(with_run.indices)
+    html = results.content(snapshot(with_run), ())
+    assert "correct some frames" in html
+    assert "Evaluate" not in html
+    with_run.store.set_pose(100, "jaw", np.eye(4))
+    assert "Evaluate" in results.content(snapshot(with_run), ())
+
+
+def test_a_method_that_needs_truth_cannot_be_run_without(with_run: Workspace) -> None:
+    given = {"icg": MethodSpec("icg", "Tracks", AsdfConfig, "x:Y", initial="first_frame_truth")}
+    assert "ax-disabled" not in methods.content(snapshot(with_run), given)
+    with_run.truths = (None, *with_run.truths[1:])
+    html = methods.content(snapshot(with_run), given)
+    assert html.count("ax-disabled") == 2
+    assert "Tracks. Not here: it starts from the truth of the first frame" in html
+
+
+def test_every_stage_of_a_pose_has_words() -> None:
+    assert set(annotate.STAGES) == set(get_args(Stage))

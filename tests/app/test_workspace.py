@@ -12,7 +12,8 @@ import pytest
 
 from asdfviz.app import jobs
 from asdfviz.app.items import ANNOTATION, Message
-from asdfviz.app.jobs import Background, drawn_truth, next_run_folder, start_judging, truth_of
+from asdfviz.app.jobs import Background, next_run_folder, start_judging
+from asdfviz.app.truths import drawn_truth, truth_of
 from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
 from asdfviz.app.worst import worst_frames
@@ -61,7 +62,6 @@ SPEC = MethodSpec("still", "Says the same of every frame.", StillConfig, f"{__na
 def background(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Background:
     GATE.clear()
     FAIL.clear()
-    monkeypatch.setattr(jobs, "find_method", lambda _name: SPEC)
     monkeypatch.setattr(jobs, "PUBLISH_EVERY", 0.0)
     Path(workspace.frames.path, "rgb").mkdir(exist_ok=True)
     return Background(workspace)
@@ -81,11 +81,11 @@ def wait_for(workspace: Workspace, condition: Any) -> None:
 def test_a_run_is_shown_while_it_works_and_saved_at_the_end(
     workspace: Workspace, background: Background
 ) -> None:
-    background.run("still")
+    background.run(SPEC)
     wait_for(workspace, lambda: workspace.job is not None and workspace.job.done == 2)
     assert [p is not None for p in workspace.runs[0].by_place] == [True, True, *[False] * 6]
     with pytest.raises(MethodError, match="still running"):
-        background.run("still")
+        background.run(SPEC)
     GATE.set()
     wait_for(workspace, lambda: workspace.job is not None and workspace.job.state == "done")
     run = workspace.runs[0]
@@ -95,7 +95,7 @@ def test_a_run_is_shown_while_it_works_and_saved_at_the_end(
 
 
 def test_a_stopped_run_keeps_what_was_done(workspace: Workspace, background: Background) -> None:
-    background.run("still")
+    background.run(SPEC)
     wait_for(workspace, lambda: workspace.job is not None and workspace.job.done == 2)
     background.stop()
     assert workspace.job is not None
@@ -107,10 +107,12 @@ def test_a_stopped_run_keeps_what_was_done(workspace: Workspace, background: Bac
     assert len(load_run(folder).predictions) == 3
 
 
-def test_a_failed_run_says_where(workspace: Workspace, background: Background) -> None:
+def test_a_failed_run_says_where_and_keeps_the_frames_before(
+    workspace: Workspace, background: Background
+) -> None:
     FAIL.set()
     GATE.set()
-    background.run("still")
+    background.run(SPEC)
     wait_for(workspace, lambda: bool(workspace.messages))
     assert workspace.job is not None
     assert workspace.job.state == "failed"
@@ -118,6 +120,11 @@ def test_a_failed_run_says_where(workspace: Workspace, background: Background) -
     assert message.is_problem
     assert "frame 102" in message.body
     assert "no light" in message.body
+    run = workspace.runs[0]
+    assert [p is not None for p in run.by_place] == [True, True, *[False] * 6]
+    assert run.folder is not None
+    assert f"2 of 8 frames are kept in {run.folder}" in message.body
+    assert len(load_run(run.folder).predictions) == 2
 
 
 def test_run_folders_never_meet(tmp_path: Path) -> None:

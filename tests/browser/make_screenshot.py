@@ -15,7 +15,7 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from asdfviz.app.main import ViewConfig, open_app
+from asdfviz.app.main import App, ViewConfig, open_app
 
 SIZE = {"width": 1600, "height": 900}
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -36,7 +36,7 @@ def main(out: Path, sequence: str = "sample", assembly: str | None = None) -> No
         page.get_by_test_id("welcome-close").click()
         page.add_style_tag(content=".mantine-Notifications-root { display: none !important; }")
         end = time.monotonic() + SECONDS
-        while app.workspace.job and app.workspace.job.is_active and time.monotonic() < end:
+        while _is_busy(app) and time.monotonic() < end:
             page.wait_for_timeout(500)
         middle = len(app.workspace.indices) * 2 // 3
         page.evaluate(f"() => window.asdfviz.send({{kind: 'Seek', place: {middle}}})")
@@ -46,6 +46,11 @@ def main(out: Path, sequence: str = "sample", assembly: str | None = None) -> No
         page.screenshot(path=str(out))
         browser.close()
         app.close()
+
+
+def _is_busy(app: App) -> bool:
+    job = app.workspace.job
+    return app.workspace.findings is None or (job is not None and job.is_active)
 
 
 if __name__ == "__main__":

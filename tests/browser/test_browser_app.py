@@ -44,10 +44,12 @@ from asdfviz.methods.spec import MethodSpec
 
 @dataclass(frozen=True)
 class Config:
-    """Nothing to choose."""
+    distance: float = 0.5
+    """Where it says that the base is, metres."""
 
 class Patient:
-    def __init__(self, config): ...
+    def __init__(self, config):
+        self.distance = config.distance
     def reset(self, assembly, camera, initial):
         self.seen = 0
     def step(self, frame):
@@ -55,7 +57,7 @@ class Patient:
         while self.seen == 3 and not Path(__file__).with_suffix(".go").exists():
             time.sleep(0.02)
         T = np.eye(4)
-        T[2, 3] = 0.5
+        T[2, 3] = self.distance
         return FramePrediction(frame.index, {"base": PoseEstimate("base", T, 1.0, "pnp")}, None)
 
 SPEC = MethodSpec("patient", "Waits.", Config, "patient:Patient")
@@ -248,6 +250,32 @@ def test_a_method_runs_shows_its_progress_and_can_be_stopped(
     until(lambda: len(view(app).layers) == 1, "its outlines are on")
     page.keyboard.press("3")
     until(lambda: not view(app).layers, "a number key takes them off")
+
+
+def test_a_method_runs_with_the_options_that_were_chosen(
+    page: Page, app: App, method_file: Path
+) -> None:
+    method_file.with_suffix(".go").touch()
+    page.get_by_test_id("tab-methods").click()
+    page.get_by_test_id(f"options-{method_file}:SPEC").click()
+    form = page.get_by_test_id("options")
+    expect(form).to_contain_text("Where it says that the base is, metres.")
+    distance = form.locator('[data-option="distance"]')
+    expect(distance).to_have_value("0.5")
+    before = len(app.workspace.runs)
+    # What cannot be read is said, and the form stays as it is.
+    distance.fill("far")
+    page.get_by_test_id("options-run").click()
+    expect(page.get_by_text("distance is 'far': give a number")).to_be_attached()
+    expect(distance).to_have_value("far")
+    distance.fill("0.75")
+    distance.press("Enter")
+    expect(form).to_be_hidden()
+    expect(page.get_by_test_id("job-end")).to_contain_text("patient is done: 12 frames")
+    until(lambda: len(app.workspace.runs) == before + 1, "one more run is there")
+    assert app.workspace.runs[-1].run.predictions[0].poses["base"].T_camera_part[2, 3] == 0.75
+    expect(page.get_by_test_id("runs")).to_contain_text("distance 0.75")
+    expect(page.get_by_test_id(f"options-{method_file}:SPEC")).to_have_text("Options (1)")
 
 
 def test_a_part_is_picked_nudged_and_taken_back(page: Page, app: App) -> None:

@@ -5,18 +5,23 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import shutil
 import textwrap
 from pathlib import Path
 
 import pytest
 
 from asdfviz.cli import main
+from asdfviz.data.resources import sample_folder
+from asdfviz.data.run_files import check_run_folder, load_run
+from asdfviz.errors import RenderError
 
 README = Path(__file__).resolve().parents[2] / "README.md"
 COMMANDS = (
     "view",
     "run",
     "evaluate",
+    "report",
     "check",
     "methods",
     "synth",
@@ -108,6 +113,74 @@ def test_the_readme_s_own_method_runs_as_written(
     said = capsys.readouterr()
     assert json.loads(said.out)["mean"]["detection_recall"] == 0
     assert said.err == ""
+
+
+FAILING = """
+from dataclasses import dataclass
+from asdfviz.datatypes import FramePrediction
+from asdfviz.methods.spec import MethodSpec
+
+@dataclass(frozen=True)
+class Config:
+    lasts: int = 3
+
+class Tired:
+    def __init__(self, config): self.left = config.lasts
+    def reset(self, assembly, camera, initial): ...
+    def step(self, frame):
+        self.left -= 1
+        if self.left < 0:
+            raise ValueError("too tired\\nto go on")
+        return FramePrediction(frame.index, poses={}, state=None)
+
+SPEC = MethodSpec("tired", "Fails after a few frames.", Config, "tired:Tired")
+"""
+
+
+@pytest.mark.parametrize("lasts", [0, 3])
+def test_a_failing_method_keeps_the_frames_before(
+    lasts: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "tired.py", tmp_path / "run"
+    file.write_text(FAILING)
+    line = ("run", "--method", f"{file}:SPEC", "sample", "--out", str(out))
+    assert exit_code(*line, "--lasts", str(lasts)) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    error = said.err.splitlines()[-1]
+    assert error.startswith(f"error: method 'tired' failed in frame {lasts}: ValueError: too tired")
+    assert (out / "run.json").is_file() == bool(lasts)
+    if lasts:
+        assert error.endswith(f"3 of 95 frames are saved in {out}")
+        assert len(load_run(out).predictions) == 3
+    else:
+        assert said.err.count("\n") == 1  # no bar that stands at nothing
+
+
+@pytest.mark.parametrize("place", [".", "..", "rgb", "runs", "notes/asdf"])
+def test_a_run_never_goes_among_the_images(
+    place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "all" / "take"
+    shutil.copytree(sample_folder(), scene)
+    before = sorted(tmp_path.rglob("*"))
+    assert exit_code("run", str(scene), "--method", "asdf", "--out", str(scene / place)) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert str(scene) in error
+    assert sorted(tmp_path.rglob("*")) == before
+    check_run_folder(scene / "runs" / "asdf", scene)  # where the app puts them
+
+
+def test_every_error_of_ours_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(_sequence: object) -> None:
+        raise RenderError("no EGL here:\ninstall libegl1")
+
+    monkeypatch.setattr("asdfviz.evaluate.health.check_sequence", fail)
+    assert exit_code("check", "sample") == 2
+    assert capsys.readouterr().err == "error: no EGL here: install libegl1\n"
 
 
 def test_methods_lists_the_paper_ones(capsys: pytest.CaptureFixture[str]) -> None:

@@ -38,6 +38,7 @@ def assert_same(a: Assembly, b: Assembly) -> None:
             np.testing.assert_allclose(T, two.T_base_part[name], atol=1e-8)
         assert list(one.joints) == list(two.joints)
         for name, joint in one.joints.items():
+            assert (joint.kind, joint.link) == (two.joints[name].kind, two.joints[name].link)
             for field in ("axis", "origin", "slide", "turn"):
                 np.testing.assert_allclose(
                     getattr(joint, field), getattr(two.joints[name], field), atol=1e-8
@@ -47,6 +48,20 @@ def assert_same(a: Assembly, b: Assembly) -> None:
 def test_written_and_read_is_the_same(clamp: Assembly, tmp_path: Path) -> None:
     file = write_assembly(clamp, tmp_path / "copy")
     assert_same(load_assembly(file), clamp)
+
+
+def test_copies_share_a_file_and_gears_their_link(tmp_path: Path) -> None:
+    for name in ("screw_clamp", "geared_caliper"):
+        assert_same(
+            load_assembly(write_assembly(load_assembly(name), tmp_path)), load_assembly(name)
+        )
+    clamp = load_assembly("corner_clamp")
+    twin = dataclasses.replace(clamp.parts["bolt"], name="bolt-Copy", obj_id=4)
+    twice = dataclasses.replace(clamp, parts={**clamp.parts, "bolt-Copy": twin})
+    read = load_assembly(write_assembly(twice, tmp_path / "twice"))
+    assert len(list((tmp_path / "twice" / "parts").iterdir())) == 3
+    assert read.parts["bolt-Copy"].detector_class == "bolt"
+    np.testing.assert_array_equal(read.parts["bolt-Copy"].mesh.faces, read.parts["bolt"].mesh.faces)
 
 
 def test_what_differs_from_the_usual_survives(clamp: Assembly, tmp_path: Path) -> None:

@@ -74,6 +74,8 @@ def test_a_scene_is_picked_from_many(read: Read) -> None:
         read(rows)
     with pytest.raises(RunError, match="no scene 'c'; scenes: a, b"):
         read(rows, scene="c")
+    own = f"{rows}scene,3,base,-1,{EYE},0 0 900,1\n"  # the sequence's folder is called so
+    assert read(own).predictions[0].poses["base"].T_camera_part[2, 3] == pytest.approx(0.9)
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,10 @@ import pytest
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Part, PoseEstimate, Run
 from asdfviz.errors import RunError, SequenceError
 from asdfviz.evaluate.evaluate import evaluate_run
+from asdfviz.evaluate.pose_errors import add, error_model
 from asdfviz.evaluate.protocols import MEAN_FIGURES, gbot_evaluated_parts
-from asdfviz.evaluate.tables import escaped, markdown_table, parts_table
+from asdfviz.evaluate.summary import summaries
+from asdfviz.evaluate.tables import escaped, markdown_table, means_table, parts_table
 from asdfviz.geometry.transforms import rotation_about, transform_from
 
 MakeTruth = Callable[..., FrameTruth]
@@ -47,7 +49,8 @@ def test_a_perfect_run(
     )
     report = evaluate_run(run, assembly=assembly, truth=truth)
     assert list(report) == [
-        *("method", "sequence", "protocol", "n_frames", "parts", "mean", "state", "runtime_ms")
+        *("method", "sequence", "protocol", "n_frames", "parts", "mean", "state", "runtime_ms"),
+        *("assembly", "state_details"),
     ]
     assert (report["method"], report["sequence"], report["protocol"]) == (
         "fake",
@@ -58,24 +61,25 @@ def test_a_perfect_run(
     assert set(report["parts"]) == set(assembly.parts)
     assert report["mean"] == pytest.approx(
         {
+            **dict.fromkeys(MEAN_FIGURES, 0),
             "add_s_10cm": 100,
             "add_s_01d": 100,
-            "e_t_mm": 0,
-            "e_t_mm_median": 0,
-            "e_r_deg": 0,
-            "e_r_sym_deg": 0,
-            "e_r_sym_deg_median": 0,
+            "auc_add_s_10cm": 100,
+            "auc_add_s_2cm": 100,
             "detection_recall": 100,
+            "score_auc": None,
+            "ar_bop": None,
         },
         abs=1e-5,
     )
-    assert report["state"] == {
-        "accuracy": 100,
-        "accuracy_tol2": 100,
-        "macro_f1": 100,
-        "error_recall": None,
-        "error_precision": None,
-    }
+    perfect = ("accuracy", "accuracy_tol2", "macro_f1", "macro_f1_state_part", "edit", "pos")
+    assert {report["state"][key] for key in (*perfect, "f1_10", "f1_25", "f1_50")} == {100}
+    zeros = ("delay_frames_median", "false_transitions", "step_delay_frames", "ece")
+    assert {report["state"][key] for key in zeros} == {0}
+    assert report["state"]["error_recall"] is report["state"]["error_precision"] is None
+    assert report["state_details"]["confusion"]["frames"] == [
+        *([2, 0, 0, 0, 0], [0, 2, 0, 0, 0], [0, 0, 2, 0, 0], [0, 0, 0, 0, 0])
+    ]
     assert report["runtime_ms"] == pytest.approx(
         {"detector": 20, "total_median": 2530, "total_mean": 2530}
     )
@@ -109,6 +113,12 @@ def test_strict_figures_by_hand(
     assert plate["add_s_01d"] == 25  # d is 91.7 mm: frame 0 alone
     assert plate["e_t_mm"] == pytest.approx((5 + 2000 + 30) / 3)
     assert plate["e_t_mm_median"] == pytest.approx(30)
+    # Linear between the second and the third of three values, at place 1.8 of 0 to 2.
+    assert plate["e_t_mm_p90"] == pytest.approx(30 + 0.8 * 1970)
+    plate_points = error_model(assembly.parts["plate"]).points
+    turned = add(placed(0.005, turn=4), placed(), plate_points)
+    assert plate["auc_add_s_10cm"] == pytest.approx((100 - 1000 * turned + 70 + 0 + 0) / 4)
+    assert plate["auc_add_s_2cm"] == pytest.approx(5 * (20 - 1000 * turned) / 4)
     assert plate["e_r_deg"] == pytest.approx(4 / 3)
     assert plate["detection_recall"] == pytest.approx(100 * 2 / 3)  # frame 1 shows only 20 %
     assert (rod["n_visible"], rod["n_poses"]) == (3, 2)
@@ -124,6 +134,8 @@ def test_strict_figures_by_hand(
     assert report["mean"]["e_t_mm"] == pytest.approx((2035 / 3 + 10) / 2)
     assert report["mean"]["e_r_deg"] == pytest.approx((4 / 3 + 35) / 2)
     assert set(report["state"].values()) == {None}
+    # Of the five poses that are seen, the three right ones and two wrong ones have one score.
+    assert report["mean"]["score_auc"] == pytest.approx(50)
 
 
 def test_gbot_figures_by_hand(
@@ -274,6 +286,42 @@ def test_missing_visibility_is_rendered(
     report = evaluate_run(run, assembly=assembly, truth=truth, camera=camera)
     seen = {name: figures["n_visible"] for name, figures in report["parts"].items()}
     assert seen == {"plate": 1, "block": 0, "rod": 1}
+
+
+def test_a_csv_begins_after_the_frame_that_was_given(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    truth = {i: make_truth(i, {"plate": placed()}) for i in range(3)}
+    run = make_run(
+        [make_prediction(i, {"plate": placed(0.01 * i)}) for i in (1, 2)],
+        initial="first_frame_truth",
+    )
+    report = evaluate_run(run, assembly=assembly, truth=truth)
+    assert report["n_frames"] == report["parts"]["plate"]["n_poses"] == 2
+    assert report["mean"]["e_t_mm"] == pytest.approx(15)
+
+
+def test_means_over_runs(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    def judged(count: int, off: float, name: str, **fields: str) -> dict[str, Any]:
+        truth = {i: make_truth(i, {"plate": placed()}, state=0) for i in range(count)}
+        run = make_run([make_prediction(i, {"plate": placed(off)}) for i in range(count)], **fields)
+        return {**evaluate_run(run, assembly=assembly, truth=truth), "assembly": name}
+
+    first, second, third = judged(1, 0.01, "a"), judged(3, 0.05, "b"), judged(2, 0.03, "b")
+    means = summaries([first, second, third, judged(4, 0.01, "a", method="other")])
+    assert [(m["method"], m["assembly"], m["n_runs"], m["n_frames"]) for m in means] == [
+        *(("fake", "a", 1, 1), ("fake", "b", 2, 5), ("fake", None, 3, 6), ("other", None, 1, 4))
+    ]
+    assert means[2]["plain"]["mean"]["e_t_mm"] == pytest.approx(30)
+    assert means[2]["frame_weighted"]["mean"]["e_t_mm"] == pytest.approx((10 + 150 + 60) / 6)
+    assert means[2]["plain"]["mean"]["ar_bop"] is None
+    assert means[1]["frame_weighted"]["state"]["accuracy"] == 0
+    lines = means_table(means).splitlines()
+    assert len(lines) == 2 + 2 * 4
+    assert "30.0" in lines[6]
+    assert "36.7" in lines[7]
 
 
 def test_231_frames_of_10_parts(

@@ -318,16 +318,38 @@ def test_no_depth_at_all_is_said(make: Make) -> None:
     assert (finding.severity, finding.value) == ("warning", 1.0)
 
 
-def test_the_blind_rim_is_told_from_holes(make: Make) -> None:
+def test_depth_of_nothing_but_zeros_is_said(make: Make) -> None:
+    report = check_sequence(
+        make(lambda frame: replace(frame, depth=np.zeros((480, 640), np.float32)))
+    )
+    finding = only(report, "missing_depth")
+    assert (finding.severity, finding.value) == ("warning", 1.0)
+    assert "All depth pixels are 0 in all" in finding.message
+    assert "no depth was recorded" in finding.message
+
+
+@pytest.mark.parametrize(
+    ("columns", "every", "severity", "words"),
+    [
+        (320, 480, "info", "50.0 % outside the depth camera's view, 1.2 % holes"),
+        (400, 480, "warning", "Keep the work within the depth camera's view"),
+        (0, 4, "warning", "So many holes come from dark or shiny surfaces"),
+    ],
+)
+def test_the_blind_rim_is_told_from_holes(
+    make: Make, columns: int, every: int, severity: str, words: str
+) -> None:
     def blind(frame: Frame) -> Frame:
         assert frame.depth is not None
         depth = frame.depth.copy()
-        depth[:, :320] = 0
+        depth[:, :columns] = 0
+        # Stripes that move from frame to frame: holes, not a rim.
+        depth[frame.index % every :: every, 1:-1] = 0
         return replace(frame, depth=depth)
 
     finding = only(check_sequence(make(blind)), "missing_depth")
-    assert finding.severity == "warning"
-    assert "50.0 % outside the depth camera's view, 1.0 % holes" in finding.message
+    assert finding.severity == severity
+    assert words in finding.message
 
 
 @pytest.fixture

@@ -7,7 +7,13 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
-from asdfviz.evaluate.state_scores import StateRecord, micro_f1, state_figures, state_records
+from asdfviz.evaluate.state_scores import (
+    StateRecord,
+    confusion_matrix,
+    micro_f1,
+    state_figures,
+    state_records,
+)
 
 # Index 3 of the toy assembly is the error that follows state 1.
 WRONG = 3
@@ -42,13 +48,10 @@ def test_no_frame_gives_no_figure() -> None:
 
 def test_all_right(records: Callable[..., tuple[StateRecord, ...]]) -> None:
     figures = state_figures(records([0, 0, 1, 2], [0, 0, 1, 2]))
-    assert figures == {
-        "accuracy": 100,
-        "accuracy_tol2": 100,
-        "macro_f1": 100,
-        "error_recall": None,
-        "error_precision": None,
+    assert {figures[key] for key in ("accuracy", "accuracy_tol2", "macro_f1", "edit", "pos")} == {
+        100
     }
+    assert figures["error_recall"] is figures["error_precision"] is None
 
 
 def test_figures_by_hand(records: Callable[..., tuple[StateRecord, ...]]) -> None:
@@ -115,3 +118,40 @@ def test_a_frame_that_the_run_lacks_is_wrong(
     truth = [make_truth(i, {}, state=0, is_error=False) for i in (4, 8)]
     figures = state_figures(state_records(truth, {4: make_prediction(4, {}, state=0)}, assembly))
     assert figures["accuracy"] == 50
+
+
+def test_f1_of_each_state_and_part(records: Callable[..., tuple[StateRecord, ...]]) -> None:
+    # plate is joined from state 0 on, rod from 1, block from 2; the last frame is the error after 1.
+    found = records([0, 0, 1, 1, 2, 1], [0, 1, 1, 2, None, WRONG], [False] * 5 + [True])
+    by_hand = {
+        (0, "plate"): 2 * 1 / (2 + 1),
+        (1, "plate"): 2 * 2 / (3 + 3),
+        (1, "rod"): 2 * 2 / (3 + 3),
+        (2, "plate"): 0.0,
+        (2, "rod"): 0.0,
+        (2, "block"): 0.0,
+    }
+    figures = state_figures(found)
+    assert figures["macro_f1_state_part"] == pytest.approx(100 * sum(by_hand.values()) / 6)
+
+
+def test_a_part_that_the_truth_says_is_off_counts_as_loose(
+    assembly: Assembly, make_prediction: Callable[..., FramePrediction]
+) -> None:
+    truth = [FrameTruth(0, {}, 1, is_error=True, attached=("plate",))]
+    found = state_records(truth, {0: make_prediction(0, {}, state=1)}, assembly)
+    # (1, plate) is right; (1, rod) is no pair of the truth.
+    assert state_figures(found)["macro_f1_state_part"] == 100
+    assert not found[0].is_right
+
+
+def test_confusion_matrix(
+    assembly: Assembly, records: Callable[..., tuple[StateRecord, ...]]
+) -> None:
+    found = records([0, 1, 1, 2, 1], [0, 2, None, WRONG, WRONG], [False] * 4 + [True])
+    matrix = confusion_matrix(found, assembly)
+    assert matrix["true"] == ["bare", "rod in", "done", "error"]
+    assert matrix["predicted"] == ["bare", "rod in", "done", "error", "none"]
+    assert matrix["frames"] == [
+        *([1, 0, 0, 0, 0], [0, 0, 1, 0, 1], [0, 0, 0, 1, 0], [0, 0, 0, 1, 0])
+    ]

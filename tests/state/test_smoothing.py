@@ -55,6 +55,7 @@ def test_the_filter_and_the_path_are_what_all_sequences_say() -> None:
     for path, weight in weights.items():
         last[path[-1]] += weight
     online = StateFilter(assembly, config=config)
+    belief = None
     for a, p in zip(looks, poses, strict=True):
         belief = online.step(a, p)
     assert belief == pytest.approx(last / last.sum())
@@ -69,8 +70,8 @@ def test_a_lasting_confusion_with_a_far_state_does_not_move_the_belief() -> None
     sure[1] = wrong[5] = 0.9
     for _ in range(10):
         online.step(sure, sure)
-    for _ in range(2):
-        belief = online.step(wrong, None)
+    online.step(wrong, None)
+    belief = online.step(wrong, None)
     assert belief is not None
     assert int(belief.argmax()) == 1
 

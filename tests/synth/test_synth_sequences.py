@@ -11,9 +11,8 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 from asdfviz.synth.assets import Assets
-from asdfviz.synth.contact import points_inside
+from asdfviz.synth.grasping import scaled
 from asdfviz.synth.images import generate_images
-from asdfviz.synth.primitives import box
 from asdfviz.synth.sequences import Play, SequenceConfig, generate_sequence, plan_sequence
 
 CONFIG = SequenceConfig()
@@ -54,8 +53,9 @@ def test_nothing_goes_through_the_table(play: Play, toy: Assembly, toy_assets: A
         for name, T in moment.T_world_part.items():
             assert apply(T, toy.parts[name].mesh.vertices)[:, 2].min() > -0.001
         if moment.T_world_hand is not None:
-            hand = apply(moment.T_world_hand, toy_assets.hand_points[play.outfit.grasp])
-            assert hand[:, 2].min() > -0.005
+            hand = scaled(moment.T_world_hand, play.outfit)
+            points = apply(hand, toy_assets.hand_points[moment.grasp])
+            assert points[:, 2].min() > -0.005
 
 
 def test_held_parts_move_with_the_hand_and_nothing_else_moves(play: Play, toy: Assembly) -> None:
@@ -69,13 +69,12 @@ def test_held_parts_move_with_the_hand_and_nothing_else_moves(play: Play, toy: A
             if name == now.held and before.held == name:
                 assert now.T_world_hand is not None
                 assert before.T_world_hand is not None
-                points = [
-                    apply(inverse(m.T_world_part[name]), m.T_world_hand[None, :3, 3])[0]
+                in_part = [
+                    inverse(m.T_world_part[name]) @ m.T_world_hand
                     for m in (before, now)
                     if m.T_world_hand is not None
                 ]
-                # The hand rises a little where its fingers would go into the table.
-                assert np.linalg.norm(points[1] - points[0]) < 0.02
+                assert np.abs(in_part[1] - in_part[0]).max() < 1e-9
 
 
 def test_joined_parts_are_rigid_to_the_base(play: Play, toy: Assembly) -> None:
@@ -85,21 +84,16 @@ def test_joined_parts_are_rigid_to_the_base(play: Play, toy: Assembly) -> None:
                 inverse(m.T_world_part[toy.base]) @ m.T_world_part[name] for m in (before, now)
             )
             assert np.abs(T_before - T_now).max() < 1e-9
-    assert (
-        np.abs(
-            play.moments[0].T_world_part[toy.base] - play.moments[-1].T_world_part[toy.base]
-        ).max()
-        > 0.01
-    )
 
 
 def test_the_pace_keeps_its_limits(play: Play) -> None:
     for before, now in zip(play.moments, play.moments[1:], strict=False):
         for name, T in now.T_world_part.items():
-            step = np.linalg.norm(T[:3, 3] - before.T_world_part[name][:3, 3])
+            step = np.linalg.norm(
+                T[:3, 3] - before.T_world_part[name][:3, 3]
+            )  # Origin is the middle.
             turn = rotation_angle(T[:3, :3].T @ before.T_world_part[name][:3, :3])
-            # Parts that ride on a turning base move a little farther than the base itself.
-            assert step <= 0.03
+            assert step <= 0.0255
             assert turn <= np.deg2rad(12.1)
 
 
@@ -130,15 +124,18 @@ def test_files_hold_the_script(toy: Assembly, toy_assets: Assets, tmp_path: Path
     assert json.loads((folder / "sequence.json").read_text())["fps"] == 10.0
 
 
-def test_points_inside_a_box() -> None:
-    rng = np.random.default_rng(0)
-    points = rng.uniform(-0.1, 0.1, (400, 3))
-    size = np.array([0.1, 0.06, 0.14])
-    expected = (np.abs(points) < size / 2).all(axis=1)
-    assert np.array_equal(points_inside(points, box((0.1, 0.06, 0.14))), expected)
-
-
-@pytest.mark.parametrize("options", [{"fps": 0.0}, {"frames": 0}, {"width": 0}, {"height": 99999}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"fps": 0.0},
+        {"fps": 60.0},
+        {"frames_per_state": 0},
+        {"exposures": 0},
+        {"frames": 0},
+        {"width": 0},
+        {"height": 99999},
+    ],
+)
 def test_impossible_recordings_are_refused(tmp_path: Path, options: dict[str, float]) -> None:
     config = SequenceConfig(**options)  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError):

@@ -10,8 +10,8 @@ from asdfviz.datatypes import Camera, Frame
 from asdfviz.errors import InputError, Stopped
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import is_rigid, rotation_about, rotation_angle, transform_from
-from asdfviz.track.keyframes import blended, carry_keyframes
-from asdfviz.track.tracker import Body
+from asdfviz.track.bodies import Body
+from asdfviz.track.keyframes import blended, carry_keyframes, carry_parts
 
 Draw = Callable[[Mapping[str, Body], Mapping[str, Transform], int], Frame]
 AddMm = Callable[[Body, Transform, Transform], float]
@@ -44,8 +44,8 @@ def test_frames_between_keyframes_are_filled(
     assert sorted(carried) == [k for k in range(15) if k not in (2, 9)]
     assert all(add_mm(box_body, c.T_camera_part, box_poses[k]) < 2.0 for k, c in carried.items())
     assert all(is_rigid(c.T_camera_part, tolerance=1e-9) for c in carried.values())
-    # Six frames between from each side, five after the last, two before the first.
-    assert told[-1] == (19, 19)
+    # From the first keyframe to the end, and from the last one back to the beginning.
+    assert told[-1] == (23, 23)
     assert [k for k, _ in told] == sorted(k for k, _ in told)
 
 
@@ -90,3 +90,55 @@ def test_wrong_keyframes_and_a_stop(
         carry({20: box_poses[0]})
     with pytest.raises(Stopped):
         carry({0: box_poses[0]}, stop=lambda: True)
+
+
+def test_several_parts_are_carried_in_one_pass(
+    frames: list[Frame], box_body: Body, box_poses: list[Transform], camera: Camera, add_mm: AddMm
+) -> None:
+    """Two names of one part: each from its own keyframes, every frame read once a side."""
+    read: list[int] = []
+
+    def frame_at(place: int) -> Frame:
+        read.append(place)
+        return frames[place]
+
+    carried = carry_parts(
+        frame_at,
+        {"a": {0: box_poses[0]}, "b": {7: box_poses[7], 14: box_poses[14]}},
+        bodies={"a": box_body, "b": box_body},
+        camera=camera,
+        first=0,
+        last=14,
+    )
+    assert sorted(carried["a"]) == list(range(1, 15))
+    assert sorted(carried["b"]) == [k for k in range(14) if k != 7]
+    assert sorted(read) == sorted([*range(15), *range(15)])
+    for own in carried.values():
+        assert all(add_mm(box_body, c.T_camera_part, box_poses[k]) < 2.0 for k, c in own.items())
+
+
+def test_a_lost_part_is_found_again_where_the_picture_fits(
+    frames: list[Frame], box_body: Body, box_poses: list[Transform], camera: Camera, add_mm: AddMm
+) -> None:
+    hidden = [blank(f) if 3 <= f.index <= 8 else f for f in frames]
+    asked: list[int] = []
+
+    def redetect(frame: Frame, name: str) -> Transform | None:
+        asked.append(frame.index)
+        if frame.index < 11:  # a wrong place, which nothing in the picture bears out
+            return transform_from(np.eye(3), np.array([0.1, 0.1, 0.6]))
+        off = transform_from(np.eye(3), np.array([0.006, 0.0, 0.004]))
+        return off @ box_poses[frame.index]
+
+    carried = carry_parts(
+        hidden.__getitem__,
+        {"box": {0: box_poses[0]}},
+        bodies={"box": box_body},
+        camera=camera,
+        first=0,
+        last=14,
+        redetect=redetect,
+    )["box"]
+    assert sorted(carried) == [1, 2, 11, 12, 13, 14]
+    assert asked == [5, 6, 7, 8, 9, 10, 11]
+    assert all(add_mm(box_body, c.T_camera_part, box_poses[k]) < 2.0 for k, c in carried.items())

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from asdfviz.geometry.transforms import rotation_about
+from asdfviz.pose.labels import LabelledObject
 from asdfviz.train.augment import (
     ColorConfig,
     Sample,
@@ -14,7 +15,6 @@ from asdfviz.train.augment import (
     view,
 )
 from asdfviz.train.dataset import LabelledImage
-from asdfviz.train.labels import LabelledObject
 from asdfviz.train.packing import AugmentConfig, Packer
 
 DOT = np.array([41.0, 22.0])

@@ -12,14 +12,18 @@ from asdfviz.app.view import STEP_NAMES, STEPS_MM, View
 from asdfviz.datatypes import State
 from asdfviz.geometry.shapes import Rotation
 
-_STAGES = {
+ROOMY = 5
+"""Parts with two lines each; more get one line, so that the tools below stay in sight."""
+STAGES = {
     "pnp": "from keypoints",
+    "crop": "from its crop",
     "refined": "refined by depth",
     "group": "solved as a group",
     "tracked": "tracked",
     "annotated": "corrected",
     "truth": "truth",
 }
+"""How a pose came about, in words."""
 
 
 def content(snap: Snapshot) -> str:
@@ -52,8 +56,9 @@ def _history(snap: Snapshot) -> str:
 
 def _parts(snap: Snapshot) -> str:
     items = "".join(_part(name, snap) for name in snap.facts.parts)
+    dense = " ax-dense" if len(snap.facts.parts) > ROOMY else ""
     found = f"<small>{len(snap.poses)} of {len(snap.facts.parts)} have a pose</small>"
-    return heading("Parts", found) + f'<ul class="ax-list" data-testid="parts">{items}</ul>'
+    return heading("Parts", found) + f'<ul class="ax-list{dense}" data-testid="parts">{items}</ul>'
 
 
 def _part(name: str, snap: Snapshot) -> str:
@@ -69,7 +74,7 @@ def _part(name: str, snap: Snapshot) -> str:
         testid=f"show-{name}",
     )
     return (
-        f'<li class="ax-item ax-pick{chosen}" data-testid="part-{text(name)}" '
+        f'<li class="ax-item ax-pick{chosen}" title="{text(name)}" data-testid="part-{text(name)}" '
         f'aria-selected="{str(bool(chosen)).lower()}" {act("SelectPart", part=name)}>'
         f'{chip(snap.workspace.colors[name])}<span class="ax-main"><b>{text(name)}</b>'
         f"<small>{_provenance(shown, snap)}</small></span>"
@@ -79,13 +84,13 @@ def _part(name: str, snap: Snapshot) -> str:
 
 def _provenance(shown: Shown | None, snap: Snapshot) -> str:
     if shown is None:
-        return "not found in this frame"
+        return "not found<i> in this frame</i>"
     dot = chip(snap.source_color(shown.source), shape="dot")
     if shown.source == ANNOTATION:
         return f"{dot}corrected"
-    stage = _STAGES[shown.stage]
+    stage = STAGES[shown.stage]
     name = snap.source_name(shown.source)
-    return f"{dot}{text(name)}" + (f", {stage}" if stage != name else "")
+    return f"{dot}{text(name)}" + (f"<i>, {stage}</i>" if stage != name else "")
 
 
 def _score(shown: Shown | None) -> str:
@@ -170,8 +175,23 @@ def _tools(snap: Snapshot, name: str) -> str:
         '<p class="ax-note"><kbd>I</kbd><kbd>K</kbd><kbd>J</kbd><kbd>L</kbd> up, down, left, right; '
         "<kbd>U</kbd><kbd>O</kbd> nearer, farther; with <kbd>Shift</kbd> they turn.</p>"
     )
-    segments = f'<div class="ax-group ax-segs">{gizmo}</div>'
+    segments = f'<div class="ax-group ax-segs">{gizmo}</div>{_together(snap, name)}'
     return f'<div class="ax-row">{segments}{_copy_button()}{revert}</div>{hint}'
+
+
+def _together(snap: Snapshot, name: str) -> str:
+    """Only where something would come along."""
+    joined = set(snap.workspace.attached(snap.view.place, snap.view.base)) & set(snap.poses)
+    if name not in joined or len(joined) < 2:
+        return ""
+    return button(
+        "Joined parts too",
+        act("Toggle", what="together"),
+        title="Move and turn what is joined in this state as one",
+        classes="ax-switch",
+        pressed=snap.view.together,
+        testid="together",
+    )
 
 
 def _copy_button() -> str:

@@ -7,25 +7,29 @@ from collections.abc import Mapping
 from asdfviz.app import theme
 from asdfviz.app.items import JobStatus, LoadedRun
 from asdfviz.app.markup import EYE, act, button, chip, empty, heading, number, text
+from asdfviz.app.options import differences
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import TRUTH, View
+from asdfviz.datatypes import Assembly
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
+from asdfviz.run import resolved_config
 
 
 def content(snap: Snapshot, methods: Mapping[str, MethodSpec | BrokenMethod]) -> str:
     """The tab as HTML; `methods` is everything that could be run."""
     return (
         heading("Runs on this sequence")
-        + _runs(snap)
+        + _runs(snap, methods)
         + heading("Run a method")
         + _job(snap.workspace.job)
         + "".join(_method(name, spec, snap) for name, spec in methods.items())
     )
 
 
-def _runs(snap: Snapshot) -> str:
+def _runs(snap: Snapshot, methods: Mapping[str, MethodSpec | BrokenMethod]) -> str:
     runs, view = snap.workspace.runs, snap.view
-    items = [_run(number_, run, view, snap) for number_, run in enumerate(runs, 1)]
+    specs = {m.name: m for m in methods.values() if isinstance(m, MethodSpec)}
+    items = [_run(place, run, snap, specs.get(run.run.method)) for place, run in enumerate(runs, 1)]
     if snap.facts.has_truth:
         items.append(_truth(len(runs) + 1, view))
     if not items:
@@ -37,16 +41,27 @@ def _runs(snap: Snapshot) -> str:
     return f'<ul class="ax-list" data-testid="runs">{"".join(items)}</ul>{legend}'
 
 
-def _run(place: int, run: LoadedRun, view: View, snap: Snapshot) -> str:
+def _run(place: int, run: LoadedRun, snap: Snapshot, spec: MethodSpec | None) -> str:
     said = sum(p is not None for p in run.by_place)
     whole = said == snap.facts.count
     frames = "all frames" if whole else f"{said} of {snap.facts.count} frames"
+    changed = _changed(run, snap.workspace.assembly, spec)
     where = str(run.folder) if run.folder else "not saved yet"
     return (
         f'<li class="ax-item" title="{text(where)}">{chip(run.color)}'
-        f'<span class="ax-main"><b>{text(run.label)}</b><small>{frames}</small></span>'
+        f'<span class="ax-main"><b>{text(run.label)}</b><small>{frames}{text(changed)}</small></span>'
         f'<span class="ax-num">{number(run.milliseconds, decimals=0, unit="ms")}</span>'
-        f"{_use(run.id, run.label, view)}{_eye(run.id, run.label, place, view)}</li>"
+        f"{_use(run.id, run.label, snap.view)}{_eye(run.id, run.label, place, snap.view)}</li>"
+    )
+
+
+def _changed(run: LoadedRun, assembly: Assembly, spec: MethodSpec | None) -> str:
+    """The options that were not left as they are, which tell runs of one method apart."""
+    if spec is None:
+        return ""
+    changed = differences(resolved_config(spec.config(), assembly), run.run.config)
+    return "".join(
+        f"; {name.rpartition('.')[2].replace('_', ' ')} {value}" for name, value in changed.items()
     )
 
 
@@ -113,15 +128,29 @@ def _method(name: str, spec: MethodSpec | BrokenMethod, snap: Snapshot) -> str:
     job = snap.workspace.job
     busy = job is not None and job.is_active
     needs = spec.initial == "first_frame_truth"
-    summary = spec.summary + (" Starts from the truth of the first frame." if needs else "")
+    summary = spec.summary.rstrip(".") + "."
+    if needs and snap.workspace.truths[0] is None:
+        busy = True
+        summary += " Not here: it starts from the truth of the first frame, and there is none."
+    elif needs and "truth" not in summary:
+        summary += " Starts from the truth of the first frame."
+    disabled = " ax-disabled" if busy else ""
+    changed = len(snap.view.options.get(name, {}))
+    options = button(
+        f"Options ({changed})" if changed else "Options",
+        act("AskOptions", method=name),
+        title=f"Weights, image size and more, before {spec.name} is run",
+        classes=f"ax-plain{disabled}",
+        testid=f"options-{name}",
+    )
     go = button(
         "Run",
         act("RunMethod", method=name),
-        title=f"Run {name} on this sequence",
-        classes="ax-primary" + (" ax-disabled" if busy else ""),
+        title=f"Run {spec.name} on this sequence",
+        classes=f"ax-primary{disabled}",
         testid=f"run-{name}",
     )
     return (
-        f'<div class="ax-item"><span class="ax-main"><b>{text(name)}</b>'
-        f"<small>{text(summary)}</small></span>{go}</div>"
+        f'<div class="ax-item"><span class="ax-main"><b>{text(spec.name)}</b>'
+        f"<small>{text(summary)}</small></span>{options}{go}</div>"
     )

@@ -35,7 +35,7 @@ def content(snap: Snapshot, worst: tuple[WorstFrame, ...]) -> str:
 
 
 def _judge(snap: Snapshot) -> str:
-    if snap.workspace.is_judging or not snap.workspace.runs:
+    if snap.workspace.is_judging or not snap.workspace.runs or not _is_known(snap):
         return ""
     again = "Judge again" if snap.workspace.reports is not None else "Judge"
     return button(
@@ -47,12 +47,19 @@ def _judge(snap: Snapshot) -> str:
     )
 
 
+def _is_known(snap: Snapshot) -> bool:
+    """Whether there is anything to judge by."""
+    return any(snap.workspace.truths) or snap.workspace.store.version() > 0
+
+
 def _tables(snap: Snapshot) -> str:
     work = snap.workspace
     if work.is_judging:
         return '<p class="ax-busy" data-testid="judging">Judging every run …</p>'
     if not work.runs:
         return empty("There is no run yet: run a method in the Methods tab.")
+    if not _is_known(snap):
+        return empty("Nothing is known to be right here: correct some frames, then judge the runs.")
     if work.reports is None:
         return empty("Press Judge: each run is compared with the truth, corrections included.")
     labels = {run.id: run for run in work.runs}

@@ -83,7 +83,9 @@
     else if (name === "view") applyView({ ...template.dataset });
     else {
       const target = slot(name);
-      if (target) target.innerHTML = template.innerHTML;
+      if (!target) return;
+      target.innerHTML = template.innerHTML;
+      target.querySelectorAll("[data-option]").forEach(markChanged);
     }
   };
 
@@ -167,7 +169,40 @@
   }, { capture: true, passive: false });
 
   // ---- buttons: at the press, because the element may be renewed before the release
-  const press = (element) => send(JSON.parse(element.dataset.act));
+  const press = (element) => {
+    const action = JSON.parse(element.dataset.act);
+    const form = element.matches(".ax-submit") && element.closest("[data-form]");
+    if (form) action.options = changedOptions(form);
+    send(action);
+  };
+
+  // ---- forms: their fields live here until they are sent, and only what differs is sent
+  const fields = (form) => [...form.querySelectorAll("[data-option]")];
+  const changedOptions = (form) => Object.fromEntries(fields(form)
+    .filter((field) => field.value.trim() !== field.dataset.default)
+    .map((field) => [field.dataset.option, field.value.trim()]));
+  const markChanged = (field) =>
+    field.closest(".ax-option").classList.toggle("ax-changed", field.value.trim() !== field.dataset.default);
+  root.addEventListener("input", (event) => {
+    if (event.target.matches("[data-option]")) markChanged(event.target);
+  });
+  root.addEventListener("keydown", (event) => {
+    const form = event.target.closest("[data-form]");
+    if (!form || !event.target.matches("input, select")) return;
+    if (event.key === "Enter") press(form.querySelector(".ax-submit"));
+    if (event.key === "Escape") {
+      event.target.blur();
+      send({ kind: "Cancel" });
+    }
+  });
+  root.addEventListener("click", (event) => {
+    if (!event.target.closest(".ax-reset")) return;
+    fields(event.target.closest("[data-form]")).forEach((field) => {
+      field.value = field.dataset.default;
+      markChanged(field);
+    });
+  });
+
   document.addEventListener("pointerdown", (event) => {
     if (event.button !== 0 || !(event.target instanceof Element)) return;
     const element = event.target.closest("[data-act]");

@@ -1,0 +1,74 @@
+"""Which annotation file is a sequence's own: two captures in folders of one name never share one.
+
+A sequence is known by its first pictures, so it stays itself when its folder is moved, when its camera
+file is mended, and when frames are added at its end.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from itertools import count
+from pathlib import Path
+
+from asdfviz.annotate.edit_file import read_identity
+from asdfviz.annotate.paths import annotation_file
+from asdfviz.annotate.store import AnnotationStore
+from asdfviz.datatypes import Assembly, Sequence
+from asdfviz.errors import AnnotationError
+
+PICTURES = 8
+"""So many pictures are looked at; noise makes one enough for a camera, but not for a renderer."""
+
+
+def sequence_identity(sequence: Sequence) -> str:
+    """SHA-256 over names and contents of the first colour images; of the frame numbers without any."""
+    digest = hashlib.sha256()
+    images = sorted((Path(sequence.path) / "rgb").glob("*.*"))[:PICTURES]
+    for image in images:
+        digest.update(f"{image.name}\0".encode())
+        digest.update(image.read_bytes())
+    if not images:
+        digest.update(repr(sequence.frame_indices).encode())
+    return digest.hexdigest()
+
+
+def own_annotation_file(sequence: Sequence, *, folder: Path | None = None) -> Path:
+    """The file of a sequence: <name>.db, or <name>-2.db where that is of another one of the name.
+
+    A file that says nothing of its sequence but the name, as they once were written, is taken.
+    """
+    identity = sequence_identity(sequence)
+    first = annotation_file(sequence.name, folder=folder)
+    for number in count(1):
+        file = first if number == 1 else first.with_stem(f"{first.stem}-{number}")
+        if not file.exists() or _may_hold(file, identity):
+            return file
+    raise AssertionError("unreachable: count() does not end")
+
+
+def open_annotation(
+    sequence: Sequence,
+    assembly: Assembly,
+    *,
+    folder: Path | None = None,
+    author: str = "anonymous",
+) -> AnnotationStore:
+    """Open the sequence's own file, making it if there is none.
+
+    Raises:
+        AnnotationError: the file is damaged, newer, or of another assembly.
+    """
+    return AnnotationStore(
+        own_annotation_file(sequence, folder=folder),
+        sequence_name=sequence.name,
+        assembly_name=assembly.name,
+        author=author,
+        identity=sequence_identity(sequence),
+    )
+
+
+def _may_hold(file: Path, identity: str) -> bool:
+    try:
+        return read_identity(file) in (None, identity)
+    except AnnotationError:
+        return True  # opening it says what is wrong; a file beside it would hide the corrections

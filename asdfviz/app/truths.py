@@ -1,0 +1,44 @@
+"""Truths with the corrections in them: what runs are judged by, and what is drawn and exported."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from asdfviz.annotate.corrected import corrected_truth
+from asdfviz.app.view import TRUTH
+from asdfviz.app.workspace import Workspace
+from asdfviz.datatypes import FrameTruth, Run
+from asdfviz.errors import AnnotationError
+
+
+def truth_of(workspace: Workspace) -> dict[int, FrameTruth]:
+    """What runs are judged by: the dataset's own truth with every correction.
+
+    Raises:
+        AnnotationError: there is neither.
+    """
+    truth = corrected_truth(
+        workspace.store,
+        {t.frame_index: t for t in workspace.truths if t is not None},
+        assembly=workspace.assembly,
+        frames=workspace.indices,
+    )
+    if not truth:
+        raise AnnotationError(
+            f"{workspace.frames.name} has no truth to judge by: correct some frames first"
+        )
+    return truth
+
+
+def drawn_truth(workspace: Workspace, base: str | None) -> dict[int, FrameTruth]:
+    """Poses and states as they are drawn: what corrections started from, with every correction."""
+    chosen = workspace.base_of_seed() or base
+    run = workspace.run(chosen)
+    start: Mapping[int, FrameTruth] | Run = {}
+    if run is not None:
+        start = run.run
+    elif chosen == TRUTH:
+        start = {t.frame_index: t for t in workspace.truths if t is not None}
+    return corrected_truth(
+        workspace.store, start, assembly=workspace.assembly, frames=workspace.indices
+    )

@@ -1,0 +1,70 @@
+"""`asdfviz train-crops`: weights of the network that gives first poses from crops."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from asdfviz.cli.progress import progress_bar, stop_on_interrupt
+
+
+@dataclass(frozen=True)
+class TrainCrops:
+    """Train the crop network on crops rendered meanwhile; run the same line again to go on.
+
+    The best weights so far lie in the run folder as crops.safetensors; put them beside
+    assembly.yaml, and methods take their first poses from them.
+
+    Example: asdfviz train-crops --assembly corner_clamp --minutes 120 --out runs/crops
+    """
+
+    assembly: tuple[str, ...]
+    """assembly.yaml, its folder, or a bundled name; one network may know several."""
+    out: Path
+    """Run folder: checkpoints, pool of crops, log, curve.png and crops.safetensors."""
+    validation: tuple[Path, ...] = ()
+    """Scene folders with truth, as `asdfviz synth` writes them."""
+    start: Path | None = None
+    """Checkpoint of another run to begin with (last.pt): what its classes share is taken over."""
+    minutes: float = 60.0
+    """Budget, earlier sittings counted in."""
+    generators: int = 1
+    """Processes that render fresh crops beside the training; on cuda it renders its own."""
+    threads: int = 1
+    """CPU threads of the training itself."""
+    batch: int = 128
+    """Crops a step."""
+    device: str = "cpu"
+    """cpu or cuda."""
+    seed: int = 0
+    """Of weights, crops and views."""
+
+    def __call__(self) -> None:
+        """Train, and print where the best weights are."""
+        from asdfviz.data.atomic import make_folder
+        from asdfviz.detector.device import require_device
+        from asdfviz.errors import Stopped
+        from asdfviz.train.crop_config import CropTrainConfig
+        from asdfviz.train.crop_session import CropReport, CropSession
+
+        values = {k: v for k, v in vars(self).items() if k not in ("out", "assembly")}
+        config = CropTrainConfig(**values, output=self.out, assemblies=self.assembly)
+        require_device(self.device)
+        make_folder(self.out)
+        with progress_bar("train-crops") as report, stop_on_interrupt() as stop:
+
+            def show(state: CropReport) -> None:
+                losses = " ".join(f"{k} {v:.3f}" for k, v in state.losses.items())
+                report(round(1000 * state.share), 1000, f"{state.crops_per_s:.0f} crops/s {losses}")
+                for found in state.validation:
+                    print(found.table(), file=sys.stderr)
+
+            session = CropSession(config)
+            finished = session.go(show, stop)
+            if finished:
+                for found in session.validate():
+                    print(found.table(), file=sys.stderr)
+        if not finished:
+            raise Stopped(f"the same command goes on from {session.last}")
+        print(self.out / "crops.safetensors")

@@ -1,0 +1,35 @@
+"""What a crop network says of one part, without torch, so that methods can read it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.detector.crop_cut import CROP_PIXELS, CropCamera
+from asdfviz.geometry.rotation_grid import Quaternions
+from asdfviz.geometry.shapes import Scores, Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CropAnswer:
+    """Possible rotations, place and outline of one part."""
+
+    camera: CropCamera
+    """Of the crop."""
+    rotations: Quaternions
+    """R_crop_part of the separate peaks, most probable first."""
+    probabilities: Scores
+    place: Vector
+    """As `CropOutput.place`."""
+    outline: Float64[np.ndarray, "s s"]
+    """Probability that a cell shows the part."""
+
+    def distance(self, diameter: float) -> float:
+        """Depth of the part's middle along the crop's axis that `place` says, metres.
+
+        Args:
+            diameter: of the part, metres.
+        """
+        return float(self.camera.K[0, 0]) * diameter / (CROP_PIXELS * float(np.exp(self.place[2])))

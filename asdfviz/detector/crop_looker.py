@@ -1,0 +1,88 @@
+"""The crop network ready to run: from boxes of a frame to rotations, outlines and places of parts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from asdfviz.detector.blocks import Conv
+from asdfviz.detector.crop_answer import CropAnswer
+from asdfviz.detector.crop_cut import crop_camera, cut
+from asdfviz.detector.crop_weights import load_crop_network
+from asdfviz.detector.precision import has_bfloat16
+from asdfviz.geometry.rotation_grid import even_rotations, modes
+from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
+
+REACH = 0.5
+"""Radius of a peak of the distribution, radians: its surroundings count to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class CropLookerConfig:
+    """How a crop network runs."""
+
+    count: int = 20
+    """Rotations that are handed on."""
+    device: str = "cpu"
+    bfloat16: bool = False
+    """Faster where the device has it."""
+
+
+class CropLooker:
+    """A crop network with its weights."""
+
+    def __init__(self, weights: Path, *, config: CropLookerConfig | None = None) -> None:
+        """Load the weights.
+
+        Raises:
+            WeightsError: the file is missing, corrupt or of another network.
+        """
+        self._config = config or CropLookerConfig()
+        loaded = load_crop_network(weights)
+        self.classes = loaded.classes
+        self._number = {name: place for place, name in enumerate(loaded.classes)}
+        for module in loaded.network.modules():
+            if isinstance(module, Conv):
+                module.fuse()
+        self._network = loaded.network.to(self._config.device)
+        self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
+        self._grid = even_rotations(loaded.network.grid)
+
+    @torch.inference_mode()
+    def look(
+        self, rgb: Rgb, K: Intrinsics, boxes: Mapping[str, tuple[str, Box]]
+    ) -> dict[str, CropAnswer]:
+        """Look at parts.
+
+        Args:
+            rgb: the frame.
+            K: its intrinsics.
+            boxes: for each part its class in the network and its box; classes that the network
+                does not know get no answer.
+        """
+        known = {name: value for name, value in boxes.items() if value[0] in self._number}
+        if not known:
+            return {}
+        cameras = {name: crop_camera(box, K) for name, (_, box) in known.items()}
+        pictures = np.stack([cut(rgb, camera, K) for camera in cameras.values()])
+        labels = [self._number[label] for label, _ in known.values()]
+        device = self._config.device
+        crops = torch.as_tensor(pictures).to(device).permute(0, 3, 1, 2).float() / 255 - 0.5
+        crops = crops.contiguous(memory_format=torch.channels_last)
+        half = self._config.bfloat16 and has_bfloat16(device)
+        with torch.autocast(torch.device(device).type, torch.bfloat16, enabled=half):
+            out = self._network(crops, torch.tensor(labels, device=device))
+        probabilities = out.rotations.float().softmax(1).double().cpu().numpy()
+        places = out.place.float().double().cpu().numpy()
+        outlines = out.outline.float().sigmoid().double().cpu().numpy()
+        answers: dict[str, CropAnswer] = {}
+        for i, (name, camera) in enumerate(cameras.items()):
+            rotations, weights = modes(
+                probabilities[i], self._grid, count=self._config.count, reach=REACH
+            )
+            answers[name] = CropAnswer(camera, rotations, weights, places[i], outlines[i])
+        return answers

@@ -1,0 +1,133 @@
+"""Gathers what a judgement needs from disk: a run (ours or a csv), its assembly, the truth, the frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.data.folder_sequence import FolderSequence
+from asdfviz.data.hashes import assembly_sha256, sequence_sha256
+from asdfviz.data.result_csv import read_result_csv
+from asdfviz.data.run_files import load_run
+from asdfviz.data.sequences import open_sequence, read_folder_truth
+from asdfviz.datatypes import Assembly, Camera, FrameTruth, Run
+from asdfviz.errors import RunError, SequenceError
+from asdfviz.evaluate.bop import View
+from asdfviz.evaluate.visibility import lacks_visibility
+
+
+@dataclass(frozen=True)
+class Result:
+    """A run and what it is judged by."""
+
+    source: Path
+    """The run's folder or csv."""
+    run: Run
+    assembly: Assembly
+    truth: dict[int, FrameTruth]
+
+    @cached_property
+    def sequence(self) -> FolderSequence:
+        """The run's frames. Raises SequenceError if they are gone."""
+        return open_sequence(self.run.sequence, assembly=self.assembly)
+
+    @cached_property
+    def _places(self) -> dict[int, int]:
+        return {index: place for place, index in enumerate(self.sequence.frame_indices)}
+
+    @property
+    def camera_to_render_with(self) -> Camera | None:
+        """The frames' camera where the truth lacks visible shares, so that they must be rendered."""
+        lacks = any(lacks_visibility(frame, self.assembly) for frame in self.truth.values())
+        return self.sequence.camera if lacks else None
+
+    def view(self, frame_index: int) -> View:
+        """Camera and measured depth of a frame; a frame without images has no depth."""
+        place = self._places.get(frame_index)
+        if place is None:
+            return View(self.sequence.camera, None)
+        frame = self.sequence[place]
+        return View(frame.camera, frame.depth)
+
+
+def open_result(
+    path: Path,
+    *,
+    truth_folder: Path | None = None,
+    assembly: Assembly | None = None,
+    sequence: str | None = None,
+    scene: str | None = None,
+) -> Result:
+    """Load a saved run, or a csv of BOP or GBOT, and its truth.
+
+    Args:
+        path: what `asdfviz run` wrote, or a csv file.
+        truth_folder: holds scene_gt.json and states.json; None for the run's sequence.
+        assembly: None for the one that the run or the sequence names.
+        sequence: the frames that a csv is about; None for `truth_folder`.
+        scene: whose rows of a csv to take; None for those of the sequence's name, or the only ones.
+
+    Raises:
+        InputError: the run, its assembly or the truth cannot be read or do not fit.
+    """
+    if path.is_file():
+        run, assembly = _read_csv(path, sequence or truth_folder, assembly, scene)
+    else:
+        run = load_run(path)
+        assembly = _assembly_of(run, path) if assembly is None else assembly
+    return Result(path, run, assembly, _truth_for(run, path, truth_folder, assembly))
+
+
+def changed_inputs(run: Run, assembly: Assembly) -> list[str]:
+    """Say which inputs of the run are no longer what they were; a run without hashes is believed."""
+    found: list[str] = []
+    if run.hashes.get("assembly") not in (None, assembly_sha256(assembly)):
+        found.append(f"{run.assembly} or a mesh of it changed since the run")
+    folder = Path(run.sequence)
+    if folder.is_dir() and run.hashes.get("sequence") not in (None, sequence_sha256(folder)):
+        found.append(f"images or JSON files of {folder} changed since the run")
+    return found
+
+
+def _read_csv(
+    path: Path, frames: str | Path | None, assembly: Assembly | None, scene: str | None
+) -> tuple[Run, Assembly]:
+    if frames is None:
+        raise RunError(f"{path} does not say which frames it is about; name them with --sequence")
+    sequence = open_sequence(frames, assembly=assembly)
+    if sequence.assembly is None:
+        raise RunError(f"{sequence.path} names no assembly for {path}; name it with --assembly")
+    run = read_result_csv(path, sequence=sequence, assembly=sequence.assembly, scene=scene)
+    return run, sequence.assembly
+
+
+def _assembly_of(run: Run, run_folder: Path) -> Assembly:
+    if not Path(run.assembly).is_file():
+        raise RunError(
+            f"{run_folder}: its assembly {run.assembly} is gone; say where it is with --assembly"
+        )
+    return load_assembly(run.assembly)
+
+
+def _truth_for(
+    run: Run, run_folder: Path, truth_folder: Path | None, assembly: Assembly
+) -> dict[int, FrameTruth]:
+    folder = Path(run.sequence) if truth_folder is None else truth_folder
+    if not folder.is_dir():
+        whose = f"{run_folder}: its sequence" if truth_folder is None else "the truth"
+        raise SequenceError(
+            f"{whose} {folder} is no folder; say with --truth where scene_gt.json and "
+            "states.json are"
+        )
+    truth = read_folder_truth(folder, assembly)
+    if not truth:
+        raise SequenceError(f"{folder} holds no truth: scene_gt.json or states.json is needed")
+    frames = [prediction.frame_index for prediction in run.predictions]
+    if frames and truth.keys().isdisjoint(frames):
+        raise SequenceError(
+            f"{folder} holds the truth of frames {min(truth)} to {max(truth)}, the run {run_folder} "
+            f"frames {min(frames)} to {max(frames)}: they share none, so this is another sequence's"
+        )
+    return truth

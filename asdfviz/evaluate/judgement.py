@@ -1,0 +1,94 @@
+"""Lines a run up with the truth once; every protocol and the report read their figures from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
+from asdfviz.evaluate.records import Comparison, compare_poses, predictions_by_frame
+from asdfviz.evaluate.state_scores import StateRecord, state_records
+from asdfviz.evaluate.visibility import visible_shares
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judgement:
+    """A run beside the truth, not yet counted."""
+
+    run: Run
+    assembly: Assembly
+    frames: tuple[FrameTruth, ...]
+    """The frames that count, in order."""
+    predictions: Mapping[int, FramePrediction]
+    comparison: Comparison
+    states: tuple[StateRecord, ...]
+    warnings: tuple[str, ...]
+
+
+def judge(
+    run: Run, *, assembly: Assembly, truth: Mapping[int, FrameTruth], camera: Camera | None = None
+) -> Judgement:
+    """Compare every pose and state of a run with the truth.
+
+    Every frame of the truth counts, also one that the run does not hold. A run that was handed the
+    true poses of the first frame is not judged on that frame.
+
+    Args:
+        run: what a method said.
+        assembly: what it was about.
+        truth: by frame number.
+        camera: needed only where the truth lacks visible shares, to render them.
+
+    Raises:
+        RunError: the run does not fit the assembly or holds a pose that is none.
+        SequenceError: visible shares are missing and there is no camera.
+    """
+    predictions = predictions_by_frame(run, assembly)
+    frames = judged_frames(run, truth)
+    return Judgement(
+        run=run,
+        assembly=assembly,
+        frames=frames,
+        predictions=predictions,
+        comparison=compare_poses(
+            predictions,
+            frames,
+            assembly=assembly,
+            visible=visible_shares(frames, assembly=assembly, camera=camera),
+        ),
+        states=state_records(frames, predictions, assembly),
+        warnings=tuple(_warnings(predictions, truth, frames)),
+    )
+
+
+def judged_frames(run: Run, truth: Mapping[int, FrameTruth]) -> tuple[FrameTruth, ...]:
+    """Return the frames that count, in order: all of the truth but those that the method was given.
+
+    A run of ours holds the frame that it was given as its first; a csv begins with the one after.
+    """
+    first = min(truth, default=0)
+    if run.initial == "first_frame_truth" and run.predictions:
+        began = run.predictions[0].frame_index
+        first = began if began > first else began + 1
+    return tuple(truth[index] for index in sorted(truth) if index >= first)
+
+
+def _warnings(
+    predictions: Mapping[int, FramePrediction],
+    truth: Mapping[int, FrameTruth],
+    frames: tuple[FrameTruth, ...],
+) -> list[str]:
+    found: list[str] = []
+    absent = [frame.frame_index for frame in frames if frame.frame_index not in predictions]
+    if absent:
+        found.append(
+            f"{len(absent)} of {len(frames)} frames with truth are not in the run and count as "
+            f"missed, frame {absent[0]} first"
+        )
+    unknown = sorted(set(predictions) - set(truth))
+    if unknown:
+        found.append(
+            f"{len(unknown)} frames of the run have no truth and do not count, "
+            f"frame {unknown[0]} first"
+        )
+    return found

@@ -1,0 +1,97 @@
+"""Writes several judged runs as one self-contained page: tables, curves, strips, worst frames.
+
+The page loads nothing: style, drawings (SVG) and pictures (JPEG) stand in it, so it can be mailed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.data.atomic import write_text
+from asdfviz.errors import RunError
+from asdfviz.evaluate.inputs import Result, open_result
+from asdfviz.evaluate.report_runs import JudgedRun, judged_run
+from asdfviz.evaluate.report_sections import page
+
+PICTURES_BYTES = 1_600_000
+"""JPEG bytes of all pictures together; base64 adds a third, and the page stays below 3 MB."""
+_LARGEST_SHOT = 70_000
+
+
+def write_report(
+    paths: Sequence[Path],
+    out: Path,
+    *,
+    truth_folder: Path | None = None,
+    assembly: str | None = None,
+    sequence: str | None = None,
+    scene: str | None = None,
+    pictures: int = 4,
+    progress: Callable[[int, int, str], None] | None = None,
+) -> None:
+    """Judge runs (folders or csv files) and write the page.
+
+    Args:
+        paths: what `asdfviz run` wrote, or csv files; see `open_result`.
+        out: the page.
+        truth_folder: as in `open_result`.
+        assembly: name or path; None for what each run names.
+        sequence: as in `open_result`.
+        scene: as in `open_result`.
+        pictures: worst frames shown of each run.
+        progress: told how many runs are done, of how many, and which comes next.
+
+    Raises:
+        InputError: a run or its truth cannot be read.
+        RenderError: pictures are wanted and nothing can be drawn here.
+    """
+    if not paths:
+        raise RunError("name at least one run, as in: asdfviz report runs/asdf -o report.html")
+    known = None if assembly is None else load_assembly(assembly)
+    results = [
+        open_result(path, truth_folder=truth_folder, assembly=known, sequence=sequence, scene=scene)
+        for path in paths
+    ]
+    names = _names(results)
+    places = {name: place for place, name in enumerate(dict.fromkeys(names))}
+    titles = _short_names(list(dict.fromkeys(result.run.sequence for result in results)))
+    share = min(PICTURES_BYTES // max(pictures * len(results), 1), _LARGEST_SHOT)
+    judged: list[JudgedRun] = []
+    for result, name in zip(results, names, strict=True):
+        if progress is not None:
+            progress(len(judged), len(results), name)
+        judged.append(
+            judged_run(
+                result,
+                name,
+                place=places[name],
+                sequence_name=titles[result.run.sequence],
+                pictures=pictures,
+                max_bytes=share,
+            )
+        )
+    write_text(out, page(judged))
+    if progress is not None:
+        progress(len(results), len(results), "")
+
+
+def _names(results: Sequence[Result]) -> list[str]:
+    keys = [(result.run.sequence, result.run.method) for result in results]
+    return [
+        result.run.method
+        if keys.count(key) == 1
+        else f"{result.run.method} ({result.source.name or result.source.resolve().name})"
+        for result, key in zip(results, keys, strict=True)
+    ]
+
+
+def _short_names(paths: Sequence[str]) -> dict[str, str]:
+    """Each path's last folders, as few as tell all paths apart."""
+    most = max((len(Path(path).parts) for path in paths), default=1)
+    for count in range(1, most + 1):
+        names = {path: "/".join(Path(path).parts[-count:]) for path in paths}
+        if len(set(names.values())) == len(paths):
+            return names
+    return {path: path for path in paths}

@@ -1,0 +1,66 @@
+"""Means over several runs: plain, and weighted by frames, for each method and each assembly of it.
+
+The paper's means are plain means over assemblies in its main tables and weighted ones in its ablation,
+as far as its figures tell, so both are given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from asdfviz.evaluate.protocols import Figures
+
+SECTIONS = ("mean", "state")
+
+
+def summaries(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Average what `evaluate_run` returned for several runs of one protocol.
+
+    Returns:
+        For each method one entry for each assembly that it ran on (if more than one) and one for
+        all ("assembly": None): {"method", "assembly", "n_runs", "n_frames", "plain": {"mean": ...,
+        "state": ...}, "frame_weighted": the same}. A figure that a run leaves undefined does not
+        count in it; one that all leave undefined is None.
+    """
+    found: list[dict[str, Any]] = []
+    for method in dict.fromkeys(report["method"] for report in reports):
+        own = [report for report in reports if report["method"] == method]
+        assemblies = list(dict.fromkeys(report["assembly"] for report in own))
+        groups = assemblies if len(assemblies) > 1 else []
+        found += [
+            _summary(method, name, [r for r in own if r["assembly"] == name]) for name in groups
+        ]
+        found.append(_summary(method, None, own))
+    return found
+
+
+def _summary(
+    method: str, assembly: str | None, reports: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    frames = [int(report["n_frames"]) for report in reports]
+    return {
+        "method": method,
+        "assembly": assembly,
+        "n_runs": len(reports),
+        "n_frames": sum(frames),
+        "plain": _means(reports, [1] * len(reports)),
+        "frame_weighted": _means(reports, frames),
+    }
+
+
+def _means(reports: Sequence[Mapping[str, Any]], weights: Sequence[int]) -> dict[str, Figures]:
+    result: dict[str, Figures] = {}
+    for section in SECTIONS:
+        keys = dict.fromkeys(key for report in reports for key in report[section])
+        result[section] = {
+            key: _weighted([report[section].get(key) for report in reports], weights)
+            for key in keys
+        }
+    return result
+
+
+def _weighted(values: Sequence[float | int | None], weights: Sequence[int]) -> float | None:
+    known = [(v, w) for v, w in zip(values, weights, strict=True) if v is not None]
+    total = sum(weight for _, weight in known)
+    return sum(value * weight for value, weight in known) / total if total else None

@@ -1,0 +1,110 @@
+"""Writes a sequence and its truth as a YOLO-pose data set, which public trainers and ASDF's scripts read.
+
+    images/NNNNNN.png  labels/NNNNNN.txt  data.yaml (class names)  camera.json  sequence.json
+
+Images have 8 bits a channel, or are the 16-bit PNGs of the ASDF authors: blue, green, red (times
+256) and depth in millimetres. `data.sequences.open_sequence` reads the latter back.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+
+from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.data.prefetch import Prefetcher
+from asdfviz.data.scene_objects import SceneObject
+from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence
+from asdfviz.errors import SequenceError
+from asdfviz.export.bop import about_export, check_target
+from asdfviz.export.bop_content import camera_content
+from asdfviz.pose.labels import SMALLEST_VISIBLE, Group, Labeller, Subject
+from asdfviz.pose.yolo_rows import yolo_rows
+
+
+def export_yolo(
+    sequence: Sequence,
+    truth: Mapping[int, FrameTruth],
+    folder: Path,
+    *,
+    with_depth: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write every frame that has truth, with its labels, into a folder.
+
+    Classes are the assembly's detector classes. Symmetric parts have the keypoints of their
+    canonical pose, as in training. An error is not labelled as the state that it hides.
+
+    Args:
+        sequence: what to export; its own truth is not used.
+        truth: poses and states by frame number.
+        folder: a new or empty folder, or an earlier export of this sequence.
+        with_depth: write the ASDF authors' images with depth in the fourth channel.
+        progress: called with frames done and frames in all.
+
+    Raises:
+        SequenceError: the folder is in use by something else, nobody said what the assembly is, no
+            frame has truth, or an image cannot be read.
+    """
+    source = sequence.source if isinstance(sequence, Prefetcher) else sequence
+    if source.assembly is None:
+        raise SequenceError(f"{source.name} names no assembly, which gives the classes: name one")
+    places = [place for place, index in enumerate(source.frame_indices) if index in truth]
+    if not places:
+        raise SequenceError(f"no frame of {source.name} has truth to make labels from")
+    folder = folder.expanduser().resolve()
+    check_target(folder, source)
+    # Named first, so that an export that was cut off can be repeated in its folder.
+    write_text(folder / "sequence.json", json.dumps(about_export(source), indent=1) + "\n")
+    write_text(folder / "camera.json", json.dumps(camera_content(source.camera, 1.0)) + "\n")
+    write_text(folder / "data.yaml", _classes(source.assembly))
+    subject = Subject.of(source.assembly)
+    for done, place in enumerate(places):
+        frame = source[place]
+        write_bytes(folder / "images" / f"{frame.index:06d}.png", _image(frame, with_depth))
+        text = label_file(frame, truth[frame.index], subject)
+        write_text(folder / "labels" / f"{frame.index:06d}.txt", text)
+        if progress is not None:
+            progress(done + 1, len(places))
+
+
+def label_file(frame: Frame, truth: FrameTruth, subject: Subject) -> str:
+    """The label file of one frame; what the frame's depth shows in front of a keypoint hides it."""
+    objects = tuple(
+        SceneObject(name, T_camera_part, truth.visible.get(name))
+        for name, T_camera_part in truth.T_camera_part.items()
+    )
+    groups: tuple[Group, ...] = ()
+    if truth.state is not None and not truth.is_error:
+        groups = (Group(subject.assembly.steps[truth.state].name, None),)
+    size = (frame.camera.width, frame.camera.height)
+    labeller = Labeller(subject, frame.camera.K, size, frame.depth, SMALLEST_VISIBLE)
+    return yolo_rows(labeller.labels(objects, groups), width=size[0], height=size[1])
+
+
+def _classes(assembly: Assembly) -> str:
+    content = {
+        "path": ".",
+        "train": "images",
+        "val": "images",
+        "kpt_shape": [KEYPOINTS, 3],
+        "names": dict(enumerate(assembly.detector_classes)),
+    }
+    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
+
+
+def _image(frame: Frame, with_depth: bool) -> bytes:
+    pixels: np.ndarray = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR)
+    if with_depth:
+        depth = np.zeros(frame.rgb.shape[:2]) if frame.depth is None else frame.depth
+        depth_mm = np.rint(np.clip(depth * 1e3, 0, 65535)).astype(np.uint16)
+        pixels = np.dstack([pixels.astype(np.uint16) << 8, depth_mm])
+    done, data = cv2.imencode(".png", pixels)
+    if not done:
+        raise SequenceError(f"frame {frame.index} cannot be written as PNG")
+    return data.tobytes()

@@ -1,0 +1,154 @@
+"""Rotations spread evenly over all rotations, and how near symmetric rotations come to them.
+
+Quaternions are (x, y, z, w), scipy's order; q and -q are the same rotation. The crop network's
+answer is a distribution over such a grid.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float64
+from scipy.spatial.transform import Rotation as SciRotation  # pyright: ignore[reportMissingTypeStubs] - scipy has none
+
+from asdfviz.geometry.shapes import Rotation, Scores, Vector
+from asdfviz.geometry.symmetry import Symmetries
+from asdfviz.geometry.transforms import rotation_about
+
+Quaternions: TypeAlias = Float64[np.ndarray, "_ 4"]
+"""One unit quaternion (x, y, z, w) a row."""
+Quaternion: TypeAlias = Float64[np.ndarray, "4"]
+PHI, PSI = np.sqrt(2.0), 1.533751168755204288118041
+"""Steps of the super-Fibonacci spiral."""
+FAINTEST = 0.003
+"""Peaks lower than this share of the highest are none."""
+FURTHER_AXIS_STEP = np.deg2rad(15.0)
+"""Turns about a second free axis are cut into steps of this, radians; the first one is exact."""
+
+
+def even_rotations(count: int) -> Quaternions:
+    """Super-Fibonacci spiral over all rotations (Alexa, CVPR 2022).
+
+    Neighbours are about (63 / count)^(1/3) radians apart: 21 degrees for 1,200.
+    """
+    place = np.arange(count) + 0.5
+    inner, outer = np.sqrt(place / count), np.sqrt(1 - place / count)
+    a, b = 2 * np.pi * place / PHI, 2 * np.pi * place / PSI
+    return np.stack(
+        [inner * np.sin(a), inner * np.cos(a), outer * np.sin(b), outer * np.cos(b)], axis=1
+    )
+
+
+def quaternion_of(R: Rotation) -> Quaternion:
+    """The rotation as a unit quaternion."""
+    return np.asarray(SciRotation.from_matrix(R).as_quat(), np.float64)
+
+
+def rotation_of(quaternion: Quaternion) -> Rotation:
+    """The quaternion, of any length but zero, as a matrix."""
+    return np.asarray(SciRotation.from_quat(quaternion).as_matrix(), np.float64)
+
+
+def multiplied(left: Quaternions, right: Quaternions) -> Quaternions:
+    """Products row by row: the rotation that applies `right` first."""
+    a, b = left[:, :3], right[:, :3]
+    p, q = left[:, 3:], right[:, 3:]
+    vector = p * b + q * a + np.cross(a, b)
+    scalar = p * q - (a * b).sum(axis=1, keepdims=True)
+    return np.concatenate([vector, scalar], axis=1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Equivalents:
+    """The rotations that leave a part's look as it is, as quaternions on the right."""
+
+    fixed: Quaternions
+    """One a discrete symmetry, the identity first."""
+    axis: Vector | None
+    """About which the part may be turned freely, before each of the fixed ones; part's frame."""
+
+    @classmethod
+    def of(cls, symmetries: Symmetries) -> Equivalents:
+        """Of a part's symmetries; free axes after the first are cut into steps."""
+        further = Symmetries(symmetries.discrete, symmetries.continuous[1:])
+        turns = further.transforms(step=float(FURTHER_AXIS_STEP))
+        axis = symmetries.continuous[0].direction if symmetries.continuous else None
+        return cls(np.stack([quaternion_of(T[:3, :3]) for T in turns]), axis)
+
+    def closeness(self, quaternion: Quaternion, others: Quaternions) -> Scores:
+        """|<q, p>| of each other rotation with the equivalent of `quaternion` nearest to it.
+
+        The angle between two rotations is 2 arccos of it. Turning freely about the axis gives
+        max over t of cos(t/2) a + sin(t/2) b = sqrt(a^2 + b^2), so no turn has to be tried.
+        """
+        first, second = self.spanning(quaternion)
+        squared = (others @ first.T) ** 2 + (others @ second.T) ** 2
+        return np.sqrt(np.minimum(squared.max(axis=1), 1.0))
+
+    def spanning(self, quaternion: Quaternion) -> tuple[Quaternions, Quaternions]:
+        """For each fixed symmetry two quaternions that span its equivalents; without an axis the second is 0."""
+        start = np.tile(quaternion, (len(self.fixed), 1))
+        first = multiplied(start, self.fixed)
+        if self.axis is None:
+            return first, np.zeros_like(first)
+        half_turn = np.tile(np.append(self.axis, 0.0), (len(self.fixed), 1))
+        return first, multiplied(multiplied(start, half_turn), self.fixed)
+
+
+def angles_of(closeness: Scores) -> Scores:
+    """Angles in radians from |<q, p>|."""
+    return 2 * np.arccos(np.clip(closeness, 0.0, 1.0))
+
+
+def rotation_to_ray(ray: Vector) -> Rotation:
+    """R_camera_crop: the smallest rotation that takes the optical axis onto a ray.
+
+    Seen along the ray through its middle, a part looks the same wherever it is in the image; its
+    rotation in that frame is called allocentric.
+    """
+    direction = ray / np.linalg.norm(ray)
+    axis = np.cross([0.0, 0.0, 1.0], direction)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-12:
+        return np.eye(3)
+    return rotation_about(axis, float(np.arctan2(sine, direction[2])))
+
+
+def modes(
+    probabilities: Scores, grid: Quaternions, *, count: int, reach: float
+) -> tuple[Quaternions, Float64[np.ndarray, "_"]]:
+    """The separate peaks of a distribution over a grid, each the mean of its surroundings.
+
+    A peak's mean lies between the grid's rotations and is finer than its spacing.
+
+    Args:
+        probabilities: of the grid's rotations.
+        grid: `even_rotations`.
+        count: how many peaks at most.
+        reach: radius of a peak's surroundings, radians; they are used up by it.
+
+    Returns:
+        Rotations, most probable first, and the probability of each one's surroundings.
+    """
+    left = probabilities.copy()
+    rotations: list[Quaternion] = []
+    weights: list[float] = []
+    least = np.cos(reach / 2)
+    near = np.zeros(0, np.intp)
+    enough = FAINTEST * float(probabilities.max())
+    while len(rotations) < count and left.max() > enough:
+        mean = grid[int(left.argmax())]
+        # Mean shift: surroundings taken about the mean itself do not pull it towards the grid.
+        for _ in range(2):
+            product = grid @ mean
+            near = np.nonzero((np.abs(product) >= least) & (left > 0))[0]
+            rows = grid[near] * np.sign(product[near])[:, None]
+            mean = (left[near][:, None] * rows).sum(axis=0)
+            mean = mean / np.linalg.norm(mean)
+        rotations.append(mean)
+        weights.append(float(left[near].sum()))
+        left[near] = 0.0
+    order = np.argsort(weights)[::-1]
+    return np.stack(rotations)[order], np.array(weights)[order]

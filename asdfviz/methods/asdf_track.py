@@ -1,0 +1,165 @@
+"""ASDF with a tracker: the detector proposes, the tracker holds, the state says what moves together.
+
+Not in the paper. Every part is tracked by colour and depth from several starts, the detector's pose
+among them, so that one that was lost is found again; parts that the state joins are tracked as one,
+with the freedoms of their joints. States are fused as ASDF does, from the tracked poses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, State, StateEstimate
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import inverse
+from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.network import Detects
+from asdfviz.methods.part_tracks import PartTracks
+from asdfviz.methods.refinding import RefindConfig
+from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.timing import StageTimer
+from asdfviz.state.appearance import appearance_probabilities
+from asdfviz.state.fusion import Pose2State
+from asdfviz.state.joints import deviation
+from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
+from asdfviz.track.presets import FINE, TrackerConfig
+
+TRACKED_PLACES = RelativePoseConfig(sigma_translation=0.012, sigma_rotation=0.3, temperature=1.0)
+"""Tracked poses are millimetres off, where detected ones are centimetres."""
+
+
+@dataclass(frozen=True)
+class JoinConfig:
+    """When parts are tracked as one."""
+
+    probability: float = 0.6
+    """Least probability of the state that joins them."""
+    distance: float = 0.012
+    """A part that can be seen joins only this near to its place, metres."""
+    angle_deg: float = 20.0
+    """And turned by less than this, degrees; symmetric poses count as the same."""
+    patience: int = 3
+    """A part that could not be seen for more frames than this joins wherever it was."""
+
+
+@dataclass(frozen=True)
+class AsdfTrackConfig(AsdfConfig):
+    """Options of ASDF, which proposes poses and fuses states, and of the tracker."""
+
+    relative_pose: RelativePoseConfig = TRACKED_PLACES
+    """S_P: from part poses to probabilities; narrower than for detected poses."""
+    tracker: TrackerConfig = FINE
+    """What evidence the tracker uses, and how."""
+    refind: RefindConfig = field(default_factory=RefindConfig)
+    """From where parts are looked for."""
+    join: JoinConfig = field(default_factory=JoinConfig)
+    """When parts are tracked as one."""
+
+
+@dataclass(slots=True, eq=False)
+class _Scene:
+    """What a sequence was started with, and the state that was said last."""
+
+    assembly: Assembly
+    parts: PartTracks
+    pose2state: Pose2State
+    state: StateEstimate | None = None
+
+
+class AsdfTrack:
+    """Propose, look for every part, track joined parts as one, fuse the state."""
+
+    def __init__(self, config: AsdfTrackConfig, *, detector: Detects | None = None) -> None:
+        """Keep the config.
+
+        Args:
+            config: the options.
+            detector: used instead of the configured network.
+        """
+        self._config = config
+        self._asdf = Asdf(config, detector=detector)
+        self._scene: _Scene | None = None
+
+    def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
+        """Load the network and the parts' viewpoint models; forget the sequence before.
+
+        Raises:
+            WeightsError: there are no weights for this assembly.
+        """
+        config = self._config
+        self._asdf.reset(assembly, camera, None)
+        self._scene = _Scene(
+            assembly=assembly,
+            parts=PartTracks(assembly, camera, tracker=config.tracker, refind=config.refind),
+            pose2state=Pose2State(assembly, config=config.fusion),
+        )
+
+    def step(self, frame: Frame) -> FramePrediction:
+        """Poses and state of the next frame."""
+        if self._scene is None:
+            raise MethodError("asdf_track: reset() must come before step()")
+        config, scene, timed = self._config, self._scene, StageTimer()
+        assembly, parts = scene.assembly, scene.parts
+        proposed = self._asdf.step(frame)
+        if frame.depth is None:  # to the tracker, depth that measured nothing
+            frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
+        with timed("refind"):
+            parts.refind(frame, proposed.poses, scene.state)
+        with timed("track"):
+            joined = self._join(scene)
+            parts.tracker.move(frame)
+            poses = parts.settle(frame, joined)
+        with timed("fuse"):
+            looks = appearance_probabilities(
+                proposed.detections, assembly, config=config.appearance
+            )
+            places = relative_pose_probabilities(poses, assembly, config=config.relative_pose)
+            scene.state = scene.pose2state.step(looks, places)
+        runtime = {**proposed.runtime, **timed.seconds}
+        return FramePrediction(frame.index, poses, scene.state, proposed.detections, runtime)
+
+    def _join(self, scene: _Scene) -> frozenset[str]:
+        """Hold the parts together that the state joins; return their names without the base."""
+        tracker, base = scene.parts.tracker, scene.assembly.base
+        tracker.release()
+        if scene.state is None or base not in tracker.names:
+            return frozenset()
+        state = scene.assembly.states[scene.state.index]
+        if scene.state.probabilities[state.index] < self._config.join.probability:
+            return frozenset()
+        poses = tracker.poses
+        near = [n for n in state.attached if n in poses and self._joins(n, poses, state, scene)]
+        held = {name: state.T_base_part[name] for name in (base, *near)}
+        joints = {name: joint for name, joint in state.joints.items() if name in near}
+        tracker.hold(replace(state, T_base_part=held, joints=joints), base=base)
+        return frozenset(near)
+
+    def _joins(
+        self, name: str, poses: Mapping[str, Transform], state: State, scene: _Scene
+    ) -> bool:
+        """Whether a part is where the state has it, or was not seen for long."""
+        config, base = self._config.join, scene.assembly.base
+        if name == base:
+            return False
+        off = deviation(
+            inverse(poses[base]) @ poses[name],
+            state.T_base_part[name],
+            center_part=scene.parts.bodies[name].model.centre,
+            symmetries=scene.assembly.parts[name].symmetries,
+            joint=state.joints.get(name),
+        )
+        near = off.distance < config.distance and off.angle < math.radians(config.angle_deg)
+        return near or scene.parts.tracks[name].unsure > config.patience
+
+
+SPEC = MethodSpec(
+    name="asdf_track",
+    summary="ASDF with a tracker: parts are held between detections and joined by the state",
+    config=AsdfTrackConfig,
+    factory="asdfviz.methods.asdf_track:AsdfTrack",
+)

@@ -1,0 +1,253 @@
+"""First poses of parts from crops around their boxes: hypotheses of rotation, settled by outline and depth.
+
+Ours, not the paper's: its first poses come from keypoints alone. Imports torch only when the
+network is loaded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, Protocol, TypeAlias, runtime_checkable
+
+import cv2
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
+from asdfviz.detector.crop_answer import CropAnswer
+from asdfviz.errors import MethodError, WeightsError
+from asdfviz.geometry.rotation_grid import rotation_of
+from asdfviz.geometry.sampling import oriented_surface_points, surface_middle
+from asdfviz.geometry.shapes import Box, Intrinsics, Points, Rgb, Transform
+from asdfviz.methods.network import shipped_weights
+from asdfviz.pose.box_fit import hull_corners
+from asdfviz.pose.hypotheses import (
+    Candidate,
+    HypothesisConfig,
+    PartView,
+    Surface,
+    sampled_depth,
+    settle,
+)
+
+FirstPose: TypeAlias = Literal["keypoints", "hypotheses"]
+"""What the first pose of a part comes from."""
+CROP_WEIGHTS = "crops.safetensors"
+"""File beside assembly.yaml, or one folder up, that methods use unless told otherwise."""
+CELLS = 40
+"""Side of the view in which hypotheses are compared, cells."""
+SURFACE_POINTS = 1500
+"""Points that stand for a part's surface there."""
+BORDER_PX = 3.0
+"""A box that comes this near to the image's border is cut off and says nothing of size."""
+PREVIOUS_PROBABILITY = 1.0
+"""Weight of the previous frame's pose among the hypotheses, over that of the most probable one."""
+
+
+@runtime_checkable
+class LooksAtParts(Protocol):
+    """Anything that proposes rotations of parts in boxes."""
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """The part classes that it knows."""
+        ...
+
+    def look(
+        self, rgb: Rgb, K: Intrinsics, boxes: Mapping[str, tuple[str, Box]]
+    ) -> Mapping[str, CropAnswer]:
+        """Look at parts: for each its class and its box."""
+        ...
+
+
+@dataclass(frozen=True)
+class CropPoseConfig:
+    """First poses from crops."""
+
+    weights: Path | None = None
+    """Trained crop weights (.safetensors). Default: crops.safetensors in the assembly's folder, or
+    in the folder above."""
+    device: str = "cpu"
+    """Torch device, such as cpu or cuda."""
+    bfloat16: bool = True
+    """Run the crop network in bfloat16 where the device has it: faster, rotations hardly change."""
+    hypotheses: HypothesisConfig = field(default_factory=HypothesisConfig)
+    """How rotations are scored and refined."""
+
+
+def crop_weights_path(config: CropPoseConfig, assembly: Assembly) -> Path:
+    """Return the file that the crop network is read from; it need not exist."""
+    if config.weights is not None:
+        return config.weights.expanduser().resolve()
+    return shipped_weights(assembly, CROP_WEIGHTS)
+
+
+def chosen_first_pose(
+    first_pose: FirstPose | None, config: CropPoseConfig, assembly: Assembly
+) -> FirstPose:
+    """What first poses come from; left open, hypotheses where crop weights are there or named."""
+    if first_pose is not None:
+        return first_pose
+    has_weights = config.weights is not None or crop_weights_path(config, assembly).is_file()
+    return "hypotheses" if has_weights else "keypoints"
+
+
+def load_looker(config: CropPoseConfig, assembly: Assembly) -> LooksAtParts:
+    """Load the crop network for an assembly.
+
+    Raises:
+        InputError: the device is not there.
+        WeightsError: there are no weights, or they know none of the assembly's parts.
+    """
+    path = crop_weights_path(config, assembly)
+    if config.hypotheses.count < 1 or config.hypotheses.refined < 1:
+        raise MethodError("hypotheses.count and hypotheses.refined must be 1 or more")
+    from asdfviz.detector.crop_looker import CropLooker, CropLookerConfig
+    from asdfviz.detector.device import require_device
+
+    require_device(config.device)
+    looker = CropLooker(
+        path,
+        config=CropLookerConfig(config.hypotheses.count, config.device, config.bfloat16),
+    )
+    wanted = {_class_name(assembly, name) for name in assembly.parts}
+    if not wanted & set(looker.classes):
+        raise WeightsError(
+            f"{path} knows none of the parts of '{assembly.name}': it has "
+            f"{', '.join(looker.classes)}; the assembly needs {', '.join(sorted(wanted))}"
+        )
+    return looker
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CropPoses:
+    """First poses of an assembly's parts from crops."""
+
+    assembly: Assembly
+    looker: LooksAtParts
+    surfaces: Mapping[str, Surface]
+    middles: Mapping[str, Points]
+    """(1, 3) `surface_middle` of every part."""
+    config: HypothesisConfig
+
+    @classmethod
+    def of(cls, assembly: Assembly, looker: LooksAtParts, *, config: HypothesisConfig) -> CropPoses:
+        """Sample the parts' surfaces."""
+        surfaces: dict[str, Surface] = {}
+        middles: dict[str, Points] = {}
+        for name, part in assembly.parts.items():
+            mesh = part.mesh
+            points, normals = oriented_surface_points(mesh.vertices, mesh.faces, SURFACE_POINTS)
+            surfaces[name] = Surface(points, normals, hull_corners(mesh.vertices))
+            middles[name] = surface_middle(mesh.vertices, mesh.faces)[None]
+        return cls(assembly, looker, surfaces, middles, config)
+
+    def poses(
+        self,
+        found: Mapping[str, Detection],
+        frame: Frame,
+        *,
+        use_depth: bool,
+        previous: Mapping[str, Transform] | None = None,
+    ) -> dict[str, PoseEstimate]:
+        """The pose of every detected part on which outline (and depth) agree; others are absent.
+
+        A pose's score is that of its box times how well it agrees.
+
+        Args:
+            found: detections by part.
+            frame: with depth, if that is used.
+            use_depth: whether measured depth has a say.
+            previous: T_camera_part of the frame before, as further hypotheses.
+        """
+        boxes = {name: (_class_name(self.assembly, name), d.box_xyxy) for name, d in found.items()}
+        answers = self.looker.look(frame.rgb, frame.camera.K, boxes)
+        poses: dict[str, PoseEstimate] = {}
+        for name, answer in answers.items():
+            view = _view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
+            candidates = self._candidates(name, answer, found[name].box_xyxy, frame)
+            if previous and name in previous:
+                R_before = previous[name][:3, :3]
+                likely = PREVIOUS_PROBABILITY * float(answer.probabilities.max())
+                candidates.insert(0, Candidate(R_before, likely, candidates[0].distance))
+            settled = settle(candidates, self.surfaces[name], view, config=self.config)
+            if settled is not None:
+                score = found[name].score * settled.agreement
+                poses[name] = PoseEstimate(name, settled.T_camera_part, score, "crop")
+        return poses
+
+    def _candidates(
+        self, name: str, answer: CropAnswer, box_xyxy: Box, frame: Frame
+    ) -> list[Candidate]:
+        """The network's rotations; where the box is cut off, with the distance that it guesses."""
+        guess: float | None = None
+        if _is_cut_off(box_xyxy, frame):
+            guess = answer.distance(self.assembly.parts[name].diameter)
+        candidates: list[Candidate] = []
+        for quaternion, probability in zip(answer.rotations, answer.probabilities, strict=True):
+            R_crop_part = rotation_of(quaternion)
+            distance = guess
+            if guess is not None:
+                distance = guess - float((self.middles[name] @ R_crop_part.T)[0, 2])
+            R_camera_part = answer.camera.R_camera_crop @ R_crop_part
+            candidates.append(Candidate(R_camera_part, float(probability), distance))
+        return candidates
+
+
+def crop_poses(
+    first_pose: FirstPose | None,
+    config: CropPoseConfig,
+    assembly: Assembly,
+    *,
+    looker: LooksAtParts | None = None,
+) -> CropPoses | None:
+    """What gives first poses from crops, or None where keypoints are chosen.
+
+    Args:
+        first_pose: the option; None chooses hypotheses where crop weights are there or named.
+        config: of the crops.
+        assembly: gives parts and the place of the weights.
+        looker: used instead of the configured network.
+
+    Raises:
+        WeightsError: there are no weights, or they do not fit.
+    """
+    is_open = first_pose is None and looker is not None
+    if not is_open and chosen_first_pose(first_pose, config, assembly) == "keypoints":
+        return None
+    chosen = looker or load_looker(config, assembly)
+    return CropPoses.of(assembly, chosen, config=config.hypotheses)
+
+
+def _class_name(assembly: Assembly, name: str) -> str:
+    return f"{assembly.name}/{assembly.parts[name].detector_class}"
+
+
+def _is_cut_off(box_xyxy: Box, frame: Frame) -> bool:
+    limit = np.array([frame.camera.width, frame.camera.height]) - 1 - BORDER_PX
+    return bool((box_xyxy[:2] < BORDER_PX).any() or (box_xyxy[2:] > limit).any())
+
+
+def _view(answer: CropAnswer, box_xyxy: Box, frame: Frame, *, use_depth: bool) -> PartView:
+    """What is seen of a part, in cells of the crop."""
+    K, camera = frame.camera.K, answer.camera
+    focal = float(camera.K[0, 0]) * CELLS / (2 * float(camera.K[0, 2]) + 1)
+    outline = cv2.resize(answer.outline, (CELLS, CELLS), interpolation=cv2.INTER_LINEAR)
+    measured = np.zeros((CELLS, CELLS))
+    if use_depth and frame.depth is not None:
+        measured = sampled_depth(frame.depth, K, camera.R_camera_crop, focal=focal, side=CELLS)
+    x0, y0, x1, y1 = box_xyxy
+    corners = np.array([[x0, y0, 1.0], [x1, y0, 1.0], [x1, y1, 1.0], [x0, y1, 1.0]])
+    rays = corners @ np.linalg.inv(K).T @ camera.R_camera_crop
+    flat = focal * rays[:, :2] / rays[:, 2:] + (CELLS - 1) / 2
+    # Off the axis the box's sides are a little askew in the view: the mean of opposite ones.
+    box = np.array(
+        [
+            flat[[0, 3], 0].mean(),
+            flat[[0, 1], 1].mean(),
+            flat[[1, 2], 0].mean(),
+            flat[[2, 3], 1].mean(),
+        ]
+    )
+    return PartView(focal, camera.R_camera_crop, np.asarray(outline, np.float64), measured, box)

@@ -1,0 +1,128 @@
+"""GBOT: parts tracked together, joined as the assembly's steps have them (Li et al., IEEE VR 2024).
+
+The state graph is a line: the next step is reached when its new parts come near enough to where it
+has them, and there is no way back. From then on they hang on the base with the freedoms of their
+joints.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, StateEstimate
+from asdfviz.errors import MethodError
+from asdfviz.geometry.transforms import inverse
+from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.timing import StageTimer
+from asdfviz.methods.tracking import PartTrackerConfig, load_bodies, start_from_truth, tracked_poses
+from asdfviz.state.joints import deviation
+from asdfviz.track.presets import GBOT, TrackerConfig
+from asdfviz.track.tracker import Tracker
+
+
+@dataclass(frozen=True)
+class GbotConfig(PartTrackerConfig):
+    """Options of GBOT; defaults are its evaluator's."""
+
+    tracker: TrackerConfig = GBOT
+    """What evidence is used, and how."""
+    near: float = 0.04
+    """A part this near to its place in the next step (metres) joins (GBOT's demo: 0.03)."""
+    angle_deg: float = 20.0
+    """And turned by less than this, degrees; symmetric poses count as the same."""
+
+
+class Gbot:
+    """Advance the state, track all parts under its links, say both."""
+
+    def __init__(self, config: GbotConfig) -> None:
+        self._config = config
+        self._assembly: Assembly | None = None
+        self._tracker: Tracker | None = None
+        self._initial: FramePrediction | None = None
+        self._step = 0
+
+    def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
+        """Load the parts' viewpoint models and keep the start for the first frame.
+
+        Raises:
+            MethodError: there is no start.
+        """
+        if initial is None:
+            raise MethodError("gbot needs the poses of the first frame to start from")
+        self._initial = initial
+        self._assembly = assembly
+        self._step = 0
+        if initial.state is not None:
+            self._step = assembly.states[initial.state.index].completed
+        self._tracker = Tracker(load_bodies(assembly), camera, self._config.tracker)
+
+    def step(self, frame: Frame) -> FramePrediction:
+        """Poses and state of the next frame."""
+        if self._tracker is None or self._assembly is None:
+            raise MethodError("gbot: reset() must come before step()")
+        tracker, assembly, timed = self._tracker, self._assembly, StageTimer()
+        with timed("state"):
+            if self._initial is not None:
+                start_from_truth(tracker, frame, self._initial)
+                self._initial = None
+                self.rejoin(tracker, assembly)
+            if self._reached_next(tracker, assembly):
+                self._step += 1
+                self.rejoin(tracker, assembly)
+        self.before_tracking(tracker, frame, timed)
+        with timed("track"):
+            tracker.update(frame)
+        with timed("judge"):
+            poses = tracked_poses(tracker, frame, lost_too=self._config.report_lost)
+        probabilities = np.zeros(len(assembly.states))
+        probabilities[assembly.steps[self._step].index] = 1.0
+        return FramePrediction(
+            frame.index, poses, StateEstimate(probabilities), runtime=timed.seconds
+        )
+
+    def before_tracking(self, tracker: Tracker, frame: Frame, timed: StageTimer) -> None:
+        """Where a method that re-initialises does so; this one does not."""
+
+    def rejoin(self, tracker: Tracker, assembly: Assembly) -> None:
+        """Link the parts as the present step has them, once more after parts were added."""
+        if assembly.base in tracker.names:
+            tracker.hold(assembly.steps[self._step], base=assembly.base)
+
+    def _reached_next(self, tracker: Tracker, assembly: Assembly) -> bool:
+        """Whether all new parts of the next step are where it has them."""
+        if self._step + 1 >= len(assembly.steps):
+            return False
+        before, following = assembly.steps[self._step], assembly.steps[self._step + 1]
+        poses = tracker.poses
+        new = [name for name in following.attached if name not in before.attached]
+        if assembly.base not in poses or any(name not in poses for name in new):
+            return False
+        T_base_camera = inverse(poses[assembly.base])
+        for name in new:
+            part = assembly.parts[name]
+            low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
+            off = deviation(
+                T_base_camera @ poses[name],
+                following.T_base_part[name],
+                center_part=(low + high) / 2,
+                symmetries=part.symmetries,
+                joint=following.joints.get(name),
+            )
+            if off.distance >= self._config.near or off.angle >= math.radians(
+                self._config.angle_deg
+            ):
+                return False
+        return True
+
+
+SPEC = MethodSpec(
+    name="gbot",
+    summary="Tracks parts from the first frame's truth, joined along the steps (GBOT)",
+    config=GbotConfig,
+    factory="asdfviz.methods.gbot:Gbot",
+    initial="first_frame_truth",
+)

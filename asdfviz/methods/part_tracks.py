@@ -1,0 +1,238 @@
+"""What a tracking method remembers of every part, and how it looks for each one in a new frame.
+
+The tracker moves poses; here is decided from where it starts and whom it is believed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, State, StateEstimate
+from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.transforms import inverse
+from asdfviz.methods.refinding import (
+    QUARTER_TURNS,
+    TILTS,
+    RefindConfig,
+    distinct,
+    heading,
+    moved_to,
+    places_in,
+    turned,
+)
+from asdfviz.methods.tracking import load_bodies
+from asdfviz.track.presets import TrackerConfig
+from asdfviz.track.starts import Trial
+from asdfviz.track.tracker import Tracker
+
+YOUNG = 5
+"""Frames in which a part must have been sure before its pose has a start on others."""
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """What is remembered of one part."""
+
+    T_now: Transform
+    """The last pose that the tracker was sure of."""
+    T_before: Transform | None = None
+    """The one a frame earlier, if it was sure of both."""
+    unsure: int = 0
+    """Frames since it was sure."""
+    age: int = 0
+    """Frames in which it was sure."""
+    rival: Transform | None = None
+    """Another pose that fits about as well, from this one (T_part_rival)."""
+    explore: bool = True
+    """Whether other turns of a pose that is sure may be tried."""
+    lead: float = 0.0
+    """How much better the rival fitted so far, summed over frames."""
+
+    @property
+    def is_new(self) -> bool:
+        """Whether it was sure too seldom yet to be believed."""
+        return self.age < YOUNG
+
+
+class PartTracks:
+    """All parts of an assembly that were seen so far."""
+
+    def __init__(
+        self, assembly: Assembly, camera: Camera, *, tracker: TrackerConfig, refind: RefindConfig
+    ) -> None:
+        """Load the parts' viewpoint models."""
+        self.bodies = load_bodies(assembly)
+        self.tracker = Tracker(self.bodies, camera, tracker)
+        self.tracks: dict[str, Track] = {}
+        self._assembly = assembly
+        self._config = refind
+        self._frames = 0
+
+    def refind(
+        self, frame: Frame, proposed: Mapping[str, PoseEstimate], state: StateEstimate | None
+    ) -> None:
+        """Put every part where it fits best, the base part first; take in those seen first.
+
+        Args:
+            frame: the new frame.
+            proposed: the detector's poses.
+            state: what was said of the frame before.
+        """
+        self._frames += 1
+        new = {n: p.T_camera_part for n, p in proposed.items() if n not in self.tracks}
+        if new:
+            self.tracker.add(frame, new)
+            self.tracks |= {name: Track(T) for name, T in new.items()}
+        base = self._assembly.base
+        for name in sorted(self.tracks, key=lambda name: name != base):
+            self._look_for(name, frame, proposed.get(name), state)
+
+    def settle(self, frame: Frame, joined: frozenset[str]) -> dict[str, PoseEstimate]:
+        """Keep the tracker's poses that fit, put the others back, and return what is to be said.
+
+        Args:
+            frame: the frame that the tracker moved to.
+            joined: parts that the base holds; they are where it has them, also where not seen.
+        """
+        sure, evidence = self.tracker.confidence(frame), self.tracker.evidence(frame)
+        least = self.tracker.config.confidence.lost_below
+        said: dict[str, PoseEstimate] = {}
+        back: dict[str, Transform] = {}
+        seen: list[str] = []
+        for name, T_found in self.tracker.poses.items():
+            track = self.tracks[name]
+            visible = evidence[name].visible
+            track.explore = name not in joined and visible >= self._config.seen
+            if sure[name] >= least:
+                track.T_before = track.T_now if track.age and not track.unsure else None
+                track.T_now, track.unsure, track.age = T_found, 0, track.age + 1
+                seen.append(name)
+            else:
+                track.T_before, track.unsure = None, track.unsure + 1
+                if name in joined:
+                    track.T_now = T_found
+                else:
+                    back[name] = track.T_now
+                    lost = visible >= self._config.hidden_below
+                    if lost or track.is_new or track.unsure > self._config.patience:
+                        continue
+            stage = "group" if name in joined else "tracked"
+            said[name] = PoseEstimate(name, track.T_now, sure[name], stage)
+        self.tracker.learn(frame, seen)
+        self.tracker.release()
+        self.tracker.replace(frame, back)
+        return said
+
+    def _look_for(
+        self,
+        name: str,
+        frame: Frame,
+        proposal: PoseEstimate | None,
+        state: StateEstimate | None,
+    ) -> None:
+        """Try all starts of one part and put it where it fits best."""
+        config, track, tracker = self._config, self.tracks[name], self.tracker
+        centre = self.bodies[name].model.centre
+        on = tracker.trials(frame, name, self._carried_on(track, proposal, centre))
+        best = max(on, key=_score)
+        starts = self._jumps(name, track, proposal, state)
+        starts = distinct(starts, centre=centre, known=[best.T_camera_part])
+        rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
+        rough = sorted(rough, key=_score, reverse=True)[: config.kept]
+        promising = [t.T_camera_part for t in rough if t.score > best.score - config.doubt]
+        best = self._decided(track, best, tracker.trials(frame, name, promising))
+        if track.rival is not None and track.explore:
+            rival = tracker.trials(frame, name, [best.T_camera_part @ track.rival])[0]
+            best = self._believed(track, best, rival)
+        tracker.replace(frame, {name: best.T_camera_part})
+        if track.age == 0:  # its colours were learnt at a pose that may have been poor
+            tracker.drop([name])
+            tracker.add(frame, {name: best.T_camera_part})
+
+    def _decided(self, track: Track, best: Trial, jumps: list[Trial]) -> Trial:
+        """The pose that carries on, or one that is clearly better; one a little better is watched."""
+        jump = max(jumps, key=_score, default=best)
+        ahead = jump.score - best.score
+        if ahead > (0.0 if track.is_new else self._config.margin):
+            track.rival = None
+            return jump
+        if ahead > 0.0 and track.rival is None and track.explore:
+            track.rival = inverse(best.T_camera_part) @ jump.T_camera_part
+            track.lead = 0.0
+        return best
+
+    def _believed(self, track: Track, best: Trial, rival: Trial) -> Trial:
+        """The rival once it has been ahead for long enough; it is forgotten when it falls behind."""
+        track.lead += rival.score - best.score
+        if track.lead < -self._config.margin:
+            track.rival = None
+        elif track.lead > self._config.lead:
+            track.rival = None
+            return rival
+        else:
+            track.rival = inverse(best.T_camera_part) @ rival.T_camera_part
+        return best
+
+    def _carried_on(
+        self, track: Track, proposal: PoseEstimate | None, centre: Vector
+    ) -> list[Transform]:
+        """Starts that carry on: at rest, moving on, and turned as before where the detector is."""
+        starts = [track.T_now]
+        if track.T_before is not None:
+            starts.append(heading(track.T_before, track.T_now))
+        if proposal is not None:
+            T = proposal.T_camera_part
+            starts.append(moved_to(track.T_now, T[:3, :3] @ centre + T[:3, 3], centre=centre))
+        return distinct(starts, centre=centre)
+
+    def _jumps(
+        self,
+        name: str,
+        track: Track,
+        proposal: PoseEstimate | None,
+        state: StateEstimate | None,
+    ) -> list[Transform]:
+        """Starts that jump: as the detector sees it, as the states have it, quarter turns.
+
+        While a part is searched for, the turns begin at another tilt in every frame, so that they
+        come to lie ever denser.
+        """
+        centre = self.bodies[name].model.centre
+        starts = self._joined_places(name, track, state)
+        searching = track.is_new or track.unsure > 0
+        tilt = TILTS[(track.age + track.unsure) % len(TILTS) if searching else 0]
+        if proposal is not None:
+            T = proposal.T_camera_part
+            starts.append(T)
+            if searching:
+                starts += [turned(T, R @ tilt, centre=centre) for R in QUARTER_TURNS]
+        others = QUARTER_TURNS[1:]
+        count = len(others) if track.is_new else self._config.turns * track.explore
+        turns = [others[(self._frames * count + k) % len(others)] for k in range(count)]
+        return starts + [turned(track.T_now, R @ tilt, centre=centre) for R in turns]
+
+    def _joined_places(
+        self, name: str, track: Track, state: StateEstimate | None
+    ) -> list[Transform]:
+        """Where the two most probable states join the part to the base."""
+        base = self.tracks.get(self._assembly.base)
+        if base is None or not base.age or state is None:
+            return []
+        states: list[State] = [
+            self._assembly.states[i] for i in np.argsort(-state.probabilities)[:2]
+        ]
+        return places_in(
+            states,
+            name,
+            base.T_now,
+            track.T_now,
+            assembly=self._assembly,
+            centre=self.bodies[name].model.centre,
+        )
+
+
+def _score(trial: Trial) -> float:
+    return trial.score

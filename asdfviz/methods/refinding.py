@@ -1,0 +1,136 @@
+"""Where a tracked part may be in the next frame: the starts from which the tracker looks for it.
+
+From where it was, from where it was heading, from where the detector sees it, and from where a state
+of the assembly has it. A part that is lost, or new, is looked for in all its quarter turns, since a
+detector finds places long before it tells rotations apart.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, State
+from asdfviz.geometry.shapes import Rotation, Transform, Vector
+from asdfviz.geometry.transforms import (
+    inverse,
+    orthonormalized,
+    rotation_about,
+    rotation_angle,
+    transform_from,
+)
+from asdfviz.state.joints import nearest_in_joint
+
+SAME = 0.005
+"""Starts nearer to each other than this (metres) and SAME_ANGLE are one."""
+SAME_ANGLE = 0.1
+"""Radians."""
+
+
+@dataclass(frozen=True)
+class RefindConfig:
+    """How starts are chosen and compared; scores are those of `Trial.score`, 0 to 2."""
+
+    margin: float = 0.15
+    """A start that jumps must fit better than those that carry on by this."""
+    turns: int = 2
+    """Quarter turns of a sure part that are tried a frame, in turn: it may sit in a wrong one. Parts
+    that the state joins, or that are hidden, are left in peace."""
+    lead: float = 0.45
+    """Sum of scores by which a pose that fits a little better must be ahead over frames."""
+    seen: float = 0.7
+    """Visible share from which turns are tried."""
+    rough_rounds: int = 3
+    """Correspondence searches by which starts that jump are compared first."""
+    kept: int = 2
+    """So many of them are then settled in full,"""
+    doubt: float = 0.3
+    """if they are behind the best that carries on by less than this."""
+    hidden_below: float = 0.5
+    """Visible share below which a part is not lost but hidden: it is taken to stay where it was,"""
+    patience: int = 15
+    """for so many frames."""
+
+
+def quarter_turns() -> tuple[Rotation, ...]:
+    """The 24 rotations of a cube, identity first."""
+    found: list[Rotation] = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            R = np.zeros((3, 3))
+            R[range(3), order] = signs
+            if np.linalg.det(R) > 0:
+                found.append(R)
+    return tuple(sorted(found, key=lambda R: -float(np.trace(R))))
+
+
+QUARTER_TURNS = quarter_turns()
+TILTS = tuple(
+    rotation_about(np.array(axis), np.pi / 4) if any(axis) else np.eye(3)
+    for axis in ((0.0, 0, 0), (1.0, 1, 1), (1.0, 0, 0), (0.0, 1, 0), (0.0, 0, 1))
+)
+"""Turned by these first, the quarter turns fall between each other."""
+
+
+def turned(T_camera_part: Transform, R: Rotation, *, centre: Vector) -> Transform:
+    """The pose with the part turned in its own axes about its centre."""
+    return moved_to(
+        transform_from(T_camera_part[:3, :3] @ R, np.zeros(3)),
+        T_camera_part[:3, :3] @ centre + T_camera_part[:3, 3],
+        centre=centre,
+    )
+
+
+def moved_to(T_camera_part: Transform, place: Vector, *, centre: Vector) -> Transform:
+    """The pose with the part's centre at a place in the camera frame."""
+    R = T_camera_part[:3, :3]
+    return transform_from(R, place - R @ centre)
+
+
+def heading(T_before: Transform, T_now: Transform) -> Transform:
+    """Where a part goes if it moves on as it did from the frame before (T_camera_part)."""
+    return orthonormalized(T_now @ inverse(T_before) @ T_now)
+
+
+def places_in(
+    states: Iterable[State],
+    name: str,
+    T_camera_base: Transform,
+    T_camera_part: Transform,
+    *,
+    assembly: Assembly,
+    centre: Vector,
+) -> list[Transform]:
+    """Where the states join a part to the base, as near to the given pose as its joint allows."""
+    T_base_part = inverse(T_camera_base) @ T_camera_part
+    found: list[Transform] = []
+    for state in states:
+        if name == assembly.base or name not in state.T_base_part:
+            continue
+        T_nominal, joint = state.T_base_part[name], state.joints.get(name)
+        T_joined = (
+            T_nominal
+            if joint is None
+            else nearest_in_joint(T_base_part, T_nominal, joint, center_part=centre)
+        )
+        found.append(T_camera_base @ T_joined)
+    return found
+
+
+def distinct(
+    starts: Sequence[Transform], *, centre: Vector, known: Sequence[Transform] = ()
+) -> list[Transform]:
+    """The starts without those that are near to an earlier one, or to one that is known."""
+    kept = list(known)
+    for T in starts:
+        if not any(_same(T, other, centre) for other in kept):
+            kept.append(T)
+    return kept[len(known) :]
+
+
+def _same(T_a: Transform, T_b: Transform, centre: Vector) -> bool:
+    apart = float(np.linalg.norm((T_a - T_b)[:3] @ np.append(centre, 1.0)))
+    return apart < SAME and rotation_angle(T_a[:3, :3].T @ T_b[:3, :3]) < SAME_ANGLE

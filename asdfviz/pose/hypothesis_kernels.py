@@ -1,0 +1,133 @@
+"""Compiled loops behind `hypotheses`: draw a part's points into a small grid, compare, take a step.
+
+All in the crop camera's frame, metres. The grid has the crop's field of view; a cell's index is its
+centre in cell units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast, no_type_check
+
+import numpy as np
+from numba import njit
+
+
+def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile on the first call: one thread, cached on disk, no Python lock held."""
+    compiled = njit(cache=True, nogil=True, error_model="numpy")(function)
+    return cast(Callable[..., Any], compiled)
+
+
+@_kernel
+@no_type_check
+def splat(points, T, focal, near, owner):
+    """Fill `near` (n, n) with the depth of the nearest point of each cell, and `owner` with its row."""
+    side = near.shape[0]
+    center = (side - 1) / 2
+    near[:] = np.inf
+    owner[:] = -1
+    for i in range(len(points)):
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if depth < 0.01:
+            continue
+        u = focal * (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth + center
+        v = focal * (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth + center
+        column, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
+        if 0 <= column < side and 0 <= row < side and depth < near[row, column]:
+            near[row, column] = depth
+            owner[row, column] = i
+
+
+@_kernel
+@no_type_check
+def agreement(points, Ts, focal, outline, measured, margin):
+    """Compare poses (c, 4, 4) with what was seen.
+
+    Returns (c, 4): overlap of silhouette and outline; share of readings on the silhouette within
+    `margin` of the surface, those in front left out; their number; and the median difference of
+    readings (within the outline) to the surface, NaN without any.
+    """
+    side = outline.shape[0]
+    near = np.empty((side, side))
+    owner = np.empty((side, side), np.int64)
+    gaps = np.empty(side * side)
+    result = np.zeros((len(Ts), 4))
+    for c in range(len(Ts)):
+        splat(points, Ts[c], focal, near, owner)
+        both, either = 0.0, 1e-9
+        count, hits, readings = 0, 0.0, 0
+        for row in range(side):
+            for column in range(side):
+                seen = outline[row, column]
+                if owner[row, column] < 0:
+                    either += seen
+                    continue
+                gap = measured[row, column] - near[row, column]
+                known = measured[row, column] > 0
+                if known and seen > 0.5:
+                    gaps[count] = gap
+                    count += 1
+                if known and gap < -margin and seen < 0.5:
+                    continue  # something else stands in front
+                both += seen
+                either += 1.0
+                if known and gap > -2 * margin:
+                    readings += 1
+                    hits += np.exp(-0.5 * (gap / margin) ** 2)
+        result[c, 0] = both / either
+        result[c, 1] = hits / max(readings, 1)
+        result[c, 2] = readings
+        result[c, 3] = np.median(gaps[:count]) if count > 0 else np.nan
+    return result
+
+
+@_kernel
+@no_type_check
+def surface_step(points, normals, T, focal, outline, measured, reach):
+    """One Gauss-Newton step of the point-to-plane distance: turn and shift about the part's origin.
+
+    Readings farther than `reach` from the surface, or outside the outline, do not count. Returns
+    zeros where fewer than 12 are left.
+    """
+    side = outline.shape[0]
+    near = np.empty((side, side))
+    owner = np.empty((side, side), np.int64)
+    splat(points, T, focal, near, owner)
+    H = np.zeros((6, 6))
+    g = np.zeros(6)
+    J = np.empty(6)
+    n, r, p = np.empty(3), np.empty(3), np.empty(3)
+    count = 0
+    for row in range(side):
+        for column in range(side):
+            i = owner[row, column]
+            z = measured[row, column]
+            if i < 0 or z <= 0 or outline[row, column] < 0.3 or abs(z - near[row, column]) > reach:
+                continue
+            for a in range(3):
+                n[a] = T[a, 0] * normals[i, 0] + T[a, 1] * normals[i, 1] + T[a, 2] * normals[i, 2]
+                r[a] = T[a, 0] * points[i, 0] + T[a, 1] * points[i, 1] + T[a, 2] * points[i, 2]
+                # The reading is taken on the ray of the point itself, not of the cell's centre.
+                p[a] = r[a] + T[a, 3]
+            gap = (z / p[2] - 1.0) * (n[0] * p[0] + n[1] * p[1] + n[2] * p[2])
+            weight = 1.0 / (1.0 + (gap / (0.3 * reach)) ** 2)
+            J[0] = r[1] * n[2] - r[2] * n[1]
+            J[1] = r[2] * n[0] - r[0] * n[2]
+            J[2] = r[0] * n[1] - r[1] * n[0]
+            J[3:] = n
+            for a in range(6):
+                g[a] += weight * J[a] * gap
+                for b in range(6):
+                    H[a, b] += weight * J[a] * J[b]
+            count += 1
+    if count < 12:
+        return np.zeros(6)
+    scale = 0.0
+    for i in range(len(points)):
+        scale = max(scale, abs(points[i, 0]), abs(points[i, 1]), abs(points[i, 2]))
+    for a in range(6):
+        # What depth does not see (a turn about a symmetry axis, a slide along a face) stays.
+        H[a, a] += count * 0.02 * (scale**2 if a < 3 else 1.0)
+    return np.linalg.solve(H, g)

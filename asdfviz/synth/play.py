@@ -1,0 +1,268 @@
+"""A whole assembly sequence before it is rendered: stage, script, hands, camera and lights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly
+from asdfviz.errors import InputError
+from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.transforms import apply, rotation_about, transform_from
+from asdfviz.synth.assets import Assets
+from asdfviz.synth.description import Ground, Light, Placed
+from asdfviz.synth.film import Moment, film
+from asdfviz.synth.fixture import find_fixture
+from asdfviz.synth.grasping import Hold, dressed, find_grip, hand_points, scaled
+from asdfviz.synth.hands import OPEN_HAND
+from asdfviz.synth.layout import Outfit, Table, dress
+from asdfviz.synth.looks import any_grounds, random_lights, theatre
+from asdfviz.synth.penetration import Solid, solid_of
+from asdfviz.synth.resting import footprint, overlap
+from asdfviz.synth.routes import free_targets
+from asdfviz.synth.scene import camera_for, random_view
+from asdfviz.synth.script import Director
+from asdfviz.synth.sequence_config import SequenceConfig
+from asdfviz.synth.stage import Stage, Stand, set_stage, stand_base
+from asdfviz.synth.ways import Body, Way, all_ways
+
+Targets = Mapping[int, Mapping[str, Transform]]
+SAMPLES = 450
+"""Points on a part with which the script is planned."""
+_VIEWS = 8
+_FARTHER = 1.12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hand:
+    """A hand that does not carry: where it is in every frame, or for good."""
+
+    outfit: Outfit
+    T_world_hand: tuple[Transform, ...]
+    """Rigid; one a moment, or one for all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Play:
+    """A sequence before it is rendered."""
+
+    moments: tuple[Moment, ...]
+    stage: Stage
+    outfit: Outfit
+    others: tuple[Hand, ...]
+    """Hands that hold the base or hover."""
+    furniture: tuple[Placed, ...]
+    """What a base that cannot stand is put on."""
+    table: Table
+    scenery: tuple[Ground, ...]
+    lights: tuple[Light, ...]
+    sky: np.ndarray
+    tint: np.ndarray
+
+
+def plan_sequence(assets: Assets, *, seed: int, config: SequenceConfig) -> Play:
+    """Write the script of a sequence; the same seed gives the same one.
+
+    Raises:
+        InputError: an error state that the assembly does not have, or parts that do not fit into
+            any view.
+    """
+    assembly = assets.assembly
+    rng = np.random.default_rng([seed, 11])
+    if isinstance(config.error, str) and config.error not in [e.name for e in assembly.errors]:
+        known = ", ".join(e.name for e in assembly.errors) or "none"
+        raise InputError(f"{assembly.name} has no error state '{config.error}'; it has: {known}")
+    solids = {n: solid_of(p.mesh, samples=SAMPLES) for n, p in assembly.parts.items()}
+    targets = free_targets(assembly, solids, seed=seed)
+    table, stage, ways = _staged(assets, solids, targets, rng, config)
+    outfit = dress(rng, grasp=0)
+    director = Director(
+        assets, solids, stage, targets, ways, outfit if config.hands else None,
+        config.pace, config.fps, rng,
+    )  # fmt: skip
+    others, furniture = _support(assets, solids, stage, targets, ways, outfit, rng, config)
+    _perform(director, table, rng, config, shown=not others and not furniture and config.hands)
+    least = sum(act.least for act in director.acts)
+    if config.error is True and config.frames is not None and least > config.frames:
+        # There is no time for an error.
+        return plan_sequence(assets, seed=seed, config=replace(config, error=False))
+    moments = film(director.acts, frames=config.frames, frames_per_state=config.frames_per_state)
+    if config.covering_hand:
+        others = (*others, _hovering(assets, solids, stage, moments, outfit, rng))
+    footprints = np.concatenate(table.outlines)
+    scenery = (
+        theatre(footprints, rng) if rng.random() < config.theatre else any_grounds(footprints, rng)
+    )
+    lights, sky, tint = random_lights(rng)
+    return Play(moments, stage, outfit, others, furniture, table, scenery, lights, sky, tint)
+
+
+def _staged(
+    assets: Assets,
+    solids: Mapping[str, Solid],
+    targets: Targets,
+    rng: np.random.Generator,
+    config: SequenceConfig,
+) -> tuple[Table, Stage, Mapping[tuple[int, str], Way]]:
+    """A view in which everything has room: farther ones are tried where there is none."""
+    camera = camera_for(config.width, config.height)
+    near, far = config.distance
+    for _ in range(_VIEWS):
+        T_camera_world = random_view(rng, distance=(near, far), tilt=config.tilt)
+        table = Table(camera.K, T_camera_world, camera.width, camera.height, reach=1.0)
+        stand = stand_base(assets, table, rng)
+        ways = all_ways(assets.assembly, solids, targets, stand.T_world_base)
+        stage = set_stage(assets, table, stand, ways, targets, rng, distractors=config.distractors)
+        if stage is not None:
+            return table, stage, ways
+        near, far = far, far * _FARTHER
+    raise InputError(
+        f"the parts of {assets.assembly.name} do not fit side by side into a view from {near:.2f} m: "
+        "allow a larger distance"
+    )
+
+
+def _perform(
+    director: Director,
+    table: Table,
+    rng: np.random.Generator,
+    config: SequenceConfig,
+    *,
+    shown: bool,
+) -> None:
+    assembly = director.assembly
+    errors = [e for e in assembly.errors if config.error in (True, e.name)]
+    error = errors[int(rng.integers(len(errors)))] if errors else None
+    later = assembly.steps[1:]
+    slip = later[int(rng.integers(len(later)))].index if config.unlisted and later else None
+    director.idle(3)
+    for step in assembly.steps:
+        if step.index > 0:
+            director.go_to(step, slip=step.index == slip)
+        if error is not None and error.after == step.index:
+            director.go_to(error)
+    shift = _free_shift(director, table, rng) if shown else None
+    if shift is None:
+        director.leave()
+    else:
+        director.show(*shift)
+    director.idle(2)
+
+
+def _free_shift(
+    director: Director, table: Table, rng: np.random.Generator
+) -> tuple[Vector, float] | None:
+    """A push of the finished assembly that meets nothing, within the view."""
+    base = director.poses[director.assembly.base]
+    points = np.concatenate(
+        [apply(base @ T, director.solids[n].samples) for n, T in director.joined.items()]
+    )
+    still = [
+        footprint(apply(c.T_world_mesh, director.assets.distractor_points[c.mesh - director.assets.distractors.start]))
+        for c in director.stage.clutter
+    ]  # fmt: skip
+    still += [
+        footprint(apply(T, director.solids[n].samples))
+        for n, T in director.poses.items()
+        if n not in director.joined
+    ]
+    for _ in range(12):
+        angle, turn = rng.random() * 2 * np.pi, float(rng.choice([-1, 1]) * rng.uniform(0.3, 0.7))
+        shift = rng.uniform(0.02, 0.05) * np.array([np.cos(angle), np.sin(angle), 0.0])
+        R = rotation_about(np.array([0.0, 0.0, 1.0]), turn)
+        center = apply(base, director.solids[director.assembly.base].samples).mean(axis=0)
+        swept = [
+            footprint((points - center) @ rotation_about(np.array([0.0, 0.0, 1.0]), s * turn).T + center + s * shift)
+            for s in (0.35, 0.7, 1.0)
+        ]  # fmt: skip
+        if not any(overlap(a, b, gap=0.006) for a in swept for b in still):
+            table.outlines.append(footprint((points - center) @ R.T + center + shift))
+            return shift, turn
+    return None
+
+
+def _support(
+    assets: Assets,
+    solids: Mapping[str, Solid],
+    stage: Stage,
+    targets: Targets,
+    ways: Mapping[tuple[int, str], Way],
+    outfit: Outfit,
+    rng: np.random.Generator,
+    config: SequenceConfig,
+) -> tuple[tuple[Hand, ...], tuple[Placed, ...]]:
+    """What keeps a base in place that cannot stand: the other hand, or a block where there are none."""
+    stand, assembly = stage.stand, assets.assembly
+    if not stand.held and not config.covering_hand:
+        return (), ()
+    T = stand.T_world_base
+    joined = _occupied(solids, targets, ways, T, assembly)
+    if not config.hands:
+        fixture = find_fixture(assets, solids[assembly.base], T, joined, rng)
+        return (), (fixture,)
+    loose = [Body(solids[n], T_n) for n, T_n in stage.T_world_part.items()]
+    left = replace(outfit, mirrored=not outfit.mirrored)
+    shoulder = _other_shoulder(stand, outfit)
+    hold = Hold(T, (*joined, *loose))
+    grip = find_grip(solids[assembly.base], [hold], shoulder, left, rng)
+    return (Hand(dressed(left, grip.grasp), (T @ grip.T_part_hand,)),), ()
+
+
+def _occupied(
+    solids: Mapping[str, Solid],
+    targets: Targets,
+    ways: Mapping[tuple[int, str], Way],
+    T_world_base: Transform,
+    assembly: Assembly,
+) -> list[Body]:
+    """Every place that a joined part has or comes from, world."""
+    bodies: list[Body] = []
+    for (state, name), way in ways.items():
+        for share in (0.0, 0.5, 1.0):
+            T = targets[state][name].copy()
+            T[:3, 3] += share * way.out
+            bodies.append(Body(solids[name], T_world_base @ T))
+    return bodies
+
+
+def _other_shoulder(stand: Stand, outfit: Outfit) -> Vector:
+    """Where a person's other arm comes from."""
+    middle = stand.T_world_base[:3, 3]
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), 1.2 if outfit.mirrored else -1.2)
+    return middle + turn @ (stand.shoulder - middle)
+
+
+def _hovering(
+    assets: Assets,
+    solids: Mapping[str, Solid],
+    stage: Stage,
+    moments: tuple[Moment, ...],
+    outfit: Outfit,
+    rng: np.random.Generator,
+) -> Hand:
+    """An open hand that wanders over the assembly, above whatever is carried there."""
+    hand = dressed(dress(rng, grasp=OPEN_HAND), OPEN_HAND)
+    base = stage.stand.T_world_base[:3, 3]
+    tops: list[float] = []
+    for moment in moments[:: max(1, len(moments) // 60)]:
+        tops += [
+            float(apply(T, solids[n].samples)[:, 2].max()) for n, T in moment.T_world_part.items()
+        ]
+    away = _other_shoulder(stage.stand, outfit) - base
+    angle = float(np.arctan2(away[1], away[0]))
+    phases, poses = rng.random(3) * 2 * np.pi, list[Transform]()
+    flat = np.array([np.cos(angle), np.sin(angle), 0.0])
+    stretched = hand.pose(np.zeros(3), flat, pitch=0.1, roll=0.0)[:3, :3]
+    side = -1.0 if hand.mirrored else 1.0
+    R = stretched / np.linalg.norm(stretched, axis=0) * [side, 1.0, 1.0]
+    low = float(
+        apply(scaled(transform_from(R, np.zeros(3)), hand), hand_points(OPEN_HAND))[:, 2].min()
+    )
+    for k in range(len(moments)):
+        wave = np.sin(2 * np.pi * k / np.array([47.0, 61.0, 39.0]) + phases)
+        out = flat * (0.03 + 0.05 * wave[0]) + 0.04 * wave[1] * np.array([-flat[1], flat[0], 0.0])
+        height = max(tops) - low + 0.012 + 0.008 * (1 + wave[2])
+        poses.append(transform_from(R, np.array([*(base + out)[:2], height])))
+    return Hand(hand, tuple(poses))

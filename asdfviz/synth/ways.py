@@ -1,0 +1,179 @@
+"""Ways on which parts reach their places: along a free direction, beginning where nothing is near."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, State
+from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.transforms import apply, inverse
+from asdfviz.synth.motion import moved
+from asdfviz.synth.penetration import Solid, penetration
+
+TOLERANCE = 0.0008
+"""Penetration that a way may add to that of the place itself, metres."""
+_OFFSETS = (0.003, 0.007, 0.012, 0.02, 0.03, 0.042, 0.056, 0.072, 0.09, 0.11, 0.135, 0.165, 0.2)
+_MEASURED = 20
+"""Points within another part whose depth is measured."""
+_BLOCKED = 0.005
+"""A direction that goes through others deeper than this is followed no farther, metres."""
+_LIFTS = (0.006, 0.02, 0.045, 0.09)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """A straight way home."""
+
+    out: Vector
+    """From the place to where the way begins, base frame, metres."""
+    depth: float
+    """Deepest penetration along it beyond that of the place itself, metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A solid at its place."""
+
+    solid: Solid
+    T: Transform
+
+
+def touches(a: Body, b: Body) -> float:
+    """How deep two bodies stand in each other, metres; quick if their boxes are apart."""
+    T_b_a = inverse(b.T) @ a.T
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    spread = a.solid.low + corners * (a.solid.high - a.solid.low)
+    box = apply(T_b_a, spread)
+    if bool((box.min(axis=0) > b.solid.high).any() or (box.max(axis=0) < b.solid.low).any()):
+        return 0.0
+    return penetration(a.solid, b.solid, T_b_a, most=_MEASURED)
+
+
+def deepest(body: Body, others: Sequence[Body]) -> float:
+    """How deep a body stands in the others, metres."""
+    return max((touches(body, other) for other in others), default=0.0)
+
+
+def find_way(
+    body: Body, others: Sequence[Body], candidates: Sequence[Vector], T_world_base: Transform
+) -> Way:
+    """The first candidate on which a part comes home freely, else the one of least penetration.
+
+    Args:
+        body: the part at its place, base frame.
+        others: what is there already, base frame.
+        candidates: unit vectors in the base frame, from the place outwards.
+        T_world_base: tells where the table (z = 0) is and where up is.
+    """
+    allowed = deepest(body, others) + TOLERANCE
+    best: Way | None = None
+    for direction in candidates:
+        way = _along(body, others, direction, T_world_base, allowed, best)
+        if way is not None and (best is None or way.depth < best.depth):
+            best = way
+        if best is not None and best.depth <= 0:
+            break
+    return best or Way(candidates[0] * _OFFSETS[-1], np.inf)
+
+
+def _along(
+    body: Body,
+    others: Sequence[Body],
+    direction: Vector,
+    T_world_base: Transform,
+    allowed: float,
+    best: Way | None,
+) -> Way | None:
+    """The way along one direction; None if it goes through the table or is worse than the best."""
+    up = T_world_base[:3, :3].T @ np.array([0.0, 0.0, 1.0])
+    worst = 0.0
+    for offset in _OFFSETS:
+        there = Body(body.solid, moved(body.T, offset * direction))
+        if lowest(there, T_world_base) < 0.0003 and direction @ up < 0.5:
+            return None
+        here = deepest(there, others) - allowed
+        worst = max(worst, here)
+        if best is not None and worst >= best.depth:
+            return None
+        if worst > _BLOCKED:
+            break
+        lifted = [Body(body.solid, moved(there.T, lift * up)) for lift in _LIFTS]
+        if here <= 0 and all(deepest(b, others) <= allowed for b in lifted):
+            return Way(offset * direction, worst)
+    return Way(_OFFSETS[-1] * direction, worst + 0.05)
+
+
+def lowest(body: Body, T_world_base: Transform) -> float:
+    """Height of a body's lowest point over the table, metres."""
+    return float(apply(T_world_base @ body.T, body.solid.samples)[:, 2].min())
+
+
+def changes(before: Mapping[str, Transform], goals: Mapping[str, Transform]) -> list[str]:
+    """Parts that have to be put somewhere (else) to get from one state to another, in order."""
+    again = [n for n in before if n in goals and differs(before[n], goals[n])]
+    return [*again, *(n for n in goals if n not in before)]
+
+
+def differs(T_a: Transform, T_b: Transform) -> bool:
+    """Whether two poses are told apart: by a millimetre or a degree."""
+    far = float(np.linalg.norm(T_a[:3, 3] - T_b[:3, 3])) > 0.001
+    return far or float(np.abs(T_a[:3, :3] - T_b[:3, :3]).max()) > 0.02
+
+
+def all_ways(
+    assembly: Assembly,
+    solids: Mapping[str, Solid],
+    targets: Mapping[int, Mapping[str, Transform]],
+    T_world_base: Transform,
+) -> Mapping[tuple[int, str], Way]:
+    """The way of every part into every state: by state index and part name.
+
+    Args:
+        assembly: the states.
+        solids: of all parts.
+        targets: T_base_part of each state by index.
+        T_world_base: where the base stands.
+    """
+    found: dict[tuple[int, str], Way] = {}
+    for state in assembly.states:
+        if state.index == 0:
+            continue
+        before = dict(targets[state.index - 1 if state.after is None else state.after])
+        goals = targets[state.index]
+        there = {n: T for n, T in before.items() if n in goals and not differs(T, goals[n])}
+        for name in changes(before, goals):
+            others = [Body(solids[n], T) for n, T in there.items()]
+            body = Body(solids[name], goals[name])
+            candidates = _candidates(assembly, name, goals[name], T_world_base)
+            found[state.index, name] = find_way(body, others, candidates, T_world_base)
+            there[name] = goals[name]
+    return found
+
+
+def _candidates(
+    assembly: Assembly, name: str, T_base_part: Transform, T_world_base: Transform
+) -> list[Vector]:
+    """Directions worth trying: the joint's, up, the axes of the part and of the base."""
+    up = T_world_base[:3, :3].T @ np.array([0.0, 0.0, 1.0])
+    joint = next((s.joints[name] for s in assembly.states if name in s.joints), None)
+    first = [up]
+    if joint is not None and joint.kind != "ball":
+        first = sorted((joint.axis, -joint.axis), key=lambda axis: -float(axis @ up)) + first
+    axes = [s * a for a in (*T_base_part[:3, :3].T, *np.eye(3)) for s in (1.0, -1.0)]
+    rest = sorted(axes, key=lambda axis: -float(axis @ up))
+    tilted = [(a + up) / np.linalg.norm(a + up) for a in axes if abs(float(a @ up)) < 0.5]
+    unique: list[Vector] = []
+    for axis in [*first, *rest, *tilted]:
+        if all(float(axis @ other) < 0.999 for other in unique):
+            unique.append(axis)
+    return unique
+
+
+def state_bodies(
+    state: State, solids: Mapping[str, Solid], poses: Mapping[str, Transform]
+) -> list[Body]:
+    """The joined parts of a state as bodies in the base frame."""
+    return [Body(solids[name], poses[name]) for name in state.attached]

@@ -1,0 +1,57 @@
+"""The drawing of all tracked parts by which the tracker knows which one hides which."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from asdfviz.geometry.shapes import Intrinsics, Transforms
+from asdfviz.track.bodies import Body
+from asdfviz.track.presets import TrackerConfig
+from asdfviz.track.visibility import NO_SILHOUETTES, like_regions, render_silhouettes
+
+REDRAWN_PX = 0.7
+"""Silhouettes are drawn anew when a part may have moved by this many pixels."""
+
+
+class DrawnParts:
+    """The silhouettes of some bodies, kept until a part has moved."""
+
+    def __init__(self, bodies: Sequence[Body], K: Intrinsics, config: TrackerConfig) -> None:
+        """Take the bodies in the order of all arrays."""
+        self._meshes = [body.centred for body in bodies]
+        self._K = K
+        self._config = config
+        self._Ts_drawn: Transforms = np.zeros((0, 4, 4))
+        self.regions = like_regions([b.color for b in bodies], nearer_than=config.like_colors)
+        """A number a body; those of like colour share theirs."""
+        self.reaches = np.array([np.linalg.norm(m.vertices, axis=1).max() for m in self._meshes])
+        """How far each body reaches from its centre, metres."""
+        self.silhouettes = NO_SILHOUETTES
+        """Drawn last; empty where the config wants none."""
+
+    def refresh(self, Ts_camera_centre: Transforms) -> None:
+        """Draw anew if the config wants it, unless no part has moved by a pixel since."""
+        if not self._config.silhouettes:
+            return
+        if len(self._Ts_drawn) and self._pixels_moved(Ts_camera_centre) < REDRAWN_PX:
+            return
+        self._Ts_drawn = Ts_camera_centre.copy()
+        drawn = render_silhouettes(
+            self._meshes,
+            Ts_camera_centre,
+            self._K,
+            size=self._config.silhouette_px,
+            reaches=self.reaches,
+            regions=self.regions,
+        )
+        self.silhouettes = drawn or NO_SILHOUETTES
+
+    def _pixels_moved(self, Ts_camera_centre: Transforms) -> float:
+        """Most pixels that any part's rim can have moved since the silhouettes were drawn."""
+        change = Ts_camera_centre - self._Ts_drawn
+        turned = np.abs(change[:, :3, :3]).sum(axis=(1, 2)) * self.reaches / 2
+        metres = turned + np.linalg.norm(change[:, :3, 3], axis=1)
+        depths = np.maximum(Ts_camera_centre[:, 2, 3], 0.01)
+        return float((metres * self._K[0, 0] / depths).max())

@@ -1,0 +1,160 @@
+"""Checkpoints of a crop training run, and the export of its weights."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from torch import Tensor
+
+from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.detector.crop_network import CropNetwork
+from asdfviz.detector.crop_weights import save_crop_network
+from asdfviz.errors import WeightsError
+from asdfviz.train.checkpoint import Average, Progress, load_checkpoint
+from asdfviz.train.crop_config import CropTrainConfig
+from asdfviz.train.crop_validation import CropValidation
+
+CROP_WEIGHTS = "crops.safetensors"
+
+
+def save_crop_checkpoint(
+    path: Path,
+    *,
+    network: CropNetwork,
+    average: Average,
+    progress: Progress,
+    optimizer: torch.optim.Optimizer,
+    about: Mapping[str, object],
+) -> None:
+    """Write all that is needed to go on, in one step.
+
+    Args:
+        path: file to write.
+        network: being trained.
+        average: of its weights.
+        progress: how far the run is.
+        optimizer: with its state.
+        about: "classes" and "shape", which must be the same when the run goes on.
+    """
+    content = {
+        "network": network.state_dict(),
+        "average": average.state,
+        "updates": average.updates,
+        "progress": [progress.step, progress.seconds, progress.best],
+        "about": json.dumps(about),
+        "optimizer": optimizer.state_dict(),
+    }
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    write_bytes(path, buffer.getvalue())
+
+
+def resume_crops(
+    path: Path,
+    *,
+    network: CropNetwork,
+    average: Average,
+    optimizer: torch.optim.Optimizer,
+    about: Mapping[str, object],
+) -> Progress:
+    """Bring network, average and optimiser to where a checkpoint was; returns how far that is.
+
+    Raises:
+        WeightsError: the checkpoint is corrupt, or of a run with other classes or sizes.
+    """
+    content = load_checkpoint(path)
+    there: dict[str, Any] = json.loads(content["about"])
+    if there != json.loads(json.dumps(about)):
+        raise WeightsError(
+            f"'{path}' was trained for {there.get('classes')} and {there.get('shape')}, asked for "
+            f"were {about['classes']} and {about['shape']}: take another run folder"
+        )
+    network.load_state_dict(content["network"])
+    state = cast(dict[str, Tensor], content["average"])
+    average.state = {k: v.to(average.state[k].device) for k, v in state.items()}
+    average.updates = content["updates"]
+    optimizer.load_state_dict(content["optimizer"])
+    step, seconds, best = content["progress"]
+    return Progress(step=step, seconds=seconds, best=best)
+
+
+@torch.no_grad()
+def begin_crops_from(network: CropNetwork, checkpoint: Path, *, names: Sequence[str]) -> None:
+    """Take over what another run learned; a class of the same name keeps its own tables.
+
+    Args:
+        network: to change.
+        checkpoint: last.pt of the other run.
+        names: classes of `network`.
+
+    Raises:
+        WeightsError: the checkpoint is corrupt, or of another shape of network.
+    """
+    content = load_checkpoint(checkpoint)
+    there: dict[str, Any] = json.loads(content["about"])
+    shape = {**there.get("shape", {}), "classes": network.classes}
+    if shape != json.loads(json.dumps(network.shape)):
+        raise WeightsError(
+            f"'{checkpoint}' has the shape {there.get('shape')}, not that of a crop network of "
+            f"{network.shape}"
+        )
+    known = [str(name) for name in there["classes"]]
+    average = cast(dict[str, Tensor], content["average"])
+    for name, tensor in network.state_dict().items():
+        source = average[name]
+        if source.shape == tensor.shape and not _is_by_class(name):
+            tensor.copy_(source)
+            continue
+        rows = source.view(len(known), -1)
+        own = tensor.view(len(names), -1)
+        own.copy_(rows.mean(dim=0, keepdim=True).expand_as(own))
+        for place, wanted in enumerate(names):
+            if wanted in known:
+                own[place] = rows[known.index(wanted)]
+
+
+def _is_by_class(name: str) -> bool:
+    return ".table." in name or name.startswith("own_layer.")
+
+
+def export(
+    config: CropTrainConfig,
+    network: CropNetwork,
+    progress: Progress,
+    *,
+    names: Sequence[str],
+    found: Sequence[CropValidation],
+) -> Path:
+    """Write a run's weights as half-precision safetensors, and beside them how they came to be.
+
+    Args:
+        config: of the run.
+        network: the weights to export.
+        progress: how far the run is.
+        names: of the classes.
+        found: what validation said of these weights.
+    """
+    path = config.output / CROP_WEIGHTS
+    save_crop_network(network, path, classes=names)
+    record = {
+        "classes": list(names),
+        "command": " ".join(sys.argv),
+        "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
+        "torch": torch.__version__,
+        "steps": progress.step,
+        "crops": progress.step * config.batch,
+        "minutes": round(progress.seconds / 60, 1),
+        "bytes": path.stat().st_size,
+        "config": json.loads(json.dumps(dataclasses.asdict(config), default=str)),
+        "validation": [one.as_json() for one in found],
+    }
+    write_text(path.with_suffix(".json"), json.dumps(record, indent=2) + "\n")
+    return path

@@ -1,0 +1,93 @@
+"""What a training run of the crop network is made of; written into the run folder as it was."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from asdfviz.detector.crop_network import GRID
+from asdfviz.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class CropTrainConfig:
+    """A training run of the crop network."""
+
+    assemblies: tuple[str, ...]
+    """Names or paths of the assemblies that one network knows."""
+    output: Path
+    """Run folder: checkpoints, pool, log, curve."""
+    validation: tuple[Path, ...] = ()
+    """Scene folders with truth whose parts are never trained on; their sequence.json names the
+    assembly."""
+    start: Path | None = None
+    """Checkpoint of another run to begin with: what is shared by all classes is taken over, and new
+    classes begin at the mean of the old ones."""
+    minutes: float = 60.0
+    """Budget, wall clock, resumed runs counted together."""
+    steps: int | None = None
+    """Budget in steps instead."""
+    batch: int = 128
+    """Crops a step."""
+    learning_rate: float = 1.5e-3
+    """AdamW, until `hold` of the budget is used; then half a cosine."""
+    hold: float = 0.5
+    final_rate: float = 0.02
+    """Share of the learning rate at the end."""
+    weight_decay: float = 0.05
+    warmup_steps: int = 200
+    ema: float = 0.998
+    """Decay of the averaged weights that are validated and exported."""
+    clip: float = 5.0
+    """Largest gradient norm."""
+    outline_gain: float = 1.0
+    place_gain: float = 1.0
+    grid: int = GRID
+    """Rotations."""
+    generators: int = 1
+    """Processes that render fresh crops beside; on a GPU the run renders itself."""
+    generator_niceness: int = 2
+    """By which they stand back behind the training."""
+    shard: int = 1024
+    """Crops a file of the pool."""
+    pool: int = 40
+    """Files of the pool; the oldest is thrown away for a fresh one."""
+    first_shards: int = 2
+    """Training begins once there are so many."""
+    live_steps: int = 8
+    """On a GPU: a fresh shard every so many steps."""
+    validation_crops: int = 40
+    """Fresh crops a class that are kept for validation."""
+    threads: int = 1
+    """CPU threads of torch; more than there are idle cores makes every step wait."""
+    seed: int = 0
+    device: str = "cpu"
+    bfloat16: bool = True
+    """Mixed precision, where the device has it."""
+    validate_minutes: float = 6.0
+    checkpoint_minutes: float = 3.0
+
+
+def check_crop_config(config: CropTrainConfig) -> None:
+    """Refuse figures with which no training can start.
+
+    Raises:
+        InputError: with the field and what would be right.
+    """
+    if not config.assemblies:
+        raise InputError("no assembly named: give one or more")
+    if not (math.isfinite(config.minutes) and config.minutes > 0):
+        raise InputError(f"minutes is {config.minutes:g}, give a budget above 0")
+    least = {"threads": 1, "batch": 2, "grid": 60, "generators": 0, "shard": 16, "pool": 1}
+    for name, smallest in least.items():
+        if getattr(config, name) < smallest:
+            raise InputError(f"{name} is {getattr(config, name)}, use {smallest} or more")
+
+
+def rate_at(config: CropTrainConfig, step: int, share: float) -> float:
+    """The learning rate: warm-up by steps, level until `hold` of the budget, then half a cosine."""
+    warm = min(1.0, (step + 1) / max(config.warmup_steps, 1))
+    late = min(max((share - config.hold) / max(1 - config.hold, 1e-9), 0.0), 1.0)
+    cosine = (1 + math.cos(math.pi * late)) / 2
+    return config.learning_rate * warm * (config.final_rate + (1 - config.final_rate) * cosine)

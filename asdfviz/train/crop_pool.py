@@ -1,0 +1,168 @@
+"""A pool of crops that is renewed while a network trains on it.
+
+Processes write shards of fresh crops into a folder; the training process takes them in and throws
+the oldest away. Shards on disk let a later sitting begin at once.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.errors import InputError, Stopped
+from asdfviz.train.crop_data import CropMaker, Crops
+
+SPARE = 2
+"""Shards that are made ahead when nobody trains."""
+_SHARDS = "shard_*.npz"
+
+
+class CropPool:
+    """Crops in memory, in shards; draws from all of them alike."""
+
+    def __init__(self, size: int) -> None:
+        self._size = size
+        self._shards: list[Crops] = []
+
+    def __len__(self) -> int:
+        return len(self._shards)
+
+    def add(self, crops: Crops) -> None:
+        """Take in a shard; the oldest goes if there are too many."""
+        self._shards.append(crops)
+        del self._shards[: -self._size]
+
+    def draw(self, count: int, *, rng: np.random.Generator) -> Crops:
+        """Random crops of up to four shards."""
+        chosen = [self._shards[int(i)] for i in rng.integers(len(self._shards), size=4)]
+        ends = [round(count * k / len(chosen)) for k in range(len(chosen) + 1)]
+        drawn: list[Crops] = []
+        for shard, first, last in zip(chosen, ends, ends[1:], strict=False):
+            rows = rng.integers(len(shard), size=last - first)
+            drawn.append(shard.taken(torch.as_tensor(rows)))
+        return Crops.joined(drawn)
+
+
+class ShardFolder:
+    """Shards on disk, seen by the process that trains."""
+
+    def __init__(self, folder: Path, *, size: int) -> None:
+        self._folder, self._size = folder, size
+        self._known: set[Path] = set()
+
+    def fresh(self, *, limit: int) -> list[Crops]:
+        """Load shards that came since the last call, oldest first; delete those beyond the size."""
+        paths = shards_in(self._folder)
+        for path in paths[: -self._size]:
+            path.unlink(missing_ok=True)
+        news = [p for p in paths[-self._size :] if p not in self._known][:limit]
+        self._known.update(news)
+        return [Crops.load(path) for path in news]
+
+
+def shards_in(folder: Path) -> list[Path]:
+    """The shards of a folder, oldest first."""
+    return sorted(folder.glob(_SHARDS), key=lambda p: p.stat().st_mtime)
+
+
+@contextmanager
+def generating(
+    assemblies: Sequence[str],
+    folder: Path,
+    *,
+    processes: int,
+    shard: int,
+    size: int,
+    seed: int,
+    niceness: int = 0,
+) -> Generator[Callable[[], bool]]:
+    """Let processes fill a folder with shards while the body runs; yields whether any still lives.
+
+    Args:
+        assemblies: names or paths.
+        folder: of the shards.
+        processes: how many.
+        shard: crops a shard.
+        size: shards of the pool.
+        seed: other seeds show other crops.
+        niceness: by which the processes stand back behind this one.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    context = multiprocessing.get_context("spawn")
+    workers = [
+        context.Process(
+            target=fill_folder,
+            args=(tuple(assemblies), folder, shard, size, [seed, number, time.time_ns()], niceness),
+            daemon=True,
+        )
+        for number in range(processes)
+    ]
+    for worker in workers:
+        worker.start()
+    try:
+        yield lambda: any(worker.is_alive() for worker in workers)
+    finally:
+        for worker in workers:
+            worker.terminate()
+            worker.join()
+
+
+def fill_folder(
+    assemblies: Sequence[str],
+    folder: Path,
+    shard: int,
+    size: int,
+    seed: Sequence[int],
+    niceness: int,
+) -> None:
+    """Write shards as long as the parent process lives; wait while the folder is full."""
+    # Ctrl+C reaches the whole group: the parent asks for the end.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    torch.set_num_threads(1)
+    os.nice(niceness)
+    parent = os.getppid()
+    rng = np.random.default_rng(list(seed))
+    maker = CropMaker([load_assembly(name) for name in assemblies])
+    while os.getppid() == parent:
+        if len(shards_in(folder)) >= size + SPARE:
+            time.sleep(1.0)
+            continue
+        maker.make(shard, rng=rng).save(folder / f"shard_{time.time_ns():020d}.npz")
+
+
+def await_shards(
+    folder: ShardFolder,
+    pool: CropPool,
+    *,
+    count: int,
+    alive: Callable[[], bool],
+    stop: Callable[[], bool],
+) -> None:
+    """Load shards until the pool holds `count`, or those that there are if nobody makes more.
+
+    Raises:
+        Stopped: `stop` said so.
+        InputError: there are none, and nobody makes any.
+    """
+    while len(pool) < count:
+        for crops in folder.fresh(limit=1000):
+            pool.add(crops)
+        if stop():
+            raise Stopped("nothing was trained yet")
+        if not alive():
+            if len(pool):
+                return
+            raise InputError(
+                "no crops to train on: the generator ended or there is none, see its message above "
+                "and give generators 1 or more"
+            )
+        time.sleep(0.2)

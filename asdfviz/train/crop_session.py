@@ -1,0 +1,297 @@
+"""One training run of the crop network: `train_crops(config)` runs a budget and leaves a run folder.
+
+The folder holds last.pt (goes on where it was), best.pt, pool/ (crops), crops.safetensors and .json
+(the best weights, kept up to date), log.csv, validation.csv, validation.json and curve.png.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn.functional import binary_cross_entropy_with_logits, log_softmax, smooth_l1_loss
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.detector.crop_network import CropNetwork
+from asdfviz.detector.crop_weights import network_of_shape
+from asdfviz.detector.precision import has_bfloat16
+from asdfviz.errors import InputError
+from asdfviz.train.checkpoint import Average, Progress
+from asdfviz.train.crop_checkpoint import (
+    begin_crops_from,
+    export,
+    resume_crops,
+    save_crop_checkpoint,
+)
+from asdfviz.train.crop_config import CropTrainConfig, check_crop_config, rate_at
+from asdfviz.train.crop_data import CropMaker, Crops
+from asdfviz.train.crop_pool import CropPool, ShardFolder, await_shards, generating
+from asdfviz.train.crop_validation import CropValidation, scene_views, validate_crops
+from asdfviz.train.crop_views import ViewMaker, Views
+from asdfviz.train.log import CsvLog, Meter, write_curve
+
+LOSSES = ("rotation", "place", "outline")
+LOG_SECONDS = 20.0
+FIGURES = ("found1", "found5", "found20", "best_deg", "mean_deg")
+VALIDATION_SEED = 987_654_321
+VALIDATION_BATCH = 128
+_Rows = TypeVar("_Rows", Crops, Views)
+
+
+@dataclass(frozen=True, slots=True)
+class CropReport:
+    """What the run says now and then to whoever watches it."""
+
+    step: int
+    share: float
+    """Of the budget used, 0 to 1."""
+    losses: dict[str, float]
+    crops_per_s: float
+    shards: int
+    validation: tuple[CropValidation, ...] = ()
+
+
+class CropSession:
+    """The state of a run in progress."""
+
+    def __init__(self, config: CropTrainConfig) -> None:
+        check_crop_config(config)
+        torch.set_num_threads(config.threads)
+        torch.manual_seed(config.seed)  # pyright: ignore[reportUnknownMemberType] - untyped in torch
+        config.output.mkdir(parents=True, exist_ok=True)
+        self.config = config
+        self.assemblies = [load_assembly(name) for name in config.assemblies]
+        self.maker = CropMaker(self.assemblies, device=config.device)
+        self.classes = self.maker.classes
+        self.names = [c.name for c in self.classes]
+        self.views = ViewMaker(
+            self.classes, self.assemblies, grid=config.grid, device=config.device
+        )
+        network = CropNetwork(classes=len(self.classes), grid=config.grid).to(config.device)
+        self.network = network
+        self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
+        self.optimizer = _optimizer(network, config)
+        self.average = Average(network, decay=config.ema)
+        self.progress = Progress()
+        self._before, self._began = 0.0, time.monotonic()
+        if config.start is not None:
+            begin_crops_from(network, config.start, names=self.names)
+            self.average.state = {k: v.clone() for k, v in network.state_dict().items()}
+        self._resume()
+        self.log = CsvLog(
+            config.output / "log.csv", ("step", "minutes", "rate", "crops_per_s", *LOSSES)
+        )
+        self.rng = np.random.default_rng([config.seed, self.progress.step])
+        self.validation_sets = self._validation_sets()
+        columns = [f"{name}:{figure}" for name in self.validation_sets for figure in FIGURES]
+        self.validation_log = CsvLog(
+            config.output / "validation.csv", ("step", "minutes", "score", *columns)
+        )
+
+    @property
+    def seconds(self) -> float:
+        """Wall clock of the run, earlier sittings counted in."""
+        return self._before + time.monotonic() - self._began
+
+    @property
+    def share(self) -> float:
+        """Share of the budget that is used."""
+        if self.config.steps is not None:
+            return self.progress.step / max(self.config.steps, 1)
+        return self.seconds / (self.config.minutes * 60)
+
+    @property
+    def last(self) -> Path:
+        """The checkpoint that a later run goes on from."""
+        return self.config.output / "last.pt"
+
+    def go(self, report: Callable[[CropReport], None], stop: Callable[[], bool]) -> bool:
+        """Step until the budget is used (True) or `stop` says so (False)."""
+        checkpointed = validated = logged = self.seconds
+        meter = Meter()
+        for pool in self._pools(stop):
+            if self.share >= 1 or stop():
+                break
+            self.step(pool, meter)
+            now = self.seconds
+            if now - logged > LOG_SECONDS:
+                report(self._logged(meter, len(pool)))
+                logged, meter = now, Meter()
+            if now - checkpointed > self.config.checkpoint_minutes * 60:
+                self.checkpoint()
+                checkpointed = now
+            if now - validated > self.config.validate_minutes * 60 and self.share < 1:
+                found = self.validate()
+                report(dataclasses.replace(self._report(meter, len(pool)), validation=found))
+                validated = self.seconds
+        if meter.steps:
+            report(self._logged(meter, 0))
+        self.checkpoint()
+        return self.share >= 1
+
+    def step(self, pool: CropPool, meter: Meter) -> None:
+        """Take one optimiser step."""
+        config = self.config
+        for group in self.optimizer.param_groups:
+            group["lr"] = rate_at(config, self.progress.step, self.share)
+        with torch.no_grad():
+            batch = self.views.views(pool.draw(config.batch, rng=self.rng), rng=self.rng)
+            target = self.views.targets(batch.quaternions, batch.labels)
+        losses = self._losses(batch, target)
+        gains = losses.new_tensor([1.0, config.place_gain, config.outline_gain])
+        total = (losses * gains).sum()
+        if not bool(torch.isfinite(total)):
+            raise InputError(
+                f"the loss is not finite at step {self.progress.step}: lower the learning rate "
+                f"({config.learning_rate:g}) or switch bfloat16 off"
+            )
+        self.optimizer.zero_grad(set_to_none=True)
+        total.backward()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
+        nn.utils.clip_grad_norm_(self.network.parameters(), config.clip)
+        self.optimizer.step()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
+        self.average.update(self.network)
+        self.progress.step += 1
+        meter.add(losses.detach(), len(batch.labels), len(batch.labels))
+
+    def _losses(self, batch: Views, target: Tensor) -> Tensor:
+        config = self.config
+        self.network.train()
+        half = config.bfloat16 and has_bfloat16(config.device)
+        pictures = batch.pictures.contiguous(memory_format=torch.channels_last)
+        with torch.autocast(torch.device(config.device).type, torch.bfloat16, enabled=half):
+            out = self.network(pictures, batch.labels)
+        rotation = -(target * log_softmax(out.rotations.float(), dim=1)).sum(1).mean()
+        place = smooth_l1_loss(out.place.float(), batch.place, beta=0.1)
+        outline = binary_cross_entropy_with_logits(out.outline.float(), batch.outline)
+        return torch.stack([rotation, place, outline])
+
+    def validate(self) -> tuple[CropValidation, ...]:
+        """Validate the averaged weights; keep and export them if they are the best so far."""
+        config = self.config
+        network = network_of_shape(self.network.shape).to(config.device)
+        network.load_state_dict(self.average.state)
+        network.eval()
+        found = tuple(
+            validate_crops(network, sets, self.views, self.classes, name=name)
+            for name, sets in self.validation_sets.items()
+        )
+        values = {"step": float(self.progress.step), "minutes": self.seconds / 60}
+        for one in found:
+            rows = np.array([[*c.found, c.best_deg, c.mean_deg] for c in one.classes])
+            for figure, value in zip(FIGURES, rows.mean(axis=0), strict=True):
+                values[f"{one.name}:{figure}"] = float(value)
+        # Parts in scenes are what counts; without any, crops of the training's own kind.
+        values["score"] = score = found[-1].score
+        self.validation_log.add(values)
+        shown = [f"{one.name}:{figure}" for one in found for figure in ("found1", "found20")]
+        path = config.output / "validation.png"
+        write_curve(path, self.validation_log, x="minutes", curves=shown)
+        if score > self.progress.best:
+            self.progress.best, self.progress.seconds = score, self.seconds
+            export(self.config, network, self.progress, names=self.names, found=found)
+        return found
+
+    def _pools(self, stop: Callable[[], bool]) -> Iterator[CropPool]:
+        """The pool before every step, renewed as fresh crops come."""
+        config = self.config
+        pool = CropPool(config.pool)
+        if torch.device(config.device).type != "cpu":
+            while True:
+                if len(pool) < config.first_shards or self.progress.step % config.live_steps == 0:
+                    pool.add(self.maker.make(config.shard, rng=self.rng))
+                yield pool
+        folder = config.output / "pool"
+        shards = ShardFolder(folder, size=config.pool)
+        with generating(
+            config.assemblies,
+            folder,
+            processes=config.generators,
+            shard=config.shard,
+            size=config.pool,
+            seed=config.seed,
+            niceness=config.generator_niceness,
+        ) as alive:
+            wanted = min(config.first_shards, config.pool)
+            await_shards(shards, pool, count=wanted, alive=alive, stop=stop)
+            while True:
+                for crops in shards.fresh(limit=1) if self.progress.step % 10 == 0 else ():
+                    pool.add(crops)
+                yield pool
+
+    def _validation_sets(self) -> dict[str, list[Views]]:
+        """Views of crops that are never trained on, and of parts in scenes."""
+        config = self.config
+        count = config.validation_crops * len(self.classes)
+        file = config.output / "validation_crops.npz"
+        if not file.is_file():
+            rng = np.random.default_rng([VALIDATION_SEED, config.seed])
+            self.maker.make(count, rng=rng).save(file)
+        crops, rng = Crops.load(file), np.random.default_rng(VALIDATION_SEED)
+        starts = range(0, len(crops), VALIDATION_BATCH)
+        rows = [torch.arange(i, min(i + VALIDATION_BATCH, len(crops))) for i in starts]
+        on_device = [_on(crops.taken(part), config.device) for part in rows]
+        sets = {"crops": [self.views.views(part, rng=rng) for part in on_device]}
+        if config.validation:
+            scenes = scene_views(config.validation, self.assemblies, self.classes)
+            sets["scenes"] = [_on(part, config.device) for part in scenes]
+        return sets
+
+    def checkpoint(self) -> None:
+        """Write last.pt with all that is needed to go on."""
+        self.progress.seconds = self.seconds
+        about = {"classes": self.names, "shape": self.network.shape}
+        save_crop_checkpoint(
+            self.last,
+            network=self.network,
+            average=self.average,
+            progress=self.progress,
+            optimizer=self.optimizer,
+            about=about,
+        )
+
+    def _resume(self) -> None:
+        if not self.last.is_file():
+            return
+        self.progress = resume_crops(
+            self.last,
+            network=self.network,
+            average=self.average,
+            optimizer=self.optimizer,
+            about={"classes": self.names, "shape": self.network.shape},
+        )
+        self._before = self.progress.seconds
+
+    def _logged(self, meter: Meter, shards: int) -> CropReport:
+        report = self._report(meter, shards)
+        values = {"step": float(self.progress.step), "minutes": self.seconds / 60}
+        values |= {"rate": self.optimizer.param_groups[0]["lr"], "crops_per_s": report.crops_per_s}
+        self.log.add({**values, **report.losses})
+        write_curve(self.config.output / "curve.png", self.log, x="minutes", curves=LOSSES)
+        return report
+
+    def _report(self, meter: Meter, shards: int) -> CropReport:
+        losses: dict[str, float] = dict(zip(LOSSES, meter.means(), strict=False))
+        share = min(self.share, 1.0)
+        return CropReport(self.progress.step, share, losses, meter.inputs_per_s, shards)
+
+
+def _optimizer(network: nn.Module, config: CropTrainConfig) -> torch.optim.AdamW:
+    decayed = [p for p in network.parameters() if p.ndim > 1]
+    others = [p for p in network.parameters() if p.ndim <= 1]
+    groups = [
+        {"params": decayed, "weight_decay": config.weight_decay},
+        {"params": others, "weight_decay": 0.0},
+    ]
+    return torch.optim.AdamW(groups, lr=config.learning_rate, betas=(0.9, 0.99))
+
+
+def _on(rows: _Rows, device: str) -> _Rows:
+    """The same on a device."""
+    return type(rows)(*(getattr(rows, f.name).to(device) for f in dataclasses.fields(rows)))

@@ -1,0 +1,190 @@
+"""How good a crop network's rotations are: on crops of its own kind and on parts in scenes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from jaxtyping import Float64
+
+from asdfviz.datatypes import Assembly
+from asdfviz.detector.crop_classes import PartClass, class_name
+from asdfviz.detector.crop_cut import CROP_PIXELS, crop_camera, cut
+from asdfviz.detector.crop_looker import REACH
+from asdfviz.detector.crop_network import STRIDE, CropNetwork
+from asdfviz.geometry.rotation_grid import angles_of, even_rotations, modes, quaternion_of
+from asdfviz.synth.tensors import to_tensor
+from asdfviz.train.crop_views import SHIFT, ZOOM, ViewMaker, Views
+from asdfviz.train.dataset import load_images
+
+NEAR_DEG = 25.0
+"""A rotation this near to the truth counts as found."""
+BEST = (1, 5, 20)
+
+
+@dataclass(frozen=True, slots=True)
+class CropScore:
+    """Figures of one part class; symmetric poses count as equal."""
+
+    label: str
+    crops: int
+    found: tuple[float, ...]
+    """Share with a grid rotation within 25 degrees among the best 1, 5 and 20."""
+    best_deg: float
+    """Median error of the best grid rotation."""
+    mean_deg: float
+    """Median error of the strongest peak's mean."""
+    outline: float
+    """Mean intersection over union of the visible outline; NaN for scenes, which have none."""
+    place: float
+    """Median error of the middle, as a share of the crop's side."""
+
+
+@dataclass(frozen=True, slots=True)
+class CropValidation:
+    """Figures of a network on one set."""
+
+    name: str
+    classes: tuple[CropScore, ...]
+
+    @property
+    def score(self) -> float:
+        """0 to 1: mean over classes of the share found by the best and by the best five."""
+        return float(np.mean([(c.found[0] + c.found[1]) / 2 for c in self.classes]))
+
+    def as_json(self) -> dict[str, object]:
+        """Plain numbers and lists."""
+        return {
+            "name": self.name,
+            "score": self.score,
+            "classes": [asdict(c) for c in self.classes],
+        }
+
+    def table(self) -> str:
+        """One line a class, for people."""
+        lines = [
+            f"{self.name}: score {self.score:.3f}",
+            f"{'class':<46}{'n':>5}{'1':>6}{'5':>6}{'20':>6}{'best':>7}{'mean':>7}{'iou':>6}{'place':>7}",
+        ]
+        for c in (*self.classes, self._overall()):
+            shares = "".join(f"{100 * f:>6.0f}" for f in c.found)
+            lines.append(
+                f"{c.label:<46}{c.crops:>5}{shares}{c.best_deg:>7.1f}{c.mean_deg:>7.1f}"
+                f"{c.outline:>6.2f}{c.place:>7.3f}"
+            )
+        return "\n".join(lines)
+
+    def _overall(self) -> CropScore:
+        rows = [(*c.found, c.best_deg, c.mean_deg, c.outline, c.place) for c in self.classes]
+        values = [float(v) for v in np.mean(np.array(rows), axis=0)]
+        count = len(BEST)
+        total = sum(c.crops for c in self.classes)
+        return CropScore("mean over classes", total, tuple(values[:count]), *values[count:])
+
+
+def validate_crops(
+    network: CropNetwork,
+    views: Sequence[Views],
+    maker: ViewMaker,
+    classes: Sequence[PartClass],
+    *,
+    name: str,
+) -> CropValidation:
+    """Run a network in evaluation mode on batches of views."""
+    rows: dict[int, list[Float64[np.ndarray, "f"]]] = {}
+    grid = even_rotations(network.grid)
+    for batch in views:
+        with torch.inference_mode():
+            out = network(batch.pictures, batch.labels)
+            probabilities = out.rotations.float().softmax(1)
+            angles = torch.rad2deg(maker.angles(batch.quaternions, batch.labels))
+            ranked = angles.gather(1, probabilities.topk(BEST[-1], dim=1).indices).cpu().numpy()
+            drawn, true = out.outline.float() > 0, batch.outline > 0.5
+            union = (drawn | true).sum((1, 2)).clamp(min=1)
+            outline = ((drawn & true).sum((1, 2)) / union).cpu().numpy()
+            place = (out.place.float() - batch.place)[:, :2].square().sum(
+                1
+            ).sqrt().cpu().numpy() / 2
+            if bool(batch.outline.isnan().any()):
+                outline = outline * np.nan
+        quaternions = batch.quaternions.double().cpu().numpy()
+        labels = batch.labels.cpu().numpy()
+        for i, label in enumerate(int(v) for v in labels):
+            peak, _ = modes(probabilities[i].double().cpu().numpy(), grid, count=1, reach=REACH)
+            close = classes[label].equivalents.closeness(quaternions[i], peak)
+            error = float(np.rad2deg(angles_of(close))[0])
+            found = [float(ranked[i, :k].min() < NEAR_DEG) for k in BEST]
+            row = np.array([*found, ranked[i, 0], error, outline[i], place[i]], np.float64)
+            rows.setdefault(label, []).append(row)
+    scores = [_score(classes[label].name, np.stack(rows[label])) for label in sorted(rows)]
+    return CropValidation(name, tuple(scores))
+
+
+def _score(label: str, rows: Float64[np.ndarray, "n f"]) -> CropScore:
+    count = len(BEST)
+    return CropScore(
+        label,
+        len(rows),
+        tuple(float(v) for v in rows[:, :count].mean(axis=0)),
+        best_deg=float(np.median(rows[:, count])),
+        mean_deg=float(np.median(rows[:, count + 1])),
+        outline=float(rows[:, count + 2].mean()),
+        place=float(np.median(rows[:, count + 3])),
+    )
+
+
+def scene_views(
+    folders: Iterable[Path],
+    assemblies: Sequence[Assembly],
+    classes: Sequence[PartClass],
+    *,
+    seed: int = 0,
+    limit: int | None = None,
+) -> list[Views]:
+    """Crops of the parts in scenes, cut as in use, with boxes as wrong as a detector's.
+
+    Raises:
+        SequenceError: a folder is broken or shows none of the assemblies.
+    """
+    rng = np.random.default_rng(seed)
+    number = {c.name: place for place, c in enumerate(classes)}
+    by_name = {a.name: a for a in assemblies}
+    rows: list[tuple[np.ndarray, int, np.ndarray, np.ndarray]] = []
+    for image in load_images(tuple(folders), tuple(assemblies), image_size=1280, limit=limit):
+        assembly = by_name[image.assembly]
+        for item in image.objects:
+            if item.part is None or item.T_camera_part is None:
+                continue
+            label = number[class_name(assembly, assembly.parts[item.part])]
+            low, high = item.outline.min(0), item.outline.max(0)
+            side = float((high - low).max())
+            shift = SHIFT * side * np.clip(rng.normal(size=2), -2, 2)
+            half = (high - low) / 2 * np.exp(ZOOM * np.clip(rng.normal(), -2, 2))
+            middle = (low + high) / 2 + shift
+            box = np.concatenate([middle - half, middle + half]).astype(np.float64)
+            camera = crop_camera(box, image.K)
+            R_crop_part = camera.R_camera_crop.T @ item.T_camera_part[:3, :3]
+            seen = camera.R_camera_crop.T @ (
+                item.T_camera_part[:3, :3] @ classes[label].middle + item.T_camera_part[:3, 3]
+            )
+            focal = camera.K[0, 0]
+            place = [*(seen[:2] / seen[2] * focal / (CROP_PIXELS / 2)),
+                     np.log(focal * classes[label].diameter / (seen[2] * CROP_PIXELS))]  # fmt: skip
+            picture = cut(image.rgb, camera, image.K)
+            rows.append((picture, label, quaternion_of(R_crop_part), np.array(place)))
+    return [_views(rows[i : i + 128]) for i in range(0, len(rows), 128)]
+
+
+def _views(rows: Sequence[tuple[np.ndarray, int, np.ndarray, np.ndarray]]) -> Views:
+    pictures = to_tensor(np.stack([r[0] for r in rows]), "cpu").permute(0, 3, 1, 2)
+    cells = CROP_PIXELS // STRIDE
+    return Views(
+        pictures.float() / 255 - 0.5,
+        torch.tensor([r[1] for r in rows]),
+        to_tensor(np.stack([r[2] for r in rows]), "cpu", dtype=torch.float32),
+        to_tensor(np.stack([r[3] for r in rows]), "cpu", dtype=torch.float32),
+        torch.full((len(rows), cells, cells), torch.nan),
+    )

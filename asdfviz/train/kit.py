@@ -1,0 +1,125 @@
+"""Training in short sittings on a machine that has torch, numpy and opencv and little else.
+
+    python -m asdfviz.train.kit --assemblies models/vise models/screw_clamp \
+        --total 30 --sitting 9 --device cuda --carried carried --out OUT
+
+Data are rendered on the device while it trains, so nothing but the assemblies travels there. What
+comes back is small: the weights, the log, and the state of the run cut into pieces. The same line
+with `--carried` naming these pieces goes on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import shutil
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from asdfviz.detector.weights import SCALES
+from asdfviz.errors import AsdfvizError
+from asdfviz.train.checkpoint import export_weights, keep_average
+from asdfviz.train.config import Stage, TrainConfig
+from asdfviz.train.loop import train
+from asdfviz.train.pieces import cut_file, join_file
+from asdfviz.train.session import TrainReport
+
+STATE = "state.pt"
+"""What travels: the averaged weights and how far the run is."""
+LINE_SECONDS = 60.0
+
+
+def parse(arguments: Sequence[str]) -> argparse.Namespace:
+    """Read the command line; argparse, because tyro may not be there."""
+    line = argparse.ArgumentParser(prog="python -m asdfviz.train.kit", description=__doc__)
+    line.formatter_class = argparse.RawDescriptionHelpFormatter
+    line.add_argument("--assemblies", nargs="+", required=True, help="names or folders")
+    line.add_argument("--out", type=Path, required=True, help="folder for what comes back")
+    line.add_argument("--work", type=Path, default=Path("kit_run"), help="run folder on the spot")
+    line.add_argument("--carried", type=Path, help="folder with the pieces of an earlier sitting")
+    line.add_argument("--total", type=float, default=30.0, help="minutes of the whole run")
+    line.add_argument("--sitting", type=float, default=9.0, help="minutes of this sitting")
+    line.add_argument("--sitting-steps", type=int, help="steps of this sitting instead")
+    line.add_argument("--scale", choices=SCALES, default="n", help="size of the network")
+    line.add_argument("--keypoint-width", type=int, default=72)
+    line.add_argument("--batch", type=int, default=64, help="inputs a step")
+    line.add_argument("--fresh", type=int, default=1500, help="packs in the pool")
+    line.add_argument("--loaders", type=int, default=12, help="threads that make batches")
+    line.add_argument("--image-size", type=int, default=640)
+    line.add_argument("--device", default="cuda")
+    line.add_argument("--seed", type=int, default=0)
+    return line.parse_args(arguments)
+
+
+def run_sitting(options: argparse.Namespace) -> bool:
+    """Train for one sitting and leave what comes back in `out`; True once the whole run is done."""
+    work: Path = options.work
+    work.mkdir(parents=True, exist_ok=True)
+    if options.carried is not None and not (work / "last.pt").is_file():
+        join_file(STATE, options.carried, work / "last.pt")
+    size: int = options.image_size
+    config = TrainConfig(
+        assemblies=tuple(options.assemblies),
+        data=(),
+        output=work,
+        fresh=options.fresh,
+        loaders=options.loaders,
+        scale=options.scale,
+        keypoint_width=options.keypoint_width,
+        minutes=options.total,
+        image_size=size,
+        stages=(Stage(1.0, size, size * 3 // 5 // 64 * 64, options.batch, 0.5),),
+        device=options.device,
+        seed=options.seed,
+    )
+    result = train(config, progress=_minute_lines(), stop=_sitting_over(options))
+    _bring_back(work, options.out)
+    return result.finished
+
+
+def _sitting_over(options: argparse.Namespace) -> Callable[[], bool]:
+    end = time.monotonic() + options.sitting * 60
+    asked = itertools.count()
+    if options.sitting_steps is not None:
+        return lambda: next(asked) >= options.sitting_steps
+    return lambda: time.monotonic() > end
+
+
+def _minute_lines() -> Callable[[TrainReport], None]:
+    told = 0.0
+
+    def tell(report: TrainReport) -> None:
+        nonlocal told
+        if time.monotonic() - told >= LINE_SECONDS or report.share >= 1:
+            told = time.monotonic()
+            losses = " ".join(f"{name} {value:.2f}" for name, value in report.losses.items())
+            speed = f"{report.inputs_per_s:.0f} inputs/s"
+            sys.stdout.write(f"step {report.step} {100 * report.share:.1f} % {speed} {losses}\n")
+            sys.stdout.flush()
+
+    return tell
+
+
+def _bring_back(work: Path, out: Path) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    keep_average(work / "last.pt", work / STATE)
+    export_weights(work / STATE, out / "weights.safetensors")
+    cut_file(work / STATE, out)
+    for name in ("log.csv", "curve.png"):
+        if (work / name).is_file():
+            shutil.copyfile(work / name, out / name)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one sitting; 0 when the whole run is done, 130 when there is more to do, 2 on bad input."""
+    try:
+        return 0 if run_sitting(parse(sys.argv[1:] if arguments is None else arguments)) else 130
+    except AsdfvizError as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""Two captures in folders of one name keep their corrections apart; a moved one finds its own."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sqlite3
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from asdfviz.annotate.identity import open_annotation, own_annotation_file, sequence_identity
+from asdfviz.annotate.store import AnnotationStore
+from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import Assembly, Sequence
+from asdfviz.errors import AnnotationError
+
+
+def capture(folder: Path, assembly: Assembly, *, light: int) -> Sequence:
+    """Eight small pictures, ever lighter."""
+    for room, kind in (("rgb", np.uint8), ("depth", np.uint16)):
+        (folder / "take" / room).mkdir(parents=True)
+        for number in range(8):
+            pixels = np.full((6, 8), light + number, kind)
+            cv2.imwrite(str(folder / "take" / room / f"{number:06d}.png"), pixels)
+    write_camera(folder / "take", focal=9.0)
+    return open_sequence(folder / "take", assembly=assembly)
+
+
+def write_camera(scene: Path, *, focal: float) -> None:
+    camera = {"fx": focal, "fy": focal, "cx": 4, "cy": 3, "width": 8, "height": 6}
+    (scene / "camera.json").write_text(json.dumps({**camera, "depth_scale": 1.0}))
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(file.name for file in folder.glob("*.db"))
+
+
+def test_sequences_of_one_name_have_files_of_their_own(tmp_path: Path, boxes: Assembly) -> None:
+    notes = tmp_path / "notes"
+    monday, tuesday = (
+        capture(tmp_path / day, boxes, light=light)
+        for day, light in (("monday", 10), ("tuesday", 20))
+    )
+    for sequence, frame in ((monday, 0), (tuesday, 1)):
+        with open_annotation(sequence, boxes, folder=notes) as store:
+            store.set_pose(frame, "lid", np.eye(4))
+    assert names(notes) == ["take-2.db", "take.db"]
+    for sequence, frame in ((tuesday, 1), (monday, 0)):
+        with open_annotation(sequence, boxes, folder=notes) as store:
+            assert list(store.poses()) == [(frame, "lid")]
+
+
+def test_a_moved_or_grown_sequence_finds_its_file(tmp_path: Path, boxes: Assembly) -> None:
+    notes = tmp_path / "notes"
+    first = capture(tmp_path / "here", boxes, light=10)
+    with open_annotation(first, boxes, folder=notes) as store:
+        store.set_pose(0, "lid", np.eye(4))
+    shutil.move(tmp_path / "here", tmp_path / "there")
+    scene = tmp_path / "there" / "take"
+    write_camera(scene, focal=10.0)
+    shutil.copy(scene / "rgb" / "000001.png", scene / "rgb" / "000008.png")
+    moved = open_sequence(scene, assembly=boxes)
+    with open_annotation(moved, boxes, folder=notes) as store:
+        assert list(store.poses()) == [(0, "lid")]
+    assert names(notes) == ["take.db"]
+
+
+def test_a_file_from_before_identities_is_taken_by_the_first_that_opens_it(
+    tmp_path: Path, boxes: Assembly
+) -> None:
+    old = tmp_path / "take.db"
+    with AnnotationStore(old, sequence_name="take", assembly_name="boxes") as store:
+        store.set_pose(0, "lid", np.eye(4))
+    monday, tuesday = (
+        capture(tmp_path / day, boxes, light=light)
+        for day, light in (("monday", 10), ("tuesday", 20))
+    )
+    with open_annotation(monday, boxes, folder=tmp_path) as store:
+        assert list(store.poses()) == [(0, "lid")]
+    assert own_annotation_file(tuesday, folder=tmp_path) == tmp_path / "take-2.db"
+    with pytest.raises(AnnotationError, match="another sequence called 'take'"):
+        AnnotationStore(
+            old, sequence_name="take", assembly_name="boxes", identity=sequence_identity(tuesday)
+        )
+
+
+def test_a_damaged_file_is_said_and_not_passed_over(tmp_path: Path, boxes: Assembly) -> None:
+    (tmp_path / "take.db").write_text("no database at all, but something of somebody's")
+    with pytest.raises(AnnotationError, match=r"take\.db is not an annotation file"):
+        open_annotation(capture(tmp_path / "x", boxes, light=10), boxes, folder=tmp_path)
+    assert names(tmp_path) == ["take.db"]
+
+
+def test_finding_a_file_changes_nothing(tmp_path: Path, boxes: Assembly) -> None:
+    sequence = capture(tmp_path / "x", boxes, light=10)
+    assert own_annotation_file(sequence, folder=tmp_path) == tmp_path / "take.db"
+    assert names(tmp_path) == []
+    open_annotation(sequence, boxes, folder=tmp_path).close()
+    connection = sqlite3.connect(tmp_path / "take.db")
+    found = dict(connection.execute("SELECT key, value FROM about"))
+    connection.close()
+    assert found["identity"] == sequence_identity(sequence)

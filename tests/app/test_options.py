@@ -1,0 +1,93 @@
+"""A method's options: found with their hints, read back from text, told apart from the defaults."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from asdfviz.app.options import config_from, differences, option_groups
+from asdfviz.errors import MethodError
+from asdfviz.methods.asdf import AsdfConfig
+
+
+@dataclass(frozen=True)
+class Inner:
+    size: int = 640
+    """Longer side,
+    pixels."""
+    share: float = 0.5
+    """A share."""
+    file: Path | None = None
+
+
+@dataclass(frozen=True)
+class Outer:
+    network: Inner = field(default_factory=lambda: Inner(share=0.25))
+    """The network."""
+    solver: Literal["fast", "robust"] = "robust"
+    """Which one."""
+    enabled: bool = True
+    corners: tuple[int, ...] = (1, 2)
+
+
+def test_every_plain_field_is_an_option_with_its_docstring() -> None:
+    own, network = option_groups(Outer)
+    assert [(o.name, o.kind, o.default) for o in own.options] == [
+        ("solver", "choice", "robust"),
+        ("enabled", "switch", "True"),
+    ]
+    assert own.options[0].choices == ("fast", "robust")
+    assert (network.name, network.hint) == ("network", "The network.")
+    assert [(o.name, o.kind, o.default, o.hint) for o in network.options] == [
+        ("network.size", "whole", "640", "Longer side, pixels."),
+        ("network.share", "number", "0.25", "A share."),
+        ("network.file", "text", "", ""),
+    ]
+
+
+def test_text_becomes_a_config() -> None:
+    given = {
+        "network.size": " 320 ",
+        "network.file": "w.pt",
+        "solver": "fast",
+        "enabled": "False",
+    }
+    made = config_from(Outer, given)
+    inner = Inner(size=320, share=0.25, file=Path("w.pt"))
+    assert made == Outer(network=inner, solver="fast", enabled=False)
+    assert config_from(Outer, {}) == Outer()
+    assert config_from(Outer, {"network.file": ""}) == Outer()
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"network.size": "6.5"}, "network.size is '6.5': give a whole number"),
+        ({"network.share": "nan"}, "network.share is 'nan': give a number"),
+        ({"network.share": ""}, "give a number"),
+        ({"solver": "slow"}, "choose fast or robust"),
+        ({"network.depth": "3"}, "no option 'network.depth'; options: solver"),
+    ],
+)
+def test_what_does_not_fit_is_said(given: dict[str, str], said: str) -> None:
+    with pytest.raises(MethodError, match=said):
+        config_from(Outer, given)
+
+
+def test_runs_tell_what_was_changed() -> None:
+    saved = asdict(replace(Outer(), solver="fast"))
+    saved["network"]["size"] = 320
+    assert differences(Outer(), saved) == {"network.size": "320", "solver": "fast"}
+    assert differences(Outer(), asdict(Outer())) == {}
+
+
+def test_all_options_of_asdf_have_hints_and_read_back() -> None:
+    options = [option for group in option_groups(AsdfConfig) for option in group.options]
+    assert {"detector.weights", "detector.image_size", "detector.confidence"} <= {
+        option.name for option in options
+    }
+    assert all(option.hint for option in options)
+    assert config_from(AsdfConfig, {o.name: o.default for o in options}) == AsdfConfig()

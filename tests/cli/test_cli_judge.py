@@ -1,0 +1,88 @@
+"""`asdfviz evaluate` and `asdfviz report` on results made elsewhere, from the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from asdfviz.cli import main
+from asdfviz.data.resources import sample_folder
+
+POSED = 12
+"""Frames of the sample that the csv has poses for: as many as show that it is read."""
+
+
+def call(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert isinstance(caught.value.code, int)
+    return caught.value.code
+
+
+@pytest.fixture
+def csv(tmp_path: Path) -> Path:
+    """The sample's own truth in GBOT's layout, 5 mm too far right, and another scene's rows."""
+    truth: dict[str, Any] = json.loads((sample_folder() / "scene_gt.json").read_text())
+    rows: list[str] = ["elsewhere,000001,base,-1,1 0 0 0 1 0 0 0 1,1 2 500,3"]
+    for frame, entries in truth.items():
+        for entry in entries:
+            R = " ".join(map(str, entry["cam_R_m2c"]))
+            x, y, z = entry["cam_t_m2c"]
+            if 0 < int(frame) <= POSED:
+                rows.append(f"sample,{int(frame):06d},{entry['obj_id']},-1,{R},{x + 5} {y} {z},12")
+    file = tmp_path / "theirs.csv"
+    file.write_text("\n".join(rows) + "\n")
+    return file
+
+
+def test_a_csv_is_judged_like_a_run(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("evaluate", str(csv), "--sequence", "sample", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["method"], said["sequence"], said["protocol"]) == ("theirs", "sample", "strict")
+    frames = len(json.loads((sample_folder() / "scene_gt.json").read_text()))
+    assert said["n_frames"] == frames - 1  # the first one was given
+    assert said["mean"]["e_t_mm"] == pytest.approx(5)
+    assert said["parts"]["base"]["n_poses"] == POSED
+    assert said["parts"]["base"]["add_s_10cm"] == pytest.approx(100 * POSED / (frames - 1))
+    assert said["runtime_ms"]["total_median"] == pytest.approx(12)
+    assert said["mean"]["ar_bop"] is None
+    assert said["state"]["false_transitions"] is None
+
+
+def test_several_runs_and_their_means(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    both = ("evaluate", str(csv), str(csv), "--sequence", "sample", "--protocol", "gbot")
+    assert call(*both, "--summary") == 0
+    said = capsys.readouterr()
+    assert list(summary := json.loads(said.out)) == ["runs", "means"]
+    assert len(summary["runs"]) == summary["means"][0]["n_runs"] == 2
+    assert summary["means"][0]["plain"]["mean"]["e_t_mm"] == pytest.approx(5)
+    assert "by frames" in said.err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [((), "--sequence"), (("--sequence", "sample", "--scene", "moon"), "no scene 'moon'")],
+)
+def test_a_csv_that_lacks_something(
+    options: tuple[str, ...], said: str, csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert call("evaluate", str(csv), *options) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_report(csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert call("report", "--help") == 0
+    assert "Example: asdfviz report" in capsys.readouterr().out
+    out = tmp_path / "new" / "report.html"
+    options = ("--sequence", "sample", "--pictures", "1")
+    assert call("report", str(csv), "-o", str(out), *options) == 0
+    assert capsys.readouterr().out == f"{out}\n"
+    page = out.read_text()
+    assert "theirs on sample" in page
+    assert page.count("data:image/jpeg") == 1
+    assert len(page) < 3_000_000
+    assert call("report", str(tmp_path / "nowhere")) == 2
+    assert "nowhere" in capsys.readouterr().err

@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS, crop_camera, cut
+from asdfviz.detector.crop_looker import CropLooker, CropLookerConfig
+from asdfviz.detector.crop_network import CropNetwork
+from asdfviz.detector.crop_weights import load_crop_network, save_crop_network
+from asdfviz.errors import WeightsError
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.transforms import apply, inverse, transform_from
+
+K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
+SMALL = {"grid": 120, "widths": (8, 8, 16, 16, 16), "hidden": 32, "own": 16}
+
+
+def network(classes: int = 2, seed: int = 0) -> CropNetwork:
+    torch.manual_seed(seed)
+    return CropNetwork(classes=classes, **SMALL).eval()
+
+
+def test_outputs_depend_on_the_part_and_have_the_promised_shapes() -> None:
+    net = network()
+    crop = torch.rand(1, 3, CROP_PIXELS, CROP_PIXELS).expand(2, -1, -1, -1) - 0.5
+    with torch.inference_mode():
+        out = net(crop, torch.tensor([0, 1]))
+    assert out.rotations.shape == (2, 120)
+    assert out.place.shape == (2, 3)
+    assert out.outline.shape == (2, 24, 24)
+    assert not torch.allclose(out.rotations[0], out.rotations[1])
+
+
+def test_the_full_network_fits_the_weight_limit(tmp_path: Path) -> None:
+    path = tmp_path / "crops.safetensors"
+    save_crop_network(CropNetwork(classes=28), path, classes=[f"a/{i}" for i in range(28)])
+    assert path.stat().st_size < 7e6
+
+
+def test_weights_come_back(tmp_path: Path) -> None:
+    net, path = network(), tmp_path / "crops.safetensors"
+    save_crop_network(net, path, classes=["a/x", "a/y"])
+    loaded = load_crop_network(path)
+    assert loaded.classes == ("a/x", "a/y")
+    crops, part = torch.rand(2, 3, CROP_PIXELS, CROP_PIXELS) - 0.5, torch.tensor([0, 1])
+    with torch.inference_mode():
+        want, got = net(crops, part), loaded.network(crops, part)
+    assert torch.allclose(want.rotations, got.rotations, atol=0.02)
+    assert torch.allclose(want.outline, got.outline, atol=0.02)
+
+
+@pytest.mark.parametrize("fault", ["missing", "cut short", "text", "other classes", "not finite"])
+def test_bad_weights_are_refused(tmp_path: Path, fault: str) -> None:
+    path = tmp_path / "crops.safetensors"
+    net = network()
+    if fault == "not finite":
+        net.to_place.bias.data.fill_(torch.nan)
+    save_crop_network(net, path, classes=["a/x"] if fault == "other classes" else ["a/x", "a/y"])
+    if fault == "missing":
+        path.unlink()
+    elif fault == "cut short":
+        path.write_bytes(path.read_bytes()[:1000])
+    elif fault == "text":
+        path.write_text("no weights")
+    with pytest.raises(WeightsError, match=r"crops\.safetensors"):
+        load_crop_network(path)
+
+
+def test_a_detector_is_no_crop_network(tmp_path: Path) -> None:
+    from asdfviz.detector.network import Network
+    from asdfviz.detector.weights import save_network
+
+    path = tmp_path / "weights.safetensors"
+    save_network(Network("n", classes=1), path, classes=["x"], image_size=640)
+    with pytest.raises(WeightsError, match="asdfviz-crops-1"):
+        load_crop_network(path)
+
+
+def test_a_crop_shows_the_box_in_its_middle_at_the_promised_size() -> None:
+    box = np.array([200.0, 20, 300, 80])
+    camera = crop_camera(box, K)
+    T_crop_camera = inverse(transform_from(camera.R_camera_crop, np.zeros(3)))
+    edges = np.array([[200.0, 50, 1], [300, 50, 1], [250, 50, 1]]) @ np.linalg.inv(K).T
+    pixels = project(apply(T_crop_camera, edges), camera.K)
+    assert pixels[2] == pytest.approx([(CROP_PIXELS - 1) / 2] * 2, abs=1e-6)
+    width = np.linalg.norm(pixels[1] - pixels[0])
+    assert width == pytest.approx(CROP_PIXELS / CONTEXT, rel=0.05)
+
+
+@pytest.mark.parametrize("extent", [24.0, 200.0])
+def test_the_picture_follows_the_crops_camera(extent: float) -> None:
+    rgb = np.zeros((240, 320, 3), np.uint8)
+    rgb[:, :160] = (250, 10, 10)
+    box = np.array([160 - extent / 2, 100, 160 + extent / 2, 140])
+    camera = crop_camera(box, K)
+    picture = cut(rgb, camera, K)
+    assert picture.shape == (CROP_PIXELS, CROP_PIXELS, 3)
+    edge = int((picture[48, :, 0] > 125).sum())
+    assert edge == pytest.approx(CROP_PIXELS / 2, abs=2)
+
+
+def test_looking_answers_for_known_classes_alone(tmp_path: Path) -> None:
+    path = tmp_path / "crops.safetensors"
+    save_crop_network(network(), path, classes=["a/x", "a/y"])
+    looker = CropLooker(path, config=CropLookerConfig(count=5))
+    rgb = np.random.default_rng(0).integers(0, 255, (240, 320, 3), dtype=np.uint8)
+    box = np.array([100.0, 100, 150, 160])
+    answers = looker.look(rgb, K, {"one": ("a/y", box), "two": ("b/z", box)})
+    assert set(answers) == {"one"}
+    answer = answers["one"]
+    assert 1 <= len(answer.rotations) <= 5
+    assert np.all(np.diff(answer.probabilities) <= 0)
+    assert answer.outline.shape == (24, 24)
+    assert looker.look(rgb, K, {}) == {}
+    far, near = (replace(answer, place=np.array([0, 0, size])) for size in (-0.1, 0.1))
+    assert far.distance(0.1) > near.distance(0.1) > 0

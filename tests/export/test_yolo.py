@@ -1,0 +1,104 @@
+"""YOLO-pose exports: format, round trip through the reader of ASDF's own layout, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import KEYPOINTS, Assembly, FrameTruth, Sequence
+from asdfviz.errors import SequenceError
+from asdfviz.export.yolo import export_yolo
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.transforms import apply, transform_from
+
+
+@pytest.fixture
+def classed(assembly: Assembly) -> Assembly:
+    states = tuple(
+        replace(s, detector_class="two_jaw_on" if s.index == 1 else None) for s in assembly.states
+    )
+    classes = (*assembly.detector_classes, "two_jaw_on")
+    return replace(assembly, states=states, detector_classes=classes)
+
+
+@pytest.fixture
+def sequence(memory: Sequence, classed: Assembly) -> Sequence:
+    return replace(memory, assembly=classed)  # pyright: ignore[reportArgumentType, reportCallIssue]
+
+
+def truth() -> dict[int, FrameTruth]:
+    poses = {
+        "base <1>": transform_from(np.eye(3), np.array([-0.02, -0.01, 0.3])),
+        "jaw": transform_from(np.eye(3), np.array([0.03, 0.0, 0.3])),
+    }
+    return {
+        0: FrameTruth(0, poses, state=1, is_error=False, visible={"jaw": 0.9, "base <1>": 1.0}),
+        5: FrameTruth(5, poses, state=1, is_error=True, visible={"jaw": 0.1}),
+    }
+
+
+def rows(file: Path) -> list[np.ndarray]:
+    return [np.array(line.split(), float) for line in file.read_text().splitlines()]
+
+
+def test_labels_hold_what_the_truth_says(
+    tmp_path: Path, sequence: Sequence, classed: Assembly
+) -> None:
+    told: list[tuple[int, int]] = []
+    export_yolo(sequence, truth(), tmp_path, progress=lambda *now: told.append(now))
+    assert told == [(1, 2), (2, 2)]
+    base, jaw, state = rows(tmp_path / "labels" / "000000.txt")
+    assert [row[0] for row in (base, jaw, state)] == [0, 1, 2]
+    assert all(len(row) == 5 + 3 * KEYPOINTS for row in (base, jaw, state))
+    part = classed.parts["base <1>"]
+    expected = project(
+        apply(truth()[0].T_camera_part["base <1>"], part.keypoints), sequence.camera.K
+    )
+    assert np.allclose(base[5:].reshape(-1, 3)[:, :2] * [64, 48] - 0.5, expected, atol=0.01)
+    box = base[1:5] * [64, 48, 64, 48]
+    assert np.allclose(box[:2] - box[2:] / 2, expected.min(axis=0) + 0.5, atol=0.01)
+    assert (state[5:] == 0).all()
+    # An error is no state, and what is hardly seen gets no row.
+    assert [row[0] for row in rows(tmp_path / "labels" / "000005.txt")] == [0]
+    assert yaml.safe_load((tmp_path / "data.yaml").read_text())["names"] == dict(
+        enumerate(classed.detector_classes)
+    )
+    picture = cv2.imread(str(tmp_path / "images" / "000000.png"), cv2.IMREAD_UNCHANGED)
+    assert picture is not None
+    assert np.array_equal(picture[..., ::-1], sequence[0].rgb)
+
+
+def test_images_with_depth_come_back_through_the_reader(
+    tmp_path: Path, sequence: Sequence, classed: Assembly
+) -> None:
+    export_yolo(sequence, truth(), tmp_path, with_depth=True)
+    back = open_sequence(tmp_path, assembly=classed)
+    assert back.frame_indices == (0, 5)
+    for place, original in ((0, sequence[0]), (1, sequence[2])):
+        frame = back[place]
+        assert np.array_equal(frame.rgb, original.rgb)
+        assert frame.depth is not None
+        assert original.depth is not None
+        assert np.abs(frame.depth - original.depth).max() <= 0.00051
+    found = back.truth(0)
+    assert found is not None
+    assert found.state == 1
+
+
+def test_what_cannot_be_exported_is_refused(
+    tmp_path: Path, sequence: Sequence, memory: Sequence
+) -> None:
+    nameless = replace(memory, assembly=None)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    with pytest.raises(SequenceError, match="names no assembly"):
+        export_yolo(nameless, truth(), tmp_path)
+    with pytest.raises(SequenceError, match="no frame of memory has truth"):
+        export_yolo(sequence, {}, tmp_path)
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(SequenceError, match="is not empty"):
+        export_yolo(sequence, truth(), tmp_path)

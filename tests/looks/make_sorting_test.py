@@ -1,0 +1,160 @@
+"""Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY [SEED]`.
+
+Twenty crops of synthetic scenes among twenty of real frames, shuffled and numbered, as one sheet
+(OUT/sheet.png) and as single files; OUT_key.txt beside the folder says which are synthetic. Somebody
+who made neither sorts all forty: errors near one half mean that the two cannot be told apart.
+
+REAL_FOLDER holds rgb/*.png of a fixed camera over a table; ASSEMBLY is what lies there.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.synth.assets import Assets, load_assets
+from asdfviz.synth.description import Placed, Scene
+from asdfviz.synth.looks import linear
+from asdfviz.synth.render import Picture, render
+from asdfviz.synth.scene import SceneConfig, make_scene
+from asdfviz.synth.sensor import RgbSensor, photograph
+
+COUNT = 20
+SIDE = 160
+SHOWN = 240
+"""Pixels of a crop on the sheet."""
+REAL_PLACES = (
+    (410, 385), (430, 560), (615, 530), (770, 555), (930, 540), (920, 375), (950, 235), (600, 175),
+    (650, 260), (740, 350), (730, 430), (800, 210), (560, 90), (880, 110), (1120, 320), (330, 230),
+    (560, 640), (230, 420), (1000, 640), (880, 480), (300, 90), (480, 480),
+)  # fmt: skip
+"""Parts, hands, cloth and rims in the real frames, pixels."""
+COLORS = {
+    (20, 90, 170): (30, 66, 176),
+    (132, 132, 132): (178, 170, 158),
+    (25, 25, 28): (30, 26, 25),
+}
+"""Colours of the real prints, where the mesh files say otherwise."""
+
+
+def main(out: Path, real: Path, name: str, seed: int) -> None:
+    """Write the sheet, the crops and the key."""
+    rng = np.random.default_rng(seed)
+    crops = [(c, "real") for c in _real_crops(real, rng)]
+    crops += [(c, "synthetic") for c in _synthetic_crops(_matching_assets(name), rng)]
+    order = rng.permutation(len(crops))
+    out.mkdir(parents=True, exist_ok=True)
+    tiles: list[np.ndarray] = []
+    for place, k in enumerate(order):
+        crop = crops[k][0]
+        cv2.imwrite(str(out / f"{place + 1:02d}.png"), crop)
+        tile = cv2.resize(crop, (SHOWN, SHOWN), interpolation=cv2.INTER_CUBIC)
+        tile = cv2.copyMakeBorder(tile, 26, 4, 2, 2, cv2.BORDER_CONSTANT, value=(255, 255, 255))
+        cv2.putText(tile, str(place + 1), (6, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.65, (0, 0, 0), 2)
+        tiles.append(tile)
+    rows = [np.hstack(tiles[i : i + 8]) for i in range(0, len(tiles), 8)]
+    cv2.imwrite(str(out / "sheet.png"), np.vstack(rows))
+    key = "\n".join(f"{place + 1} {crops[k][1]}" for place, k in enumerate(order))
+    out.with_name(out.name + "_key.txt").write_text(key + "\n")
+
+
+def _cut(image: np.ndarray, u: float, v: float) -> np.ndarray:
+    height, width = image.shape[:2]
+    x = int(np.clip(u - SIDE / 2, 0, width - SIDE))
+    y = int(np.clip(v - SIDE / 2, 0, height - SIDE))
+    return image[y : y + SIDE, x : x + SIDE]
+
+
+def _real_crops(folder: Path, rng: np.random.Generator) -> list[np.ndarray]:
+    files = sorted((folder / "rgb").glob("*.png"))
+    frames = [np.asarray(cv2.imread(str(f))) for f in files]
+    chosen = rng.permutation(len(REAL_PLACES))[:COUNT]
+    crops: list[np.ndarray] = []
+    for k in chosen:
+        u, v = REAL_PLACES[k] + rng.uniform(-35, 35, 2)
+        crops.append(_turned(_cut(frames[int(rng.integers(len(frames)))], u, v), rng))
+    return crops
+
+
+def _turned(crop: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Any of four sides up, so that the known direction of the real light gives nothing away."""
+    return np.ascontiguousarray(np.rot90(crop, int(rng.integers(4))))
+
+
+def _matching_assets(name: str) -> Assets:
+    """The assembly in its real colours, in its first states only."""
+    assembly = load_assembly(name)
+    parts = {
+        n: replace(p, color=np.array(COLORS.get(tuple(p.color.tolist()), p.color), np.uint8))
+        for n, p in assembly.parts.items()
+    }
+    return load_assets(replace(assembly, parts=parts, states=assembly.states[:2]))
+
+
+def _synthetic_crops(assets: Assets, rng: np.random.Generator) -> list[np.ndarray]:
+    config = SceneConfig(
+        width=1280, height=720, distance=(0.5, 0.56), tilt=(0.0, 0.05), true_colors=1.0,
+        theatre=1.0, room_light=1.0, present=1.0, distractors=0, duplicates=0, tilted=0.0, held=0.7,
+        passing_hand=0.7,
+    )  # fmt: skip
+    sensor = RgbSensor(
+        exposure=0.47, white_balance=(1.1, 1.0, 0.9), vignette=0.2, blur_px=1.1, noise=0.0065,
+        flare=0.035, contrast=1.1, saturation=1.0, sharpening=0.7, knee=0.85,
+    )  # fmt: skip
+    crops: list[np.ndarray] = []
+    while len(crops) < COUNT:
+        scene = make_scene(assets, rng=rng, config=config).scene
+        scene = replace(scene, placed=tuple(_bare(p, rng) for p in scene.placed if not _cloth(p)))
+        picture = render([scene], assets.bank, rng=rng, supersampling=2.0)[0]
+        exposed = replace(sensor, exposure=float(rng.uniform(0.38, 0.46)))
+        rgb = photograph(picture.radiance, sensor=exposed, rng=rng)
+        encoded = cv2.imencode(".jpg", rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 93])[1]
+        image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR))
+        for u, v in _places(scene, picture, rng)[: COUNT - len(crops)]:
+            crops.append(_turned(_cut(image, u, v), rng))
+    return crops
+
+
+def _cloth(thing: Placed) -> bool:
+    return thing.kind == "hand" and thing.finish.roughness > 0.9
+
+
+def _bare(thing: Placed, rng: np.random.Generator) -> Placed:
+    """The same hand for all, of the real one's colour."""
+    if thing.kind != "hand":
+        return thing
+    tone = linear((218, 164, 134)) * np.exp(rng.normal() * 0.05)
+    return replace(thing, finish=replace(thing.finish, color=tone, translucency=0.35))
+
+
+def _places(scene: Scene, picture: Picture, rng: np.random.Generator) -> list[np.ndarray]:
+    """Up to five places in one picture: three things, a hand if there is one, cloth or a rim."""
+    things = [i for i, p in enumerate(scene.placed) if p.kind == "part"]
+    hands = [i for i, p in enumerate(scene.placed) if p.kind == "hand"]
+    wanted = [int(i) for i in rng.permutation(things)[:3]]
+    wanted += [int(i) for i in rng.permutation(hands)[:1]]
+    places: list[np.ndarray] = []
+    for i in wanted:
+        v, u = np.nonzero(picture.ids == i)
+        if len(u) > 200:
+            k = int(rng.integers(len(u)))
+            middle = np.array([u.mean(), v.mean()])
+            spot = middle + 0.5 * (np.array([u[k], v[k]]) - middle)
+            places.append(spot + rng.uniform(-35, 35, 2))
+    v, u = np.nonzero((picture.ids < 0) & (picture.depth < 1.0))
+    k = int(rng.integers(len(u)))
+    return [*places, np.array([u[k], v[k]], np.float64)]
+
+
+if __name__ == "__main__":
+    main(
+        Path(sys.argv[1]),
+        Path(sys.argv[2]),
+        sys.argv[3],
+        int(sys.argv[4]) if len(sys.argv) > 4 else 1,
+    )

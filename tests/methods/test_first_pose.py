@@ -1,0 +1,185 @@
+"""First poses from crops, with a looker that knows the true rotation among wrong ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly
+from asdfviz.detector.crop_answer import CropAnswer
+from asdfviz.detector.crop_cut import crop_camera, cut
+from asdfviz.errors import MethodError, WeightsError
+from asdfviz.geometry.rotation_grid import even_rotations, quaternion_of
+from asdfviz.geometry.transforms import rotation_about, rotation_angle
+from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.first_pose import CropPoseConfig, chosen_first_pose
+from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig
+from asdfviz.pose.hypotheses import HypothesisConfig
+
+OFF = rotation_about(np.array([0.3, 1.0, -0.2]), np.deg2rad(8.0))
+
+
+@dataclass
+class FakeLooker:
+    """Answers with the true rotation, 8 degrees off, as the last of eight."""
+
+    classes: tuple[str, ...] = ("toy/base", "toy/block")
+    truth: dict[str, np.ndarray] = field(default_factory=dict)
+    outlines: dict[str, np.ndarray] = field(default_factory=dict)
+    calls: int = 0
+
+    def look(self, rgb, K, boxes) -> Mapping[str, CropAnswer]:
+        self.calls += 1
+        answers: dict[str, CropAnswer] = {}
+        for name, (label, box) in boxes.items():
+            if label not in self.classes or name not in self.truth:
+                continue
+            camera = crop_camera(box, K)
+            R_crop_part = camera.R_camera_crop.T @ OFF @ self.truth[name][:3, :3]
+            rotations = np.concatenate([even_rotations(7), quaternion_of(R_crop_part)[None]])
+            shown = np.repeat(self.outlines[name][:, :, None], 3, axis=2).astype(np.uint8) * 255
+            outline = cut(shown, camera, K)[:, :, 0].reshape(24, 4, 24, 4).mean(axis=(1, 3)) / 255
+            answers[name] = CropAnswer(camera, rotations, np.full(8, 0.125), np.zeros(3), outline)
+        return answers
+
+
+@pytest.fixture
+def scene(toy, detector):
+    """Two loose parts; returns their poses, the frame and the looker."""
+    poses = toy.poses(joined=False)
+    detector.answers[1] = tuple(toy.detection(name, T, shrink=0.1) for name, T in poses.items())
+    outlines = {name: toy.depth({name: T}) < 0.74 for name, T in poses.items()}
+    return poses, toy.frame(1, poses), FakeLooker(truth=poses, outlines=outlines)
+
+
+def distance_mm(pose, T) -> float:
+    return float(1e3 * np.linalg.norm(pose.T_camera_part[:3, 3] - T[:3, 3]))
+
+
+def is_near(pose, T, symmetric_deg: float) -> bool:
+    """Boxes look alike after half turns about their axes: the nearest of the four counts."""
+    turns = [np.eye(3), *(np.diag(d) for d in ([1.0, -1, -1], [-1.0, 1, -1], [-1.0, -1, 1]))]
+    angles = [rotation_angle((pose.T_camera_part[:3, :3] @ S).T @ T[:3, :3]) for S in turns]
+    return min(np.degrees(angles)) < symmetric_deg
+
+
+def test_asdf_takes_first_poses_from_crops(toy, detector, scene) -> None:
+    poses, frame, looker = scene
+    method = Asdf(AsdfConfig(first_pose="hypotheses"), detector=detector, looker=looker)
+    method.reset(toy.assembly, frame.camera, None)
+    prediction = method.step(frame)
+    assert set(prediction.poses) == set(poses)
+    assert set(prediction.runtime) == {"detect", "crops", "refine", "state"}
+    for name, T in poses.items():
+        pose = prediction.poses[name]
+        assert distance_mm(pose, T) < 8
+        assert is_near(pose, T, 6)
+        assert 0.3 < pose.score <= 0.8
+
+
+def test_yolov8pose_takes_them_without_depth(toy, detector, scene) -> None:
+    poses, frame, looker = scene
+    config = Yolov8PoseConfig(first_pose="hypotheses")
+    method = Yolov8Pose(config, detector=detector, looker=looker)
+    method.reset(toy.assembly, frame.camera, None)
+    for shown in (frame, replace(frame, depth=None)):
+        prediction = method.step(shown)
+        assert {p.stage for p in prediction.poses.values()} == {"crop"}
+        for name, T in poses.items():
+            assert distance_mm(prediction.poses[name], T) < 40
+            assert is_near(prediction.poses[name], T, 14)
+
+
+def test_keypoints_stay_the_paper_to_the_letter(toy, detector, scene) -> None:
+    poses, frame, looker = scene
+    detector.answers[1] = tuple(toy.detection(name, T) for name, T in poses.items())
+    config = Yolov8PoseConfig(first_pose="keypoints")
+    method = Yolov8Pose(config, detector=detector, looker=looker)
+    method.reset(toy.assembly, frame.camera, None)
+    assert {p.stage for p in method.step(frame).poses.values()} == {"pnp"}
+    assert looker.calls == 0
+
+
+def test_the_pose_before_is_one_hypothesis_of_asdf(toy, detector, scene) -> None:
+    poses, frame, looker = scene
+    method = Asdf(AsdfConfig(first_pose="hypotheses"), detector=detector, looker=looker)
+    method.reset(toy.assembly, frame.camera, None)
+    method.step(frame)
+    lost = {name: rotation_about(np.array([1.0, 1, 0]), 1.2) for name in poses}
+    looker.truth = {
+        name: np.block([[lost[name] @ T[:3, :3], T[:3, 3:]], [np.zeros((1, 3)), 1]])
+        for name, T in poses.items()
+    }
+    again = method.step(frame)
+    for name, T in poses.items():
+        assert is_near(again.poses[name], T, 6)
+
+
+def test_a_part_that_the_crop_network_does_not_know_is_absent(toy, detector, scene) -> None:
+    _, frame, looker = scene
+    looker.classes = ("toy/base",)
+    method = Asdf(AsdfConfig(first_pose="hypotheses"), detector=detector, looker=looker)
+    method.reset(toy.assembly, frame.camera, None)
+    assert set(method.step(frame).poses) == {"base"}
+
+
+def moved_to(assembly: Assembly, folder: Path) -> Assembly:
+    return replace(assembly, path=str(folder / "assembly.yaml"))
+
+
+def test_the_default_follows_the_weights(assembly: Assembly, tmp_path: Path) -> None:
+    here, config = moved_to(assembly, tmp_path), CropPoseConfig()
+    assert chosen_first_pose(None, config, here) == "keypoints"
+    assert chosen_first_pose("hypotheses", config, here) == "hypotheses"
+    named = CropPoseConfig(weights=tmp_path / "none.safetensors")
+    assert chosen_first_pose(None, named, here) == "hypotheses"
+    (tmp_path / "crops.safetensors").write_bytes(b"")
+    assert chosen_first_pose(None, config, here) == "hypotheses"
+    assert chosen_first_pose("keypoints", config, here) == "keypoints"
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no weights at all"])
+@pytest.mark.parametrize("method", ["asdf", "yolov8pose"])
+def test_missing_or_broken_crop_weights_are_named(
+    assembly: Assembly, detector, tmp_path: Path, method: str, content: bytes | None
+) -> None:
+    here = moved_to(assembly, tmp_path)
+    if content is not None:
+        (tmp_path / "crops.safetensors").write_bytes(content)
+    made = (
+        Asdf(AsdfConfig(first_pose="hypotheses"), detector=detector)
+        if method == "asdf"
+        else Yolov8Pose(Yolov8PoseConfig(first_pose="hypotheses"), detector=detector)
+    )
+    with pytest.raises(WeightsError, match=r"crops\.safetensors"):
+        made.reset(here, replace_camera(), None)
+
+
+def replace_camera():
+    from asdfviz.datatypes import Camera
+
+    return Camera(np.eye(3), 320, 240)
+
+
+def test_weights_of_another_assembly_are_refused(
+    assembly: Assembly, detector, tmp_path: Path
+) -> None:
+    from asdfviz.detector.crop_network import CropNetwork
+    from asdfviz.detector.crop_weights import save_crop_network
+
+    network = CropNetwork(classes=1, grid=60, widths=(8, 8, 8, 8, 8), hidden=8, own=8)
+    save_crop_network(network, tmp_path / "crops.safetensors", classes=["other/base"])
+    method = Asdf(AsdfConfig(), detector=detector)
+    with pytest.raises(WeightsError, match="other/base"):
+        method.reset(moved_to(assembly, tmp_path), replace_camera(), None)
+
+
+def test_counts_below_one_are_refused(assembly: Assembly, detector, tmp_path: Path) -> None:
+    crops = CropPoseConfig(hypotheses=HypothesisConfig(count=0))
+    method = Asdf(AsdfConfig(first_pose="hypotheses", crops=crops), detector=detector)
+    with pytest.raises(MethodError, match=r"hypotheses\.count"):
+        method.reset(moved_to(assembly, tmp_path), replace_camera(), None)

@@ -1,0 +1,295 @@
+"""The methods that track, on a drawn scene: a block is carried onto a base, a hand hides it at times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, Frame, FramePrediction, Mesh, PoseEstimate
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.methods import tracking
+from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.gbot import Gbot, GbotConfig
+from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
+from asdfviz.methods.registry import available_methods, build_method, find_method
+from asdfviz.methods.spec import MethodSpec
+from asdfviz.track import raster
+from asdfviz.track.presets import FINE
+from asdfviz.track.viewpoint_model import ViewpointConfig, ViewpointModel, build_viewpoint_model
+
+COLORS = {"base": (30, 60, 200), "block": (220, 120, 20)}
+KNOBS = {"base": (-0.045, 0.025, 0.015), "block": (0.01, 0.02, 0.025)}
+"""Middle of a knob on each part, metres, without which a box looks alike from all sides."""
+FRAMES = 12
+ARRIVED = 8
+"""Frame from which the block is joined."""
+
+
+@cache
+def small_model(name: str, key: tuple[bytes, bytes]) -> ViewpointModel:
+    vertices = np.frombuffer(key[0]).reshape(-1, 3)
+    faces = np.frombuffer(key[1], np.int32).reshape(-1, 3)
+    config = ViewpointConfig(subdivisions=2, points=200, image_size=300)
+    return build_viewpoint_model(Mesh(vertices, faces), config=config)
+
+
+@pytest.fixture(autouse=True)
+def small_models(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coarse viewpoint models, made once for the module."""
+
+    def load(assembly: Assembly, **_: object) -> dict[str, ViewpointModel]:
+        return {
+            name: small_model(name, (part.mesh.vertices.tobytes(), part.mesh.faces.tobytes()))
+            for name, part in assembly.parts.items()
+            if name in COLORS
+        }
+
+    monkeypatch.setattr(tracking, "load_viewpoint_models", load)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Frames with the truth that made them."""
+
+    assembly: Assembly
+    truth: list[dict[str, Transform]]
+    frames: list[Frame]
+
+    def initial(self, *names: str) -> FramePrediction:
+        poses = {n: PoseEstimate(n, self.truth[0][n], 1.0, "truth") for n in names}
+        return FramePrediction(0, poses, None)
+
+    def off_mm(self, prediction: FramePrediction, name: str) -> float:
+        """Distance of the part's middle (its origin, here) from the truth."""
+        T = self.truth[prediction.frame_index][name]
+        return float(1e3 * np.linalg.norm((prediction.poses[name].T_camera_part - T)[:3, 3]))
+
+
+@pytest.fixture
+def scene(toy) -> Scene:
+    parts = {name: toy.assembly.parts[name] for name in COLORS}
+    colored = {
+        n: replace(p, color=np.array(COLORS[n], np.uint8), mesh=with_knob(p.mesh, KNOBS[n]))
+        for n, p in parts.items()
+    }
+    assembly = replace(toy.assembly, parts=colored)
+    end = toy.poses(joined=True)["block"]
+    truth = []
+    for i in range(FRAMES):
+        share = min(i / ARRIVED, 1.0)
+        T = end.copy()
+        T[:3, 3] -= (1 - share) * np.array([0.05, 0.02, 0.02])
+        truth.append({"base": toy.poses(joined=True)["base"], "block": T})
+    return Scene(assembly, truth, [drawn(assembly, T, i, toy) for i, T in enumerate(truth)])
+
+
+def with_knob(mesh: Mesh, middle: tuple[float, float, float]) -> Mesh:
+    count = len(mesh.vertices)
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    knob = (mesh.vertices - (low + high) / 2) / (high - low) * 0.02 + np.array(middle)
+    return Mesh(
+        np.concatenate([mesh.vertices, knob]), np.concatenate([mesh.faces, mesh.faces + count])
+    )
+
+
+def drawn(assembly: Assembly, poses: Mapping[str, Transform], index: int, toy) -> Frame:
+    camera = toy.frame(0).camera
+    rng = np.random.default_rng(index)
+    inverse_depth, ids = raster.new_buffers(camera.width, camera.height)
+    for number, (name, T) in enumerate(poses.items()):
+        raster.draw(
+            assembly.parts[name].mesh,
+            T,
+            K=camera.K,
+            inverse_depth=inverse_depth,
+            ids=ids,
+            number=number,
+        )
+    rgb = rng.integers(90, 150, (camera.height, camera.width, 3)).astype(np.float64)
+    for number, name in enumerate(poses):
+        rgb[ids == number] = assembly.parts[name].color + rng.normal(0, 6, 3)
+    rgb[0, 0] = index  # what the fake detector reads
+    depth = np.where(inverse_depth > 0, 1 / np.maximum(inverse_depth, 1e-6), 0.9)
+    depth += rng.normal(0, 5e-4, depth.shape)
+    rgb = np.clip(rgb, 0, 255).astype(np.uint8)
+    return Frame(index, 0.1 * index, rgb, depth.astype(np.float32), camera)
+
+
+def hidden(frame: Frame) -> Frame:
+    """The same frame behind a board."""
+    assert frame.depth is not None
+    rgb = np.full_like(frame.rgb, 100)
+    rgb[0, 0] = frame.index
+    return replace(frame, rgb=rgb, depth=np.full_like(frame.depth, 0.2))
+
+
+def play(method, scene: Scene, initial: FramePrediction | None) -> list[FramePrediction]:
+    method.reset(scene.assembly, scene.frames[0].camera, initial)
+    return [method.step(frame) for frame in scene.frames]
+
+
+def test_all_trackers_are_listed_with_their_start() -> None:
+    methods = available_methods()
+    for name in ("srt3d", "icg", "icg_srt3d", "gbot", "gbot_reinit", "asdf_track"):
+        spec = methods[name]
+        assert isinstance(spec, MethodSpec)
+        assert spec.name == name
+        assert spec.initial == ("none" if name == "asdf_track" else "first_frame_truth")
+        build_method(spec)
+    assert find_method("icg").predicts == {"pose"}
+    assert find_method("gbot").predicts == {"pose", "state"}
+
+
+@pytest.mark.parametrize(
+    ("name", "limits_mm"),
+    [
+        ("srt3d", {"base": 12}),  # colour alone, at 20 pixels a part, holds what rests
+        ("icg", {"base": 4, "block": 4}),
+        ("icg_srt3d", {"base": 4, "block": 4}),
+    ],
+)
+def test_parts_are_carried_from_the_first_frame(
+    name: str, limits_mm: dict[str, float], scene: Scene
+) -> None:
+    said = play(build_method(find_method(name)), scene, scene.initial("base", "block"))
+    assert said[0].state is None
+    assert {p.stage for p in said[0].poses.values()} == {"tracked"}
+    for part, limit_mm in limits_mm.items():
+        assert max(scene.off_mm(p, part) for p in said[:ARRIVED]) < limit_mm
+
+
+def test_lost_parts_are_absent_unless_asked_for(scene: Scene) -> None:
+    scene = replace(scene, frames=[*scene.frames[:4], *map(hidden, scene.frames[4:])])
+    spec = find_method("icg_srt3d")
+    start = scene.initial("base", "block")
+    said = play(build_method(spec), scene, start)
+    assert set(said[3].poses) == {"base", "block"}
+    assert not said[-1].poses
+    told = play(build_method(spec, replace(spec.config(), report_lost=True)), scene, start)
+    assert set(told[-1].poses) == {"base", "block"}
+    assert told[-1].poses["block"].score < 0.5
+
+
+def test_a_part_that_the_first_frame_lacks_stays_absent(scene: Scene) -> None:
+    said = play(build_method(find_method("icg")), scene, scene.initial("base"))
+    assert set(said[0].poses) == {"base"}
+    assert all("block" not in p.poses for p in said)
+
+
+@pytest.mark.parametrize("name", ["icg", "gbot"])
+def test_a_tracker_without_a_start_is_refused(name: str, scene: Scene) -> None:
+    method = build_method(find_method(name))
+    with pytest.raises(MethodError, match="first frame"):
+        method.reset(scene.assembly, scene.frames[0].camera, None)
+    with pytest.raises(MethodError, match="reset"):
+        method.step(scene.frames[0])
+
+
+def test_gbot_reaches_the_state_and_links_its_parts(scene: Scene) -> None:
+    said = play(Gbot(GbotConfig(tracker=FINE)), scene, scene.initial("base", "block"))
+    states = [p.state.index for p in said if p.state is not None]
+    assert states == sorted(states)
+    assert states[0] == 0
+    assert states[ARRIVED:] == [1] * (FRAMES - ARRIVED)
+    poses = {n: p.T_camera_part for n, p in said[-1].poses.items()}
+    T = np.linalg.inv(poses["base"]) @ poses["block"]
+    np.testing.assert_allclose(T, scene.assembly.states[1].T_base_part["block"], atol=1e-9)
+    # It never joins a part that stays away.
+    away = replace(scene, frames=scene.frames[:1] * 4, truth=scene.truth[:1] * 4)
+    for p in play(Gbot(GbotConfig(tracker=FINE)), away, scene.initial("base", "block")):
+        assert p.state is not None
+        assert p.state.index == 0
+
+
+def off(T: Transform, metres: float, degrees: float) -> Transform:
+    change = transform_from(rotation_about(np.array([0, 0, 1.0]), np.deg2rad(degrees)), np.zeros(3))
+    change[0, 3] = metres
+    return T @ change
+
+
+@pytest.mark.parametrize(
+    ("metres", "degrees", "faithful", "replaced"),
+    [
+        (0.03, 0.0, False, False),
+        (0.0, 15.0, False, False),
+        (0.06, 0.0, False, True),
+        (0.0, 30.0, False, True),
+        (0.03, 0.0, True, True),
+    ],
+)
+def test_reinit_keeps_what_is_near_the_detector(
+    metres: float, degrees: float, *, faithful: bool, replaced: bool, scene: Scene, toy, detector
+) -> None:
+    # A tracker that is too cautious to move shows which pose it was given.
+    still = replace(FINE, optimizer=replace(FINE.optimizer, rotation=1e15, translation=1e15))
+    config = GbotReinitConfig(tracker=still, every=1, faithful=faithful, report_lost=True)
+    seen = off(scene.truth[0]["base"], metres, degrees)
+    detector.answers[0] = (toy.detection("base", seen),)
+    method = GbotReinit(config, detector=detector)
+    method.reset(scene.assembly, scene.frames[0].camera, scene.initial("base"))
+    T = method.step(scene.frames[0]).poses["base"].T_camera_part
+    expected = seen if replaced else scene.truth[0]["base"]
+    np.testing.assert_allclose(T, expected, atol=3e-3)
+
+
+def test_reinit_takes_in_a_part_that_comes_later(scene: Scene, toy, detector) -> None:
+    method = GbotReinit(GbotReinitConfig(tracker=FINE, every=3), detector=detector)
+    for i, truth in enumerate(scene.truth):
+        detector.answers[i] = (toy.detection("block", truth["block"]),)
+    said = play(method, scene, scene.initial("base"))
+    assert set(said[1].poses) == {"base"}
+    assert set(said[2].poses) == {"base", "block"}
+    assert scene.off_mm(said[-1], "block") < 5
+
+
+Answers = Callable[[int], bool]
+
+
+def asdf_track(scene: Scene, toy, detector, *, sees: Answers) -> list[FramePrediction]:
+    """Let the method run with a detector that is 15 mm off, in the frames that `sees` allows."""
+    for i, truth in enumerate(scene.truth):
+        boxes = [toy.detection(n, off(T, 0.015, 10.0), seed=i) for n, T in truth.items()]
+        state = [toy.state_box(0.7)] if i >= ARRIVED else []
+        detector.answers[i] = (*boxes, *state) if sees(i) else ()
+    return play(AsdfTrack(AsdfTrackConfig(), detector=detector), scene, None)
+
+
+def test_asdf_track_is_nearer_than_its_detector_and_joins(scene: Scene, toy, detector) -> None:
+    said = asdf_track(scene, toy, detector, sees=lambda i: i < 3 or i > ARRIVED)
+    for p in said:
+        for name in ("base", "block"):
+            assert scene.off_mm(p, name) < 5
+    states = [p.state.index for p in said if p.state is not None]
+    assert states[0] == 0
+    assert states[-1] == 1
+    assert set(said[0].runtime) >= {"detect", "refind", "track", "fuse"}
+
+
+def test_asdf_track_finds_parts_again(scene: Scene, toy, detector) -> None:
+    frames = [hidden(f) if f.index in (2, 3) else f for f in scene.frames]
+    # What was hidden moved on by much more than a tracker follows.
+    truth = [T if i < 2 else scene.truth[-1] for i, T in enumerate(scene.truth)]
+    frames = [f if i < 4 else replace(scene.frames[-1], index=i) for i, f in enumerate(frames)]
+    scene = replace(scene, frames=frames, truth=truth)
+    detector.answers[FRAMES - 1] = tuple(
+        toy.detection(n, off(T, 0.015, 10.0)) for n, T in truth[-1].items()
+    )
+    for i in range(2):
+        detector.answers[i] = tuple(toy.detection(n, T) for n, T in truth[i].items())
+    method = AsdfTrack(AsdfTrackConfig(), detector=detector)
+    said = play(method, scene, None)
+    assert scene.off_mm(said[1], "block") < 5
+    assert scene.off_mm(said[-1], "block") < 5
+    assert scene.off_mm(said[-1], "base") < 5
+
+
+def test_a_part_never_seen_is_absent(scene: Scene, toy, detector) -> None:
+    detector.answers = {i: (toy.detection("base", T["base"]),) for i, T in enumerate(scene.truth)}
+    said = play(AsdfTrack(AsdfTrackConfig(), detector=detector), scene, None)
+    assert all(set(p.poses) == {"base"} for p in said)

@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.rotation_grid import even_rotations, rotation_of, rotation_to_ray
+from asdfviz.geometry.sampling import oriented_surface_points
+from asdfviz.geometry.transforms import (
+    apply,
+    inverse,
+    rotation_about,
+    rotation_angle,
+    transform_from,
+)
+from asdfviz.pose.hypotheses import (
+    Candidate,
+    HypothesisConfig,
+    PartView,
+    Surface,
+    sampled_depth,
+    settle,
+)
+
+K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
+SIDE = 40
+# An L: no symmetry at all.
+BLOCKS = (
+    (np.array([0.0, 0, 0]), np.array([0.05, 0.02, 0.012])),
+    (np.array([0.035, 0.01, 0.03]), np.array([0.012, 0.01, 0.02])),
+)
+UNIT = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
+FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ],
+    dtype=np.int32,
+)  # fmt: skip
+VERTICES = np.concatenate([UNIT * half + middle for middle, half in BLOCKS])
+ALL_FACES = np.concatenate([FACES, FACES + 8])
+POINTS, NORMALS = oriented_surface_points(VERTICES, ALL_FACES, 1500)
+SURFACE = Surface(POINTS, NORMALS, VERTICES)
+T_TRUE = transform_from(
+    rotation_about(np.array([1.0, 0.3, -0.4]), 2.2), np.array([0.08, -0.05, 0.55])
+)
+
+
+def depth_image(T_camera_part: np.ndarray, *, behind: float = 0.7) -> np.ndarray:
+    v, u = np.mgrid[:240, :320]
+    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], -1)
+    T_part_camera = inverse(T_camera_part)
+    depth = np.full(u.shape, behind)
+    directions = rays @ T_part_camera[:3, :3].T + 1e-12
+    for middle, half in BLOCKS:
+        a = (middle - half - T_part_camera[:3, 3]) / directions
+        b = (middle + half - T_part_camera[:3, 3]) / directions
+        enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
+        depth = np.where((enter < leave) & (enter > 0), np.minimum(depth, enter), depth)
+    return depth.astype(np.float32)
+
+
+def view(*, with_depth: bool) -> PartView:
+    pixels = project(apply(T_TRUE, VERTICES), K)
+    box = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+    middle = (box[:2] + box[2:]) / 2
+    R_camera_view = rotation_to_ray(np.linalg.solve(K, np.array([*middle, 1.0])))
+    focal = 300.0 * SIDE / (1.25 * float((box[2:] - box[:2]).max()))
+    depth = depth_image(T_TRUE)
+    seen = sampled_depth(depth, K, R_camera_view, focal=focal, side=SIDE)
+    corners = np.array([[*box[:2], 1.0], [*box[2:], 1.0]]) @ np.linalg.inv(K).T @ R_camera_view
+    flat = focal * corners[:, :2] / corners[:, 2:] + (SIDE - 1) / 2
+    return PartView(
+        focal,
+        R_camera_view,
+        (seen < 0.66).astype(np.float64),
+        seen if with_depth else np.zeros((SIDE, SIDE)),
+        flat.reshape(4),
+    )
+
+
+def candidates(*, off_deg: float) -> list[Candidate]:
+    """Nineteen wrong rotations and, last, one that is near."""
+    wrong = [rotation_of(q) for q in even_rotations(400)]
+    wrong = [R for R in wrong if rotation_angle(R.T @ T_TRUE[:3, :3]) > np.deg2rad(40)][::20][:19]
+    near = rotation_about(np.array([0.2, -1.0, 0.5]), np.deg2rad(off_deg)) @ T_TRUE[:3, :3]
+    return [Candidate(R, 0.05) for R in (*wrong, near)]
+
+
+def error_deg(T: np.ndarray) -> float:
+    return float(np.degrees(rotation_angle(T[:3, :3].T @ T_TRUE[:3, :3])))
+
+
+def test_depth_and_outline_find_and_refine_the_near_rotation() -> None:
+    settled = settle(
+        candidates(off_deg=10), SURFACE, view(with_depth=True), config=HypothesisConfig()
+    )
+    assert settled is not None
+    assert settled.refined
+    assert error_deg(settled.T_camera_part) < 4
+    assert np.linalg.norm(settled.T_camera_part[:3, 3] - T_TRUE[:3, 3]) < 0.004
+    assert 0.6 < settled.agreement <= 1
+
+
+def test_the_outline_alone_finds_it_too() -> None:
+    settled = settle(
+        candidates(off_deg=8), SURFACE, view(with_depth=False), config=HypothesisConfig()
+    )
+    assert settled is not None
+    assert not settled.refined
+    assert error_deg(settled.T_camera_part) < 12
+    assert np.linalg.norm(settled.T_camera_part[:3, 3] - T_TRUE[:3, 3]) < 0.03
+
+
+def test_a_probable_rotation_wins_among_equals() -> None:
+    here, config = view(with_depth=False), HypothesisConfig()
+    near = candidates(off_deg=0)[-1]
+    twin = Candidate(rotation_about(np.array([0.0, 0, 1]), 0.02) @ near.R_camera_part, 0.001)
+    settled = settle([twin, replace(near, probability=0.9)], SURFACE, here, config=config)
+    assert settled is not None
+    assert error_deg(settled.T_camera_part) < 8
+
+
+def test_nothing_is_said_where_nothing_agrees() -> None:
+    empty = replace(view(with_depth=False), outline=np.zeros((SIDE, SIDE)))
+    assert settle(candidates(off_deg=5), SURFACE, empty, config=HypothesisConfig()) is None
+    assert settle([], SURFACE, empty, config=HypothesisConfig()) is None
+
+
+def test_a_wrong_pose_agrees_less() -> None:
+    here, config = view(with_depth=True), HypothesisConfig(steps=0)
+    right = settle(candidates(off_deg=0)[-1:], SURFACE, here, config=config)
+    wrong = settle(candidates(off_deg=0)[:1], SURFACE, here, config=config)
+    assert right is not None
+    assert wrong is None or wrong.agreement < 0.75 * right.agreement
+
+
+def test_readings_are_taken_along_the_view() -> None:
+    depth = np.full((240, 320), 0.8, np.float32)
+    depth[:, :160] = 0.0
+    R = rotation_to_ray(np.array([0.2, 0.0, 1.0]))
+    seen = sampled_depth(depth, K, R, focal=200.0, side=9)
+    v, u = 4, 4
+    assert seen[v, u] == pytest.approx(0.8 * np.hypot(1, 0.2), rel=1e-2)
+    beyond = sampled_depth(depth, K, rotation_to_ray(np.array([2.0, 0, 1.0])), focal=200.0, side=9)
+    assert not beyond.any()

@@ -1,0 +1,223 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.datatypes import Assembly
+from asdfviz.detector.crop_classes import part_classes
+from asdfviz.detector.crop_cut import CROP_PIXELS
+from asdfviz.detector.crop_network import CropNetwork
+from asdfviz.detector.crop_weights import load_crop_network
+from asdfviz.errors import InputError, WeightsError
+from asdfviz.geometry.rotation_grid import rotation_of
+from asdfviz.geometry.symmetry import nearest_symmetric
+from asdfviz.geometry.transforms import apply, rotation_angle, transform_from
+from asdfviz.train.checkpoint import Average, Progress
+from asdfviz.train.crop_checkpoint import begin_crops_from, save_crop_checkpoint
+from asdfviz.train.crop_config import CropTrainConfig, rate_at
+from asdfviz.train.crop_data import CropMaker, Crops
+from asdfviz.train.crop_pool import CropPool, ShardFolder
+from asdfviz.train.crop_session import CropSession
+from asdfviz.train.crop_views import ViewMaker
+
+
+@pytest.fixture(scope="module")
+def maker(assembly: Assembly) -> CropMaker:
+    return CropMaker([assembly])
+
+
+@pytest.fixture(scope="module")
+def crops(maker: CropMaker) -> Crops:
+    return maker.make(24, rng=np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def views(assembly: Assembly) -> ViewMaker:
+    return ViewMaker(part_classes([assembly]), [assembly], grid=600)
+
+
+def pixels_of(points: np.ndarray, focal: float, side: int) -> np.ndarray:
+    return np.rint(points[:, :2] / points[:, 2:] * focal + (side - 1) / 2).astype(int)
+
+
+def test_where_a_crop_shows_the_part_its_pose_projects_to(assembly, maker, crops) -> None:
+    side = crops.pictures.shape[3]
+    for i in range(len(crops)):
+        part = assembly.parts[maker.classes[int(crops.labels[i])].parts[0]]
+        T = crops.T_crop_part[i].double().numpy()
+        corners = apply(T, part.mesh.vertices)
+        low, high = (
+            f(pixels_of(corners, float(crops.focal[i]), side), axis=0) for f in (np.min, np.max)
+        )
+        rows, columns = np.nonzero(crops.pictures[i, 3].numpy())
+        assert columns.min() >= low[0] - 1
+        assert columns.max() <= high[0] + 1
+        assert rows.min() >= low[1] - 1
+        assert rows.max() <= high[1] + 1
+        # The box lies about the middle and has the size that crops are cut for.
+        assert (low + high) / 2 == pytest.approx([(side - 1) / 2] * 2, abs=1.5)
+        assert (high - low).max() == pytest.approx(CROP_PIXELS / 1.25, abs=3)
+
+
+def test_the_same_seed_makes_the_same_crops(maker: CropMaker, crops: Crops) -> None:
+    again = maker.make(24, rng=np.random.default_rng(0))
+    assert torch.equal(again.pictures, crops.pictures)
+    assert torch.equal(again.T_crop_part, crops.T_crop_part)
+
+
+def test_crops_come_back_from_disk(crops: Crops, tmp_path: Path) -> None:
+    crops.save(tmp_path / "shard_1.npz")
+    again = Crops.load(tmp_path / "shard_1.npz")
+    assert torch.equal(again.pictures, crops.pictures)
+    assert torch.equal(again.labels, crops.labels)
+    (tmp_path / "shard_2.npz").write_bytes((tmp_path / "shard_1.npz").read_bytes()[:5000])
+    with pytest.raises(InputError, match="shard_2"):
+        Crops.load(tmp_path / "shard_2.npz")
+
+
+def test_views_keep_the_truth(assembly, maker, crops, views) -> None:
+    """In any rolled and shifted view the part's outline lies where its new pose projects to."""
+    batch = views.views(crops, rng=np.random.default_rng(1))
+    for i in range(len(crops)):
+        part_class = maker.classes[int(batch.labels[i])]
+        part = assembly.parts[part_class.parts[0]]
+        R = rotation_of(batch.quaternions[i].double().numpy())
+        x, y, size = batch.place[i].tolist()
+        # Depth 1 along the axis: the focal length follows from the size.
+        focal = float(np.exp(size)) * CROP_PIXELS / part_class.diameter
+        middle = np.array([x, y, 0]) * CROP_PIXELS / 2 / focal + [0, 0, 1]
+        t = middle - R @ part_class.middle
+        distance = float(crops.T_crop_part[i, 2, 3])
+        corners = part.mesh.vertices @ R.T + t
+        corners[:, 2] = 1 + (corners[:, 2] - 1) / distance  # true perspective is weaker or stronger
+        uv = corners[:, :2] * focal + (CROP_PIXELS - 1) / 2
+        rows, columns = np.nonzero(batch.outline[i].numpy() > 0.6)
+        cells = np.stack([columns, rows], axis=1) * 4 + 1.5
+        assert np.all(cells >= uv.min(axis=0) - 7)
+        assert np.all(cells <= uv.max(axis=0) + 7)
+
+
+def test_a_roll_turns_the_pose_with_the_picture(crops: Crops, views: ViewMaker) -> None:
+    still = views.views(crops, rng=np.random.default_rng(2), jitter=0.0)
+    turned = views.views(crops, rng=np.random.default_rng(2))
+    for i in range(len(crops)):
+        R = rotation_of(turned.quaternions[i].double().numpy()) @ (
+            rotation_of(still.quaternions[i].double().numpy()).T
+        )
+        assert R[2, 2] > 0.98  # about the axis, but for the shift of the box
+
+
+def test_symmetric_rotations_are_equal_targets(assembly: Assembly, views: ViewMaker) -> None:
+    """The bar has a half turn about z: both rotations give one target, with two peaks."""
+    grid = views.angles(torch.tensor([[0.1, 0.2, 0.3, 0.927]]), torch.tensor([1]))
+    turned = torch.tensor([[0.2, -0.1, 0.927, -0.3]])  # the same rotation after the half turn
+    assert torch.allclose(grid, views.angles(turned, torch.tensor([1])), atol=2e-3)
+    bar = assembly.parts["bar"]
+    one, other = (
+        transform_from(rotation_of(np.array(q)), np.zeros(3))
+        for q in ([0.1, 0.2, 0.3, 0.927], [0.2, -0.1, 0.927, -0.3])
+    )
+    nearest = nearest_symmetric(one, other, bar.symmetries)
+    assert rotation_angle(nearest[:3, :3].T @ other[:3, :3]) < 1e-3
+    target = views.targets(turned, torch.tensor([1]))[0]
+    assert float(target.sum()) == pytest.approx(1)
+    alone = views.targets(turned, torch.tensor([0]))[0]
+    assert int((target > 0.01).sum()) == pytest.approx(2 * int((alone > 0.01).sum()), abs=6)
+
+
+def test_the_pool_forgets_the_oldest(crops: Crops, tmp_path: Path) -> None:
+    folder = ShardFolder(tmp_path, size=2)
+    for number in range(3):
+        crops.taken(torch.full((2,), number)).save(tmp_path / f"shard_{number:03d}.npz")
+    pool = CropPool(2)
+    for shard in folder.fresh(limit=5):
+        pool.add(shard)
+    assert len(pool) == 2
+    assert sorted(p.name for p in tmp_path.glob("*.npz")) == ["shard_001.npz", "shard_002.npz"]
+    assert folder.fresh(limit=5) == []
+    assert len(pool.draw(7, rng=np.random.default_rng(0))) == 7
+
+
+def run_config(folder: Path, **values: object) -> CropTrainConfig:
+    chosen: dict[str, object] = {
+        "assemblies": ("corner_clamp",),
+        "output": folder,
+        "steps": 4,
+        "batch": 8,
+        "grid": 120,
+        "generators": 0,
+        "validation_crops": 2,
+        "bfloat16": False,
+        "first_shards": 1,
+    } | values
+    return CropTrainConfig(**chosen)  # pyright: ignore[reportArgumentType]
+
+
+def test_a_run_trains_stops_goes_on_and_exports(tmp_path: Path) -> None:
+    (tmp_path / "pool").mkdir()
+    clamp = CropMaker([load_assembly("corner_clamp")])
+    clamp.make(16, rng=np.random.default_rng(0)).save(tmp_path / "pool" / "shard_1.npz")
+    session = CropSession(run_config(tmp_path))
+    steps: list[int] = []
+    assert not session.go(lambda report: None, lambda: session.progress.step >= 2)
+    before = {k: v.clone() for k, v in session.network.state_dict().items()}
+    again = CropSession(run_config(tmp_path))
+    assert again.progress.step == 2
+    assert all(torch.equal(v, before[k]) for k, v in again.network.state_dict().items())
+    assert again.go(lambda report: steps.append(report.step), lambda: False)
+    assert steps[-1] == 4
+    found = again.validate()
+    assert [score.crops for score in found[0].classes]
+    assert "mean over classes" in found[0].table()
+    loaded = load_crop_network(tmp_path / "crops.safetensors")
+    assert loaded.classes == ("corner_clamp/base", "corner_clamp/jaw", "corner_clamp/bolt")
+    assert (tmp_path / "crops.json").is_file()
+    assert (tmp_path / "curve.png").is_file()
+    with pytest.raises(WeightsError, match="another run folder"):
+        CropSession(run_config(tmp_path, grid=240))
+
+
+def test_an_empty_pool_without_generators_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no crops to train on"):
+        CropSession(run_config(tmp_path)).go(lambda report: None, lambda: False)
+
+
+@pytest.mark.parametrize("wrong", [{"minutes": 0.0}, {"batch": 1}, {"assemblies": ()}])
+def test_impossible_runs_are_refused(tmp_path: Path, wrong: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        CropSession(run_config(tmp_path, **wrong))
+
+
+def test_the_rate_warms_up_holds_and_falls() -> None:
+    config = CropTrainConfig(("a",), Path("x"))
+    assert rate_at(config, 0, 0.0) < 0.01 * config.learning_rate
+    assert rate_at(config, 1000, 0.4) == pytest.approx(config.learning_rate)
+    assert rate_at(config, 1000, 1.0) == pytest.approx(0.02 * config.learning_rate)
+
+
+def test_a_run_begins_with_what_another_ones_classes_share(tmp_path: Path) -> None:
+    torch.manual_seed(1)
+    old, new = CropNetwork(classes=2, grid=64), CropNetwork(classes=3, grid=64)
+    checkpoint = tmp_path / "last.pt"
+    save_crop_checkpoint(
+        checkpoint,
+        network=old,
+        average=Average(old, decay=0.9),
+        progress=Progress(),
+        optimizer=torch.optim.AdamW(old.parameters()),
+        about={"classes": ["a/x", "a/y"], "shape": old.shape},
+    )
+    begin_crops_from(new, checkpoint, names=["b/x", "a/y", "b/z"])
+    assert torch.equal(new.features.weight, old.features.weight)
+    assert torch.equal(new.to_grid.weight, old.to_grid.weight)
+    rows = old.own_layer.weight.view(2, -1)
+    assert torch.equal(new.own_layer.weight.view(3, -1)[1], rows[1])
+    assert torch.allclose(new.own_layer.weight.view(3, -1)[0], rows.mean(0))
+    table, before = new.know_quarter.table.weight, old.know_quarter.table.weight
+    assert torch.equal(table[1], before[1])
+    with pytest.raises(WeightsError, match="has the shape"):
+        begin_crops_from(CropNetwork(classes=2, grid=128), checkpoint, names=["p", "q"])
