@@ -1,6 +1,6 @@
 """Rotations spread evenly over all rotations, and how near symmetric rotations come to them.
 
-Quaternions are (x, y, z, w), scipy's order; q and -q are the same rotation. The crop network's
+Quaternions are (x, y, z, w); q and -q are the same rotation. The crop network's
 answer is a distribution over such a grid.
 """
 
@@ -11,7 +11,6 @@ from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.spatial.transform import Rotation as SciRotation  # pyright: ignore[reportMissingTypeStubs] - scipy has none
 
 from asdfviz.geometry.shapes import Rotation, Scores, Vector
 from asdfviz.geometry.symmetry import Symmetries
@@ -42,13 +41,29 @@ def even_rotations(count: int) -> Quaternions:
 
 
 def quaternion_of(R: Rotation) -> Quaternion:
-    """The rotation as a unit quaternion."""
-    return np.asarray(SciRotation.from_matrix(R).as_quat(), np.float64)
+    """The rotation as a unit quaternion: an eigenvector, exact near half turns too (Bar-Itzhack 2000)."""
+    trace = float(np.trace(R))
+    form = np.empty((4, 4))
+    form[:3, :3] = R + R.T - trace * np.eye(3)
+    form[3, :3] = form[:3, 3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    form[3, 3] = trace
+    return np.linalg.eigh(form)[1][:, 3]
 
 
 def rotation_of(quaternion: Quaternion) -> Rotation:
     """The quaternion, of any length but zero, as a matrix."""
-    return np.asarray(SciRotation.from_quat(quaternion).as_matrix(), np.float64)
+    return rotations_of(quaternion[None])[0]
+
+
+def rotations_of(quaternions: Quaternions) -> Float64[np.ndarray, "_ 3 3"]:
+    """Each quaternion, of any length but zero, as a matrix."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def multiplied(left: Quaternions, right: Quaternions) -> Quaternions:

@@ -19,15 +19,17 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from asdfviz.detector.weights import SCALES
-from asdfviz.errors import AsdfvizError
+from asdfviz.errors import AsdfvizError, Stopped
 from asdfviz.train.checkpoint import export_weights, keep_average
 from asdfviz.train.config import Stage, TrainConfig
+from asdfviz.train.crop_config import CropTrainConfig
+from asdfviz.train.crop_session import CropReport, CropSession
 from asdfviz.train.loop import train
 from asdfviz.train.pieces import cut_file, join_file
 from asdfviz.train.session import TrainReport
 
 STATE = "state.pt"
-"""What travels: the averaged weights and how far the run is."""
+"""What travels: how far the run is, with the averaged weights (detector) or all (crops)."""
 LINE_SECONDS = 60.0
 
 
@@ -36,6 +38,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     line = argparse.ArgumentParser(prog="python -m asdfviz.train.kit", description=__doc__)
     line.formatter_class = argparse.RawDescriptionHelpFormatter
     line.add_argument("--assemblies", nargs="+", required=True, help="names or folders")
+    line.add_argument("--network", choices=("detector", "crops"), default="detector")
     line.add_argument("--out", type=Path, required=True, help="folder for what comes back")
     line.add_argument("--work", type=Path, default=Path("kit_run"), help="run folder on the spot")
     line.add_argument("--carried", type=Path, help="folder with the pieces of an earlier sitting")
@@ -59,6 +62,35 @@ def run_sitting(options: argparse.Namespace) -> bool:
     work.mkdir(parents=True, exist_ok=True)
     if options.carried is not None and not (work / "last.pt").is_file():
         join_file(STATE, options.carried, work / "last.pt")
+    options.out.mkdir(parents=True, exist_ok=True)
+    sit = _sit_with_crops if options.network == "crops" else _sit_with_detector
+    is_done = sit(options, work)
+    cut_file(work / STATE, options.out)
+    shutil.copyfile(work / "log.csv", options.out / "log.csv")
+    return is_done
+
+
+def _sit_with_crops(options: argparse.Namespace, work: Path) -> bool:
+    config = CropTrainConfig(
+        assemblies=tuple(options.assemblies),
+        output=work,
+        minutes=options.total,
+        batch=options.batch,
+        device=options.device,
+        seed=options.seed,
+    )
+    session = CropSession(config)
+    is_done = session.go(_minute_lines(), _sitting_over(options))
+    session.validate()
+    session.checkpoint()
+    shutil.copyfile(session.last, work / STATE)
+    for name in ("crops.safetensors", "crops.json"):
+        if (work / name).is_file():
+            shutil.copyfile(work / name, options.out / name)
+    return is_done
+
+
+def _sit_with_detector(options: argparse.Namespace, work: Path) -> bool:
     size: int = options.image_size
     config = TrainConfig(
         assemblies=tuple(options.assemblies),
@@ -75,7 +107,8 @@ def run_sitting(options: argparse.Namespace) -> bool:
         seed=options.seed,
     )
     result = train(config, progress=_minute_lines(), stop=_sitting_over(options))
-    _bring_back(work, options.out)
+    keep_average(work / "last.pt", work / STATE)
+    export_weights(work / STATE, options.out / "weights.safetensors")
     return result.finished
 
 
@@ -87,35 +120,29 @@ def _sitting_over(options: argparse.Namespace) -> Callable[[], bool]:
     return lambda: time.monotonic() > end
 
 
-def _minute_lines() -> Callable[[TrainReport], None]:
+def _minute_lines() -> Callable[[TrainReport | CropReport], None]:
     told = 0.0
 
-    def tell(report: TrainReport) -> None:
+    def tell(report: TrainReport | CropReport) -> None:
         nonlocal told
         if time.monotonic() - told >= LINE_SECONDS or report.share >= 1:
             told = time.monotonic()
             losses = " ".join(f"{name} {value:.2f}" for name, value in report.losses.items())
-            speed = f"{report.inputs_per_s:.0f} inputs/s"
+            rate = report.crops_per_s if isinstance(report, CropReport) else report.inputs_per_s
+            speed = f"{rate:.0f} inputs/s"
             sys.stdout.write(f"step {report.step} {100 * report.share:.1f} % {speed} {losses}\n")
             sys.stdout.flush()
 
     return tell
 
 
-def _bring_back(work: Path, out: Path) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    keep_average(work / "last.pt", work / STATE)
-    export_weights(work / STATE, out / "weights.safetensors")
-    cut_file(work / STATE, out)
-    for name in ("log.csv", "curve.png"):
-        if (work / name).is_file():
-            shutil.copyfile(work / name, out / name)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one sitting; 0 when the whole run is done, 130 when there is more to do, 2 on bad input."""
     try:
         return 0 if run_sitting(parse(sys.argv[1:] if arguments is None else arguments)) else 130
+    except Stopped as stopped:
+        sys.stderr.write(f"{stopped}\n")
+        return 130
     except AsdfvizError as error:
         sys.stderr.write(f"error: {error}\n")
         return 2

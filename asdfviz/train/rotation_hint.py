@@ -9,26 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Int64
+from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from asdfviz.detector.assigner import Assignment
 from asdfviz.detector.head import RawOutput
-
-
-def even_rotations(count: int) -> Float32[np.ndarray, "n 3 3"]:
-    """Return evenly spread rotations: super-Fibonacci spirals (Alexa, CVPR 2022)."""
-    s = np.arange(count) + 0.5
-    t, d = s / count, 2 * np.pi * s
-    alpha, beta = d / np.sqrt(2.0), d / 1.533751168755204288118041
-    r, q = np.sqrt(t), np.sqrt(1 - t)
-    x, y, z, w = r * np.sin(alpha), r * np.cos(alpha), q * np.sin(beta), q * np.cos(beta)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, -1) for row in rows], -2).astype(np.float32)
+from asdfviz.geometry.rotation_grid import even_rotations, rotations_of
 
 
 class RotationHint(nn.Module):
@@ -41,7 +27,8 @@ class RotationHint(nn.Module):
         weight = torch.randn(levels, classes, width, rotations) * 0.01
         self.weight = nn.Parameter(weight)
         self.bias = nn.Parameter(torch.zeros(classes, rotations))
-        self.register_buffer("grid", torch.as_tensor(even_rotations(rotations)))
+        grid = rotations_of(even_rotations(rotations))
+        self.register_buffer("grid", torch.as_tensor(grid, dtype=torch.float32))
         # A third of the grid's spacing blurs each label over its nearest neighbours.
         self._blur = 1.1 * (np.pi**2 / rotations) ** (1 / 3)
 

@@ -94,3 +94,14 @@ def test_peaks_are_apart_and_finer_than_the_grid() -> None:
         assert np.degrees(2 * np.arccos(min(1.0, abs(peak @ true)))) < 4
     assert weights[0] > 1.5 * weights[1]
     assert weights.sum() == pytest.approx(1, abs=0.15)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 1e-4, 40.0, 120.0, 179.9999, 180.0])
+def test_matrices_and_quaternions_are_the_same_rotations(degrees: float) -> None:
+    axis = np.array([0.48, -0.6, 0.64])
+    half = np.deg2rad(degrees) / 2
+    expected = np.append(axis * np.sin(half), np.cos(half))
+    R = rotation_about(axis, np.deg2rad(degrees))
+    found = quaternion_of(R)
+    assert abs(found @ expected) == pytest.approx(1.0, abs=1e-12)
+    assert rotation_of(3.0 * found) == pytest.approx(R, abs=1e-12)

@@ -12,7 +12,10 @@ from asdfviz.train.checkpoint import load_checkpoint
 from asdfviz.train.kit import main
 from asdfviz.train.pieces import cut_file, join_file
 
-ABSENT = ("viser", "pyrender", "OpenGL", "tyro", "rich", "manifold3d", "small_gicp", "numba")
+ABSENT = (
+    *("viser", "pyrender", "OpenGL", "tyro", "rich", "manifold3d", "small_gicp", "numba"),
+    *("scipy", "networkx", "fast_simplification", "PIL"),
+)
 KIT = f"""
 import sys
 for name in {ABSENT}:

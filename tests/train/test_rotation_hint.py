@@ -1,24 +1,10 @@
 from __future__ import annotations
 
-import numpy as np
 import torch
 
 from asdfviz.detector.assigner import Assignment
 from asdfviz.detector.head import RawOutput
-from asdfviz.train.rotation_hint import RotationHint, even_rotations
-
-
-def test_the_grid_is_even_and_of_rotations() -> None:
-    grid = even_rotations(500).astype(np.float64)
-    np.testing.assert_allclose(
-        grid @ grid.transpose(0, 2, 1), np.tile(np.eye(3), (500, 1, 1)), atol=1e-5
-    )
-    np.testing.assert_allclose(np.linalg.det(grid), 1.0, atol=1e-5)
-    trace = np.einsum("aij,bij->ab", grid, grid)
-    np.fill_diagonal(trace, -1)
-    nearest = np.degrees(np.arccos(np.clip((trace.max(1) - 1) / 2, -1, 1)))
-    assert nearest.min() > 12
-    assert nearest.max() < 35
+from asdfviz.train.rotation_hint import RotationHint
 
 
 def test_the_hint_learns_to_tell_two_rotations_apart() -> None:
