@@ -23,7 +23,9 @@ from asdfviz.geometry.transforms import orthonormalized, rotation_about, transfo
 
 _MM = 1e-3
 _AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
-_WEIGHTS = ("weights.safetensors", "weights.json")
+_WEIGHTS = ("weights.safetensors", "weights.json", "crops.safetensors", "crops.json")
+_JOINT = "gbot"
+"""Folder of shipped weights that know all of these assemblies; an assembly's own go before."""
 _COMMENT = """Made by `asdfviz import-gbot` from the GBOT data (MIT licence).
 State order and relative poses are derived from the meshes where assembly_state.json is absent."""
 
@@ -65,10 +67,11 @@ def import_gbot(source: Path, models: Path) -> list[Path]:
 
 
 def _copy_weights(name: str, folder: Path) -> None:
-    shipped = models_folder() / name
     for file in _WEIGHTS:
-        if (shipped / file).is_file() and shipped.resolve() != folder.resolve():
-            write_bytes(folder / file, (shipped / file).read_bytes())
+        own, joint = models_folder() / name / file, models_folder() / _JOINT / file
+        source = own if own.is_file() else joint
+        if source.is_file() and source.resolve() != (folder / file).resolve():
+            write_bytes(folder / file, source.read_bytes())
 
 
 def _assembly(raw: Mapping[str, Any], facts: Facts, gbot: GbotSource) -> Assembly:

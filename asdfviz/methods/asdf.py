@@ -28,9 +28,12 @@ from asdfviz.methods.first_pose import (
     LooksAtParts,
     crop_poses,
 )
+from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
 from asdfviz.methods.part_poses import (
+    PAPER_ICP,
     PartShape,
+    Refinement,
     part_shapes,
     poses_fitted_to_boxes,
     poses_from_keypoints,
@@ -40,6 +43,7 @@ from asdfviz.methods.rivals import RivalsConfig, settled_poses
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.box_fit import BoxFitConfig
+from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import ROBUST_PNP, PnpConfig
 from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.appearance import AppearanceConfig, appearance_probabilities
@@ -63,8 +67,12 @@ class AsdfConfig:
     """First poses from crops."""
     box_fit: BoxFitConfig = field(default_factory=BoxFitConfig)
     """Distances that the boxes contradict."""
+    refinement: Refinement = "translation"
+    """What depth does to first poses: translation (the paper), icp, or none."""
     translation: TranslationConfig = field(default_factory=TranslationConfig)
-    """Depth refinement, section 3.1.1."""
+    """Refinement "translation", section 3.1.1."""
+    icp: IcpConfig = PAPER_ICP
+    """Refinement "icp"."""
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     """Further boxes of a part whose best one depth rules out."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
@@ -73,6 +81,8 @@ class AsdfConfig:
     """S_P: from part poses to probabilities."""
     fusion: FusionConfig = field(default_factory=FusionConfig)
     """Pose2State, equations 3 to 5."""
+    group: GroupConfig = field(default_factory=GroupConfig)
+    """State helps pose: parts that the state joins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,10 +95,11 @@ class _Scene:
     pose2state: Pose2State
     crop_poses: CropPoses | None
     """None: first poses come from keypoints."""
+    group: GroupPoses
 
 
 class Asdf:
-    """Detect, assign, PnP, refine by depth, state by looks, state by poses, fuse."""
+    """Detect, assign, PnP, refine by depth, state by looks, state by poses, fuse, group."""
 
     def __init__(
         self,
@@ -118,14 +129,16 @@ class Asdf:
         """
         config = self._config
         self._boxes, self._before = {}, {}
+        shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
         self._scene = _Scene(
             assembly=assembly,
             detector=self._given_detector or load_detector(config.detector, assembly),
-            shapes=part_shapes(assembly, surface_points=config.translation.surface_points),
+            shapes=shapes,
             pose2state=Pose2State(assembly, config=config.fusion),
             crop_poses=crop_poses(
                 config.first_pose, config.crops, assembly, looker=self._given_looker
             ),
+            group=GroupPoses(assembly, shapes, config=config.group),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -138,7 +151,7 @@ class Asdf:
             found = assign_detections(detections, assembly, previous=self._boxes)
             poses = self._first_poses(found, frame)
         with timed("refine"):
-            poses = poses_refined_by_depth(poses, found, shapes, frame, config=config.translation)
+            poses = self._refined(poses, found, frame)
             poses, found = settled_poses(
                 poses,
                 found,
@@ -146,7 +159,7 @@ class Asdf:
                 frame,
                 assembly=assembly,
                 shapes=shapes,
-                solve=lambda boxes: self._poses_with_depth(boxes, frame),
+                solve=lambda boxes: self._refined(self._first_poses(boxes, frame), boxes, frame),
                 config=config.rivals,
             )
             self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
@@ -155,22 +168,33 @@ class Asdf:
             looks = appearance_probabilities(detections, assembly, config=config.appearance)
             places = relative_pose_probabilities(poses, assembly, config=config.relative_pose)
             state = scene.pose2state.step(looks, places)
+        if config.group.enabled:
+            with timed("group"):
+                poses = scene.group.step(poses, state, frame)
         return FramePrediction(frame.index, poses, state, detections, timed.seconds)
 
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
         config, scene = self._config, self._started()
         if scene.crop_poses is not None:
             before = {name: pose.T_camera_part for name, pose in self._before.items()}
-            return scene.crop_poses.poses(found, frame, use_depth=True, previous=before)
+            use_depth = config.refinement != "none"
+            return scene.crop_poses.poses(found, frame, use_depth=use_depth, previous=before)
         poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)
         return poses_fitted_to_boxes(poses, found, scene.shapes, frame, config=config.box_fit)
 
-    def _poses_with_depth(
-        self, found: Mapping[str, Detection], frame: Frame
+    def _refined(
+        self, poses: Mapping[str, PoseEstimate], found: Mapping[str, Detection], frame: Frame
     ) -> dict[str, PoseEstimate]:
-        poses = self._first_poses(found, frame)
-        shapes = self._started().shapes
-        return poses_refined_by_depth(poses, found, shapes, frame, config=self._config.translation)
+        config = self._config
+        return poses_refined_by_depth(
+            poses,
+            found,
+            self._started().shapes,
+            frame,
+            refinement=config.refinement,
+            translation=config.translation,
+            icp=config.icp,
+        )
 
     def _started(self) -> _Scene:
         if self._scene is None:

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
 from asdfviz.errors import WeightsError
-from asdfviz.geometry.sampling import surface_points as sample_surface
+from asdfviz.geometry.sampling import oriented_surface_points
 from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box, hull_corners
+from asdfviz.pose.icp import IcpConfig, ModelCloud, register
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
 from asdfviz.pose.translation import TranslationConfig, refine_translation
+
+Refinement: TypeAlias = Literal["none", "translation", "icp"]
+"""What depth does to a first pose: nothing, section 3.1.1 of the paper, or the ICP of its Table 2."""
+PAPER_ICP = IcpConfig(reach=0.05, largest_move=0.2)
+"""The paper's ICP row; wide, because nothing has corrected the distances before it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,19 +29,23 @@ class PartShape:
 
     surface: Float64[np.ndarray, "surface 3"]
     """Spread evenly over the surface."""
+    normals: Float64[np.ndarray, "surface 3"]
+    """Outward unit normals there."""
+    cloud: ModelCloud
+    """The same points, for registration."""
     corners: Float64[np.ndarray, "corners 3"]
     """Spanning the outline from every side."""
 
 
 def part_shapes(assembly: Assembly, *, surface_points: int) -> dict[str, PartShape]:
     """Every part's shape, with so many points on its surface."""
-    return {
-        name: PartShape(
-            sample_surface(part.mesh.vertices, part.mesh.faces, surface_points),
-            hull_corners(part.mesh.vertices),
-        )
-        for name, part in assembly.parts.items()
-    }
+    shapes: dict[str, PartShape] = {}
+    for name, part in assembly.parts.items():
+        mesh = part.mesh
+        points, normals = oriented_surface_points(mesh.vertices, mesh.faces, surface_points)
+        corners = hull_corners(mesh.vertices)
+        shapes[name] = PartShape(points, normals, ModelCloud(points), corners)
+    return shapes
 
 
 def poses_from_keypoints(
@@ -107,19 +118,45 @@ def poses_refined_by_depth(
     shapes: Mapping[str, PartShape],
     frame: Frame,
     *,
-    config: TranslationConfig,
+    refinement: Refinement,
+    translation: TranslationConfig,
+    icp: IcpConfig,
 ) -> dict[str, PoseEstimate]:
-    """Translation refinement of every pose; one that depth says nothing of keeps its stage."""
+    """Refine every pose by depth; one that depth says nothing of keeps its stage.
+
+    Args:
+        poses: first poses.
+        found: the boxes that they come from.
+        shapes: of the parts.
+        frame: with depth, or nothing is refined.
+        refinement: which of the two, or none.
+        translation: options of section 3.1.1.
+        icp: options of the registration.
+    """
     refined = dict(poses)
+    if refinement == "none" or frame.depth is None:
+        return refined
     for name, pose in poses.items():
-        T_camera_part = refine_translation(
-            pose.T_camera_part,
-            shapes[name].surface,
-            box_xyxy=found[name].box_xyxy,
-            depth=frame.depth,
-            K=frame.camera.K,
-            config=config,
-        )
+        box, T_camera_part = found[name].box_xyxy, None
+        if refinement == "icp":
+            fitted = register(
+                pose.T_camera_part,
+                shapes[name].cloud,
+                box_xyxy=box,
+                depth=frame.depth,
+                K=frame.camera.K,
+                config=icp,
+            )
+            T_camera_part = None if fitted is None else fitted.T_camera_part
+        else:
+            T_camera_part = refine_translation(
+                pose.T_camera_part,
+                shapes[name].surface,
+                box_xyxy=box,
+                depth=frame.depth,
+                K=frame.camera.K,
+                config=translation,
+            )
         if T_camera_part is not None:
             refined[name] = PoseEstimate(name, T_camera_part, pose.score, "refined")
     return refined

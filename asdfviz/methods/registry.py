@@ -18,7 +18,10 @@ from asdfviz.methods.spec import BrokenMethod, Method, MethodSpec
 GROUP = "asdfviz.methods"
 BUILT_IN = {
     "yolov8pose": "asdfviz.methods.yolov8pose:SPEC",
+    "yolov8pose_state": "asdfviz.methods.yolov8pose_state:SPEC",
+    "yolov8pose_icp": "asdfviz.methods.yolov8pose_icp:SPEC",
     "asdf": "asdfviz.methods.asdf:SPEC",
+    "asdf_plus": "asdfviz.methods.asdf_plus:SPEC",
     "asdf_track": "asdfviz.methods.asdf_track:SPEC",
     "srt3d": "asdfviz.methods.srt3d:SPEC",
     "icg": "asdfviz.methods.icg:SPEC",

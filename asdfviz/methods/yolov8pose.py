@@ -20,10 +20,19 @@ from asdfviz.methods.first_pose import (
     crop_poses,
 )
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
-from asdfviz.methods.part_poses import poses_from_keypoints
+from asdfviz.methods.part_poses import (
+    PAPER_ICP,
+    PartShape,
+    Refinement,
+    part_shapes,
+    poses_from_keypoints,
+    poses_refined_by_depth,
+)
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
+from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import PnpConfig
+from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.appearance import AppearanceConfig, appearance_probabilities
 
 
@@ -41,12 +50,18 @@ class Yolov8PoseConfig:
     else keypoints."""
     crops: CropPoseConfig = field(default_factory=CropPoseConfig)
     """First poses from crops."""
+    refinement: Refinement = "none"
+    """What depth does to first poses: none (the baseline), translation or icp (rows of Table 2)."""
+    translation: TranslationConfig = field(default_factory=TranslationConfig)
+    """Refinement "translation", section 3.1.1."""
+    icp: IcpConfig = PAPER_ICP
+    """Refinement "icp"."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """From state boxes to probabilities."""
 
 
 class Yolov8Pose:
-    """Detect, PnP, and the state of the highest-scoring state box."""
+    """Detect, PnP, depth where it is asked for, and the state of the highest-scoring state box."""
 
     def __init__(
         self,
@@ -67,6 +82,7 @@ class Yolov8Pose:
         self._crop_poses: CropPoses | None = None
         self._detector: Detects | None = None
         self._assembly: Assembly | None = None
+        self._shapes: dict[str, PartShape] = {}
         self._boxes: dict[str, Box] = {}
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
@@ -81,6 +97,7 @@ class Yolov8Pose:
             config.first_pose, config.crops, assembly, looker=self._given_looker
         )
         self._assembly = assembly
+        self._shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
         self._boxes = {}
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -97,6 +114,17 @@ class Yolov8Pose:
                 poses = poses_from_keypoints(found, frame, assembly, config=config.pnp)
             else:
                 poses = self._crop_poses.poses(found, frame, use_depth=False)
+        if config.refinement != "none":
+            with timed("refine"):
+                poses = poses_refined_by_depth(
+                    poses,
+                    found,
+                    self._shapes,
+                    frame,
+                    refinement=config.refinement,
+                    translation=config.translation,
+                    icp=config.icp,
+                )
         with timed("state"):
             looks = appearance_probabilities(detections, assembly, config=config.appearance)
             state = None if looks is None else StateEstimate(looks, {"appearance": looks})

@@ -15,8 +15,8 @@ from asdfviz.synth.description import Scene
 from asdfviz.synth.grounds import ground_depth, ground_looks
 from asdfviz.synth.mesh_bank import MeshBank, Triangles
 from asdfviz.synth.raster import Fragments, Projected, corner_weights, rasterize
+from asdfviz.synth.surfaces import decorate
 from asdfviz.synth.tensors import length, to_tensor, transform_each, unit
-from asdfviz.synth.textures import macro_map
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,7 +178,7 @@ def _paint_meshes(
     local = (triangles.local[triangles.faces[face]] * weights[:, :, None]).sum(1)
     view = buffer.view.view(-1, 3)[hit]
     normal = torch.where((normal * view).sum(1, keepdim=True) < 0, -normal, normal)
-    color, normal = _decorate(
+    color, normal = decorate(
         finish, local, normal, fragments.depth * float(length(rays[0, 0, 1] - rays[0, 0, 0]))
     )
     buffer.normal.view(-1, 3)[hit] = normal
@@ -187,7 +187,7 @@ def _paint_meshes(
     buffer.translucency.view(-1)[hit] = finish[:, 8]
 
 
-def _finishes(scenes: Sequence[Scene], device: torch.device) -> Float32[Tensor, "i 12"]:
+def _finishes(scenes: Sequence[Scene], device: torch.device) -> Float32[Tensor, "i 15"]:
     rows = [
         [
             *p.finish.color,
@@ -198,42 +198,9 @@ def _finishes(scenes: Sequence[Scene], device: torch.device) -> Float32[Tensor, 
             p.finish.layer_depth,
             p.finish.translucency,
             *p.T_world_mesh[:3, p.finish.layer_axis],
+            *p.T_world_mesh[:3, (p.finish.layer_axis + 1) % 3],
         ]
         for scene in scenes
         for p in scene.placed
     ]
     return torch.tensor(rows, dtype=torch.float32, device=device)
-
-
-def _decorate(
-    finish: Float32[Tensor, "p 12"],
-    local: Float32[Tensor, "p 3"],
-    normal: Float32[Tensor, "p 3"],
-    footprint: Float32[Tensor, "p"],
-) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p 3"]]:
-    """Mottled colour, streaks of the printer's lines, and a normal tilted by its layers.
-
-    The tilt shows only where a pixel can resolve a layer. Level faces show the diagonal lines that
-    fill a layer, others the layers' edges.
-    """
-    # The brightness of "plain" strays by three hundredths.
-    noise = (macro_map("plain", 0, str(local.device))[2] - 1) / 0.03
-    x = (local[:, 0] + 0.71 * local[:, 2]) * (noise.shape[0] / 0.25)
-    y = (local[:, 1] + 0.53 * local[:, 2] - 0.31 * local[:, 0]) * (noise.shape[0] / 0.25)
-    value = noise[y.long() % noise.shape[0], x.long() % noise.shape[1]]
-    color = finish[:, :3] * (1 + 0.3 * value * finish[:, 4]).clamp(min=0.3)[:, None]
-    # Skin is uneven: the same noise, some millimetres aside, tilts its normals.
-    column, row = x.long() % noise.shape[1], y.long() % noise.shape[0]
-    tilt_x = noise[row, (column + 9) % noise.shape[1]] - value
-    tilt_y = noise[(row + 9) % noise.shape[0], column] - value
-    uneven = torch.stack([tilt_x, tilt_y, tilt_x - tilt_y], dim=1) * finish[:, 8:9]
-    normal = unit(normal + 0.6 * uneven)
-    along = local.gather(1, finish[:, 5:6].long())[:, 0]
-    level = (normal * unit(finish[:, 9:12])).sum(1).abs() > 0.85
-    line = torch.where(level, local.sum(1) - along, along) * (noise.shape[0] / 0.25)
-    streak = noise[11][(2.3 * line).long() % noise.shape[1]]
-    color = color * (1 + 0.7 * streak * finish[:, 7]).clamp(min=0.3)[:, None]
-    height = finish[:, 6]
-    seen = (height / (2 * footprint) - 0.5).clamp(0, 1)
-    tilt = torch.sin(along * (2 * np.pi) / height) * finish[:, 7] * seen
-    return color, unit(normal + finish[:, 9:12] * tilt[:, None])

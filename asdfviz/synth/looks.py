@@ -77,9 +77,9 @@ def plastic(color: Vector, rng: np.random.Generator) -> Finish:
         color=color,
         roughness=float(rng.uniform(0.22, 0.7)),
         mottling=float(rng.uniform(0, 0.16)),
-        layer_axis=int(rng.integers(3)),
+        layer_axis=int(rng.choice(3, p=[0.2, 0.2, 0.6])),
         layer_height=float(rng.uniform(0.0006, 0.0025)),
-        layer_depth=float(rng.uniform(0, 0.12)),
+        layer_depth=float(rng.uniform(0, 0.22)),
     )
 
 
@@ -143,7 +143,7 @@ def _plane(
         colors=_three(rng) if colors is None else colors,
         angle=float(rng.random() * 2 * np.pi),
         offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
-        bump=float(rng.uniform(0.6, 1.8)),
+        bump=float(rng.uniform(0.6, 1.8)) + (0.5 if macro == "drape" else 0.0),
         roughness=float(rng.uniform(0.55, 1.0)) if macro == "wood" else 0.95,
         circle=circle,
         scale=float(rng.uniform(0.8, 1.3)) * (0.5 if macro == "drape" else 1.0),
@@ -152,12 +152,12 @@ def _plane(
 
 def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tuple[Ground, ...]:
     """Blue drape on a pale round table over a brown carpet, as in the paper's recordings."""
-    blue = linear((122, 164, 196)) * np.exp(rng.normal(size=3) * 0.025 + rng.normal() * 0.08)
+    blue = linear((129, 165, 195)) * np.exp(rng.normal(size=3) * 0.02 + rng.normal() * 0.05)
     center = points.mean(axis=0) + rng.normal(size=2) * 0.02
     reach = float(np.linalg.norm(points - center, axis=1).max())
     radius = reach + rng.uniform(0.04, 0.15)
     # The drape is about as large as the table and hangs over its rim where it is larger.
-    k = int(rng.integers(4, 8))
+    k = int(rng.integers(5, 11))
     angles = rng.random() * 2 * np.pi + (np.arange(k) + rng.uniform(-0.2, 0.2, k)) * 2 * np.pi / k
     normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     limits = np.maximum(
@@ -169,11 +169,11 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         0.0,
         "drape",
         micro="nonwoven",
-        colors=np.stack([blue] * 3),
+        colors=np.stack([blue, blue, linear((215, 220, 222))]),
         edges=np.column_stack([normals, limits]),
         circle=(float(center[0]), float(center[1]), radius + rng.uniform(0.0, 0.04)),
     )
-    pale = linear((232, 208, 168)) * rng.uniform(0.85, 1.1)
+    pale = linear((238, 219, 186)) * rng.uniform(0.85, 1.1)
     table = _plane(
         rng,
         -0.001,
@@ -210,11 +210,13 @@ def room_lights(rng: np.random.Generator) -> tuple[tuple[Light, ...], Vector, Ve
     white = np.array([1 + warmth, 1.0, 1 - warmth])
     lights: list[Light] = []
     for _ in range(int(rng.integers(1, 3))):
-        azimuth, elevation = rng.random() * 2 * np.pi, rng.uniform(0.75, 1.35)
+        azimuth, elevation = rng.random() * 2 * np.pi, rng.uniform(0.65, 1.25)
         flat = np.cos(elevation)
         where = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)]) * 2.0
-        lights.append(Light(where, float(rng.uniform(0.35, 0.8)), white * rng.uniform(0.35, 0.8)))
-    return tuple(lights), white * rng.uniform(0.4, 0.75), rng.normal(size=3) * 0.12
+        lights.append(Light(where, float(rng.uniform(0.15, 0.6)), white * rng.uniform(0.4, 1.0)))
+    # Shadows are lit by walls and sky, bluer than the lamps.
+    sky = white * [0.93, 1.0, 1.08] * rng.uniform(0.3, 0.65)
+    return tuple(lights), sky, rng.normal(size=3) * 0.12
 
 
 def random_lights(

@@ -47,45 +47,64 @@ def _stack(w1: Weight, w2: Weight, shade: Weight, height: Weight) -> Map:
 
 
 def _creases(rng: np.random.Generator, n: int, *, spacing: float, strength: float) -> Plane:
-    """Heights (in units of the map) of a cloth that lay folded: sharp, nearly straight ridges.
+    """Heights (metres) of a cloth that lay folded: parallel ridges, few faint ones across them.
 
-    The folds of one direction are parallel up to a few degrees; shorter ones run askew.
+    A fold is steep on one side and leans out slowly on the other, so that light shows a bright and a
+    shaded side; it weakens along its way. Short wrinkles run beside the folds, nearly along them.
     """
     x, y = _axes(n)
     wobble = fractal(rng, n, base=3, octaves=4)
+    fading = np.clip(0.75 + 0.45 * fractal(rng, n, base=4, octaves=3), 0.1, 1.6)
     height = np.zeros((n, n), np.float32)
-    lines = [(axis * np.pi / 2 + rng.normal() * 0.03, axis) for axis in (0, 1)]
-    for direction, axis in lines:
-        pitch = spacing * rng.uniform(0.7, 1.3) * (1 if axis == 0 else 1.8)
-        for k, place in enumerate(np.arange(rng.random() * pitch, 1.2, pitch)):
-            angle = direction + rng.normal() * 0.02
-            d = np.cos(angle) * x + np.sin(angle) * y - place + 0.0012 * wobble
-            sign = 1.0 if k % 2 else -1.0
-            power = sign * strength * rng.uniform(0.4, 1.0)
-            height += power * np.exp(-np.abs(d) / rng.uniform(0.0015, 0.006))
-    window = n // 8
-    for _ in range(260):
+    for axis, share, apart in ((0, 1.0, 1.0), (1, 0.35, 3.1)):
+        direction = axis * np.pi / 2 + rng.normal() * 0.04
+        pitch = spacing * rng.uniform(0.85, 1.2) * apart
+        for place in np.arange(rng.random() * pitch, 1.2, pitch):
+            angle = direction + rng.normal() * 0.025
+            d = np.cos(angle) * x + np.sin(angle) * y - place + 0.0016 * wobble
+            steep, slow = rng.uniform(0.0009, 0.0026), rng.uniform(0.007, 0.022)
+            if rng.random() < 0.5:
+                d = -d
+            power = strength * share * rng.uniform(0.35, 1.0) * rng.choice([1.0, -0.6])
+            height += power * fading * np.exp(-np.abs(d) / np.where(d > 0, slow, steep))
+    window = n // 6
+    for _ in range(150):
         row, column = rng.integers(0, n - window, 2)
         here = (slice(row, row + window), slice(column, column + window))
         cx, cy = (column + window / 2) / n, (row + window / 2) / n
-        angle = rng.random() * np.pi
+        angle = rng.normal() * 0.5 + (np.pi / 2 if rng.random() < 0.3 else 0.0)
         along = -np.sin(angle) * (x[here] - cx) + np.cos(angle) * (y[here] - cy)
         d = np.cos(angle) * (x[here] - cx) + np.sin(angle) * (y[here] - cy)
+        d = d + 0.003 * wobble[here]
         ridge = np.exp(
-            -np.abs(d + 0.0008 * wobble[here]) / rng.uniform(0.0012, 0.005)
-            - (along / rng.uniform(0.008, 0.03)) ** 2
+            -((d / rng.uniform(0.005, 0.014)) ** 2) - (along / rng.uniform(0.015, 0.04)) ** 2
         )
-        height[here] += rng.normal() * 0.4 * strength * ridge
+        height[here] += rng.normal() * 0.45 * strength * ridge
     return height.astype(np.float32)
 
 
 def _drape(rng: np.random.Generator, n: int) -> Map:
-    folds = _creases(rng, n, spacing=0.072, strength=0.0034)
-    height = folds + 0.0022 * fractal(rng, n, base=6, octaves=5, gain=0.5)
-    # Worn folds are a little paler or darker than the cloth, whatever the light.
+    folds = _creases(rng, n, spacing=0.078, strength=0.0034)
+    waves = fractal(rng, n, base=3, octaves=4, gain=0.42)
+    height = folds + 0.007 * waves
+    # Worn folds are a little paler than the cloth, whatever the light.
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
-    shade = 1 + 0.012 * fractal(rng, n, base=8, octaves=5) + np.clip(120 * worn, -0.22, 0.16)
-    return _stack(0.0, 0.0, shade, height)
+    clouds = fractal(rng, n, base=4, octaves=4, gain=0.5)
+    shade = 1 + 0.010 * clouds + np.clip(100 * worn, -0.05, 0.12)
+    specks = _specks(rng, n)
+    return _stack(0.0, specks, shade, height.astype(np.float32))
+
+
+def _specks(rng: np.random.Generator, n: int) -> Plane:
+    """Lint: single pixels and short threads of the third colour, most of them faint."""
+    plane = np.zeros((n, n), np.float32)
+    for _ in range(n * n // 18000):
+        row, column = rng.integers(2, n - 4, 2)
+        long = int(rng.integers(1, 3))
+        plane[row : row + long, column : column + 1 + (rng.random() < 0.3)] = (
+            0.7 * rng.random() ** 3
+        )
+    return plane
 
 
 def _cloth(rng: np.random.Generator, n: int) -> Map:
@@ -184,12 +203,15 @@ def _weave(rng: np.random.Generator, n: int) -> Map:
 def _nonwoven(rng: np.random.Generator, n: int) -> Map:
     """Pressed fibres with a fine grid of dots, as in a surgical drape."""
     x, y = _axes(n)
-    dots = 116
-    grid = np.cos(2 * np.pi * dots * (x + y)) * np.cos(2 * np.pi * dots * (x - y))
-    fibres = fractal(rng, n, base=50, octaves=3, gain=0.8)
-    clouds = fractal(rng, n, base=14, octaves=3)
-    shade = 1 + 0.04 * grid * (1 + 0.4 * clouds) + 0.034 * fibres + 0.01 * clouds
-    return _stack(0.0, 0.0, shade, (0.00002 * fibres).astype(np.float32))
+    dots = 84
+    grid = np.cos(2 * np.pi * dots * x) * np.cos(2 * np.pi * dots * y)
+    # Fibres run mostly one way, which is how the web left the machine.
+    drawn = fractal(rng, n, base=100, octaves=2, gain=0.9)
+    drawn = np.mean([np.roll(drawn, k, axis=1) for k in range(10)], axis=0)
+    fibres = 0.75 * drawn / drawn.std() + 0.55 * fractal(rng, n, base=110, octaves=2, gain=0.9)
+    clouds = fractal(rng, n, base=10, octaves=3)
+    shade = 1 + 0.045 * grid * (1 + 0.5 * clouds) + 0.034 * fibres + 0.004 * clouds
+    return _stack(0.0, 0.0, shade, (0.00003 * fibres).astype(np.float32))
 
 
 def _carpet(rng: np.random.Generator, n: int) -> Map:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from asdfviz.geometry.shapes import Depth, Mask, Rgb
+from asdfviz.synth.optics import developed, fringed
 
 FIELD_OF_VIEW = np.array(
     [[188, 462], [247, 115], [376, 0], [890, 0], [1041, 250], [1044, 442], [886, 719], [323, 719]]
@@ -49,6 +50,10 @@ class RgbSensor:
     saturation: float = 1.0
     sharpening: float = 0.0
     """Strength of the camera's own sharpening."""
+    thin_px: float = 0.0
+    """Blur of the colour beside the brightness, at 1280 pixels width."""
+    fringe_px: float = 0.0
+    """How far red and blue lie from green in the corners, at 1280 pixels width."""
     knee: float = 0.55
     """Linear value above which highlights are compressed; at 1 they are cut off."""
     jpeg_quality: int = 92
@@ -102,6 +107,8 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
         saturation=float(rng.uniform(0.85, 1.35)),
         sharpening=float(max(0.0, rng.uniform(-0.5, 0.9))),
         knee=float(rng.uniform(0.5, 1.0)),
+        thin_px=float(max(0.0, rng.uniform(-1.0, 2.0))),
+        fringe_px=float(rng.normal() * 0.6),
         jpeg_quality=int(rng.integers(78, 97)),
         motion_px=(float(motion[0]), float(motion[1])),
     )
@@ -162,25 +169,39 @@ def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator)
     image = (image + sensor.flare * image.mean(axis=(0, 1))) / (1 + sensor.flare)
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
     image *= (1 - sensor.vignette * (x * x + y * y) / 2)[:, :, None]
+    if abs(sensor.fringe_px) * scale > 0.1:
+        image = fringed(image.astype(np.float32), sensor.fringe_px * scale)
     image = cv2.GaussianBlur(image, (0, 0), max(sensor.blur_px * scale, 0.25))
     if any(abs(m) * scale > 0.6 for m in sensor.motion_px):
         image = cv2.filter2D(image, -1, motion_kernel(*(m * scale for m in sensor.motion_px)))
     if sensor.knee < 1:
         above = np.tanh((image - sensor.knee) / (1 - sensor.knee)) * (1 - sensor.knee)
         image = np.where(image < sensor.knee, image, sensor.knee + above)
-    grain = rng.standard_normal((height, width, 3), dtype=np.float32)
-    if scale > 0.4:
-        grain = 0.7 * grain + 0.6 * cv2.GaussianBlur(grain, (0, 0), 0.8) * 1.6
+    grain = _grain(rng, height, width, colored=sensor.thin_px > 0)
     # Mostly shot noise: cameras smooth the dark parts themselves.
     image = image + grain * sensor.noise * np.sqrt(0.004 + 3.4 * np.maximum(image, 0))
-    if sensor.sharpening > 0:
-        soft = cv2.GaussianBlur(image, (0, 0), max(1.2 * scale, 0.4))
-        image = image + sensor.sharpening * (image - soft)
     gray = image.mean(axis=2, keepdims=True)
     image = gray + (image - gray) * sensor.saturation
     image = np.clip(image, 0, 1) ** np.float32(1 / 2.2)
-    image = np.clip(0.5 + (image - 0.5) * sensor.contrast, 0, 1)
+    image = (0.5 + (image - 0.5) * sensor.contrast).astype(np.float32)
+    halo, thin = max(1.2 * scale, 0.4), sensor.thin_px * scale
+    if sensor.sharpening > 0 or thin > 0:
+        image = developed(image, sharpening=sensor.sharpening, halo_px=halo, thin_px=thin)
+    image = np.clip(image, 0, 1)
     return (image * 255 + 0.5).astype(np.uint8)
+
+
+def _grain(rng: np.random.Generator, height: int, width: int, *, colored: bool) -> Linear:
+    """Noise of deviation 1 whose neighbours agree a little; `colored` adds blotches of colour."""
+    grain = rng.standard_normal((height, width, 3), dtype=np.float32)
+    if width > 512:
+        grain = 0.7 * grain + 0.96 * cv2.GaussianBlur(grain, (0, 0), 0.8)
+    if colored:
+        size = (max(2, height // 4), max(2, width // 4), 3)
+        cells = rng.standard_normal(size, dtype=np.float32)
+        cells = np.asarray(cells - cells.mean(axis=2, keepdims=True), np.float32)
+        grain = grain + 0.5 * cv2.resize(cells, (width, height), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(grain, np.float32)
 
 
 def measure_depth(

@@ -19,6 +19,10 @@ from asdfviz.synth.mesh_bank import Triangles
 from asdfviz.synth.raster import Projected, depth_map
 from asdfviz.synth.tensors import length, to_tensor, transform_each, unit
 
+WRAP = (1.0, 0.5, 0.4)
+"""How far red, green and blue light go round the edge of what is translucent."""
+LEAK = (0.35, 0.06, 0.02)
+"""Share of red, green and blue light that shines through what is translucent."""
 LOWEST_OCCLUDED = -0.2
 """Height, metres, below which nothing is occluded by what stands on the table."""
 
@@ -69,8 +73,16 @@ def shade(
             _tensor([light.color for light in lights], device)[:, None, None]
             * on[:, None, None, None]
         )
-        total += color * _reflect(buffer, lights) * visible[..., None]
+        total += color * _reflect(buffer, lights) * _through(visible, buffer.translucency)
     return total + _ambient(scenes, buffer, config.occlusion)
+
+
+def _through(
+    visible: Float32[Tensor, "b h w"], translucency: Float32[Tensor, "b h w"]
+) -> Float32[Tensor, "b h w 3"]:
+    """Light that arrives, by colour: red goes some way through skin into its shadows."""
+    leak = translucency[..., None] * visible.new_tensor(LEAK)
+    return visible[..., None] + (1 - visible[..., None]) * leak
 
 
 def _tensor(rows: Sequence[np.ndarray], device: torch.device) -> Tensor:
@@ -153,15 +165,15 @@ def _reflect(buffer: GBuffer, lights: Sequence[Light]) -> Float32[Tensor, "b h w
     fall = (length(position)[:, None, None] / distance).square()
     direction = towards / distance
     cosine = (buffer.normal * direction).sum(3)
-    wrap = buffer.translucency
-    diffuse = ((cosine + wrap) / (1 + wrap)).clamp(min=0)
+    wrap = buffer.translucency[..., None] * cosine.new_tensor(WRAP)
+    diffuse = ((cosine[..., None] + wrap) / (1 + wrap)).clamp(min=0)
     half = unit(direction + buffer.view)
     n_half = (buffer.normal * half).sum(3).clamp(0, 1)
     n_view = (buffer.normal * buffer.view).sum(3).clamp(0.06, 1)
     alpha = buffer.roughness.square().clamp(min=0.03).square()
     lobe = alpha / (np.pi * (n_half.square() * (alpha - 1) + 1).square())
     gloss = 0.04 * lobe / (4 * n_view) * (cosine > 0)
-    return (buffer.albedo * diffuse[..., None] + gloss[..., None]) * fall
+    return (buffer.albedo * diffuse + gloss[..., None]) * fall
 
 
 def _ambient(
@@ -179,9 +191,15 @@ def _ambient(
     # The floor lies too far below the table to be darkened by it.
     deep = buffer.position[..., 2] < LOWEST_OCCLUDED
     occlusion = torch.where(deep, 1.0, ambient_occlusion(buffer.depth, strength=strength))
-    n_view = (buffer.normal * buffer.view).sum(3).clamp(0, 1)
-    rim = 0.04 + 0.4 * (1 - n_view) ** 5 * (1 - buffer.roughness)
-    return light * (buffer.albedo + rim[..., None]) * occlusion[..., None]
+    n_view = (buffer.normal * buffer.view).sum(3, keepdim=True).clamp(0, 1)
+    fresnel = 0.04 + 0.5 * (1 - n_view) ** 5 * (1 - buffer.roughness[..., None])
+    mirrored = 2 * n_view * buffer.normal - buffer.view
+    # What is mirrored: a ceiling brighter on one side, walls, a dark floor.
+    room = (0.25 + 0.9 * mirrored[..., 2:]).clamp(min=0.05)
+    room = room * (1 + 2.5 * (mirrored * tint).sum(3, keepdim=True)).clamp(min=0.3)
+    dark = occlusion[..., None]
+    through = _through(occlusion, buffer.translucency)
+    return light * buffer.albedo * through + sky * room * fresnel * dark.square()
 
 
 def ambient_occlusion(

@@ -6,7 +6,6 @@ import io
 import json
 import pickle
 import platform
-import sys
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -23,6 +22,7 @@ from asdfviz.detector.network import Network, Scale
 from asdfviz.detector.weights import save_network
 from asdfviz.errors import WeightsError
 from asdfviz.train.config import TrainConfig
+from asdfviz.train.record import made_by, without_places
 
 
 class Average:
@@ -236,8 +236,8 @@ def about_run(config: TrainConfig, assemblies: Sequence[Assembly]) -> dict[str, 
         "assemblies": [assembly.name for assembly in assemblies],
         "classes": list(joint_classes(assemblies)),
         "image_size": config.image_size,
-        "command": " ".join(sys.argv),
+        "command": made_by(),
         "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
         "torch": torch.__version__,
-        "config": json.loads(json.dumps(asdict(config), default=str)),
+        "config": without_places(asdict(config)),
     }

@@ -6,7 +6,6 @@ import dataclasses
 import io
 import json
 import platform
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -21,6 +20,7 @@ from asdfviz.errors import WeightsError
 from asdfviz.train.checkpoint import Average, Progress, load_checkpoint
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_validation import CropValidation
+from asdfviz.train.record import made_by, without_places
 
 CROP_WEIGHTS = "crops.safetensors"
 
@@ -146,14 +146,14 @@ def export(
     save_crop_network(network, path, classes=names)
     record = {
         "classes": list(names),
-        "command": " ".join(sys.argv),
+        "command": made_by(),
         "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
         "torch": torch.__version__,
         "steps": progress.step,
         "crops": progress.step * config.batch,
         "minutes": round(progress.seconds / 60, 1),
         "bytes": path.stat().st_size,
-        "config": json.loads(json.dumps(dataclasses.asdict(config), default=str)),
+        "config": without_places(dataclasses.asdict(config)),
         "validation": [one.as_json() for one in found],
     }
     write_text(path.with_suffix(".json"), json.dumps(record, indent=2) + "\n")

@@ -1,10 +1,11 @@
-"""Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY [SEED]`.
+"""Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY SEED [MESHES]`.
 
 Twenty crops of synthetic scenes among twenty of real frames, shuffled and numbered, as one sheet
 (OUT/sheet.png) and as single files; OUT_key.txt beside the folder says which are synthetic. Somebody
 who made neither sorts all forty: errors near one half mean that the two cannot be told apart.
 
-REAL_FOLDER holds rgb/*.png of a fixed camera over a table; ASSEMBLY is what lies there.
+REAL_FOLDER holds rgb/*.png of a fixed camera over a table; ASSEMBLY is what lies there. MESHES holds
+finer meshes of its parts, PART.ply in millimetres, where there are any.
 """
 
 from __future__ import annotations
@@ -17,12 +18,14 @@ import cv2
 import numpy as np
 
 from asdfviz.data.assembly import load_assembly
+from asdfviz.data.meshes import read_mesh
+from asdfviz.datatypes import Part
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.description import Placed, Scene
 from asdfviz.synth.looks import linear
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, make_scene
-from asdfviz.synth.sensor import RgbSensor, photograph
+from asdfviz.synth.sensor import RgbSensor, blur_moving, photograph
 
 COUNT = 20
 SIDE = 160
@@ -37,16 +40,22 @@ REAL_PLACES = (
 COLORS = {
     (20, 90, 170): (30, 66, 176),
     (132, 132, 132): (178, 170, 158),
-    (25, 25, 28): (30, 26, 25),
+    (25, 25, 28): (41, 35, 31),
+    (235, 235, 232): (252, 246, 234),
 }
 """Colours of the real prints, where the mesh files say otherwise."""
+SENSOR = RgbSensor(
+    white_balance=(1.1, 1.0, 0.9), vignette=0.2, blur_px=0.9, noise=0.0058, flare=0.014,
+    contrast=1.12, sharpening=0.6, knee=0.95, thin_px=1.6, fringe_px=1.2, jpeg_quality=88,
+)  # fmt: skip
+"""What the real frames look like to have been taken with."""
 
 
-def main(out: Path, real: Path, name: str, seed: int) -> None:
+def main(out: Path, real: Path, name: str, seed: int, meshes: Path | None) -> None:
     """Write the sheet, the crops and the key."""
     rng = np.random.default_rng(seed)
     crops = [(c, "real") for c in _real_crops(real, rng)]
-    crops += [(c, "synthetic") for c in _synthetic_crops(_matching_assets(name), rng)]
+    crops += [(c, "synthetic") for c in _synthetic_crops(_matching_assets(name, meshes), rng)]
     order = rng.permutation(len(crops))
     out.mkdir(parents=True, exist_ok=True)
     tiles: list[np.ndarray] = []
@@ -86,50 +95,76 @@ def _turned(crop: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.ascontiguousarray(np.rot90(crop, int(rng.integers(4))))
 
 
-def _matching_assets(name: str) -> Assets:
+def _matching_assets(name: str, meshes: Path | None) -> Assets:
     """The assembly in its real colours, in its first states only."""
     assembly = load_assembly(name)
-    parts = {
-        n: replace(p, color=np.array(COLORS.get(tuple(p.color.tolist()), p.color), np.uint8))
-        for n, p in assembly.parts.items()
-    }
+    parts = {n: _as_printed(n, p, meshes) for n, p in assembly.parts.items()}
     return load_assets(replace(assembly, parts=parts, states=assembly.states[:2]))
+
+
+def _as_printed(name: str, part: Part, meshes: Path | None) -> Part:
+    """The part in the real print's colour and, if there is one, with its finer mesh."""
+    color = np.array(COLORS.get(tuple(part.color.tolist()), part.color), np.uint8)
+    file = None if meshes is None else meshes / f"{name}.ply"
+    fine = file if file is not None and file.exists() else None
+    mesh = part.mesh if fine is None else read_mesh(fine, unit="mm", part=name)
+    return replace(part, color=color, mesh=mesh)
 
 
 def _synthetic_crops(assets: Assets, rng: np.random.Generator) -> list[np.ndarray]:
     config = SceneConfig(
         width=1280, height=720, distance=(0.5, 0.56), tilt=(0.0, 0.05), true_colors=1.0,
-        theatre=1.0, room_light=1.0, present=1.0, distractors=0, duplicates=0, tilted=0.0, held=0.7,
-        passing_hand=0.7,
-    )  # fmt: skip
-    sensor = RgbSensor(
-        exposure=0.47, white_balance=(1.1, 1.0, 0.9), vignette=0.2, blur_px=1.1, noise=0.0065,
-        flare=0.035, contrast=1.1, saturation=1.0, sharpening=0.7, knee=0.85,
+        theatre=1.0, room_light=1.0, present=1.0, distractors=0, duplicates=0, tilted=0.0, held=0.6,
+        passing_hand=0.5,
     )  # fmt: skip
     crops: list[np.ndarray] = []
     while len(crops) < COUNT:
-        scene = make_scene(assets, rng=rng, config=config).scene
-        scene = replace(scene, placed=tuple(_bare(p, rng) for p in scene.placed if not _cloth(p)))
-        picture = render([scene], assets.bank, rng=rng, supersampling=2.0)[0]
-        exposed = replace(sensor, exposure=float(rng.uniform(0.38, 0.46)))
-        rgb = photograph(picture.radiance, sensor=exposed, rng=rng)
-        encoded = cv2.imencode(".jpg", rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 93])[1]
-        image = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR))
+        image, scene, picture = _photo(assets, config, rng)
         for u, v in _places(scene, picture, rng)[: COUNT - len(crops)]:
             crops.append(_turned(_cut(image, u, v), rng))
     return crops
 
 
-def _cloth(thing: Placed) -> bool:
-    return thing.kind == "hand" and thing.finish.roughness > 0.9
+def _photo(
+    assets: Assets, config: SceneConfig, rng: np.random.Generator
+) -> tuple[np.ndarray, Scene, Picture]:
+    """One scene as the real camera takes it (BGR), hands sometimes in motion."""
+    scene = make_scene(assets, rng=rng, config=config).scene
+    scene = replace(
+        scene, placed=tuple(_real(assets, p, rng) for p in scene.placed if not _foreign(p))
+    )
+    picture = render([scene], assets.bank, rng=rng, supersampling=2.0)[0]
+    radiance = picture.radiance
+    for i, thing in enumerate(scene.placed):
+        if thing.kind == "hand" and rng.random() < 0.5:
+            dx, dy = rng.normal(size=2) * 7
+            radiance = blur_moving(radiance, picture.ids == i, (float(dx), float(dy)))
+    sensor = replace(SENSOR, exposure=float(rng.uniform(0.38, 0.42)))
+    rgb = photograph(radiance, sensor=sensor, rng=rng)
+    setting = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality]
+    encoded = cv2.imencode(".jpg", rgb[:, :, ::-1], setting)[1]
+    return np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR)), scene, picture
 
 
-def _bare(thing: Placed, rng: np.random.Generator) -> Placed:
-    """The same hand for all, of the real one's colour."""
-    if thing.kind != "hand":
-        return thing
-    tone = linear((218, 164, 134)) * np.exp(rng.normal() * 0.05)
-    return replace(thing, finish=replace(thing.finish, color=tone, translucency=0.35))
+def _foreign(thing: Placed) -> bool:
+    """A sleeve or a stand: the real frames show none."""
+    return thing.kind == "distractor" or (thing.kind == "hand" and thing.finish.roughness > 0.9)
+
+
+def _real(assets: Assets, thing: Placed, rng: np.random.Generator) -> Placed:
+    """The same hand and the same filaments for all."""
+    if thing.kind == "hand":
+        tone = linear((244, 200, 166)) * np.exp(rng.normal() * 0.05)
+        finish = replace(thing.finish, color=tone, translucency=0.35, roughness=0.5)
+    else:
+        color = linear(assets.assembly.parts[thing.name].color) * np.exp(rng.normal() * 0.06)
+        finish = replace(
+            thing.finish,
+            color=np.clip(color, 0.003, 0.95),
+            roughness=float(rng.uniform(0.3, 0.5)),
+            layer_depth=float(rng.uniform(0.06, 0.17)),
+        )
+    return replace(thing, finish=finish)
 
 
 def _places(scene: Scene, picture: Picture, rng: np.random.Generator) -> list[np.ndarray]:
@@ -156,5 +191,6 @@ if __name__ == "__main__":
         Path(sys.argv[1]),
         Path(sys.argv[2]),
         sys.argv[3],
-        int(sys.argv[4]) if len(sys.argv) > 4 else 1,
+        int(sys.argv[4]),
+        Path(sys.argv[5]) if len(sys.argv) > 5 else None,
     )

@@ -30,7 +30,7 @@ def test_an_empty_picture_gives_nothing(toy, detector) -> None:
     assert prediction.frame_index == 0
     assert dict(prediction.poses) == {}
     assert prediction.state is None
-    assert set(prediction.runtime) == {"detect", "pnp", "refine", "state"}
+    assert set(prediction.runtime) == {"detect", "pnp", "refine", "state", "group"}
 
 
 def test_shrunken_noisy_keypoints_still_end_at_the_true_place(toy, detector) -> None:

@@ -73,7 +73,7 @@ def test_asdf_takes_first_poses_from_crops(toy, detector, scene) -> None:
     method.reset(toy.assembly, frame.camera, None)
     prediction = method.step(frame)
     assert set(prediction.poses) == set(poses)
-    assert set(prediction.runtime) == {"detect", "crops", "refine", "state"}
+    assert set(prediction.runtime) == {"detect", "crops", "refine", "state", "group"}
     for name, T in poses.items():
         pose = prediction.poses[name]
         assert distance_mm(pose, T) < 8

@@ -1,0 +1,203 @@
+"""State helps pose: parts that the state joins get their pose from the group.
+
+The paper claims it and gives no formula; this one is ours. Every joined part with a pose says where
+the base would be; the base pose on which the parts and the depth image agree best is taken. A part
+without a pose of its own then gets the one that the state gives it, a joint where the part was last
+seen in it; a part with one changes to it only where depth agrees with it better. What the state is
+not sure of stays as it was, and absent if it was absent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimate
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.symmetry import nearest_symmetric
+from asdfviz.geometry.transforms import inverse
+from asdfviz.methods.part_poses import PartShape
+from asdfviz.pose.depth_fit import depth_fit
+from asdfviz.state.joints import Deviation, deviation, nearest_in_joint
+
+
+@dataclass(frozen=True)
+class GroupConfig:
+    """When parts are placed by the state; the paper gives none of the numbers."""
+
+    enabled: bool = True
+    """State helps pose, on or off."""
+    certain: float = 0.8
+    """Least probability of all states together that have the part where it is put."""
+    distance: float = 0.02
+    """A pose farther from its joined place disagrees with the state, metres."""
+    angle_deg: float = 30.0
+    """And one turned farther, degrees; symmetric poses count as the same."""
+    margin: float = 0.008
+    """Depth readings this near to the surface agree with it, metres."""
+    gain: float = 0.1
+    """A pose is replaced where the group's agrees with this much more of the depth readings; one that
+    disagrees with the state already where the group's agrees no less."""
+    least_fit: float = 0.35
+    """A group pose that agrees with less of the depth readings is not taken."""
+
+
+class GroupPoses:
+    """Places joined parts; remembers where they were seen in their joints."""
+
+    def __init__(
+        self, assembly: Assembly, shapes: Mapping[str, PartShape], *, config: GroupConfig
+    ) -> None:
+        self._assembly, self._shapes, self._config = assembly, shapes, config
+        self._middles = {
+            name: (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0)) / 2
+            for name, part in assembly.parts.items()
+        }
+        self._seen: dict[tuple[int, str], Transform] = {}
+        """T_base_part by state and part, where a joint leaves them open."""
+
+    def step(
+        self, poses: Mapping[str, PoseEstimate], state: StateEstimate | None, frame: Frame
+    ) -> dict[str, PoseEstimate]:
+        """Return the poses, those of joined parts by the group where it knows better."""
+        result = dict(poses)
+        if state is None:
+            return result
+        joined, sure = self._joined(state)
+        if not joined:
+            return result
+        named = self._assembly.states[state.index]
+        base = self._base(poses, joined, named, frame)
+        if base is None:
+            return result
+        T_camera_base, trust = base
+        for name in (self._assembly.base, *joined):
+            placed = self._placed(name, T_camera_base, poses.get(name), named)
+            own = poses.get(name)
+            if own is None or self._is_better(name, placed, own, T_camera_base, named, frame):
+                fit = self._fit(name, placed, frame)
+                if fit < self._config.least_fit:
+                    continue
+                score = trust * sure.get(name, 1.0) * fit
+                result[name] = PoseEstimate(name, placed, score, "group")
+        return result
+
+    def _joined(self, state: StateEstimate) -> tuple[list[str], dict[str, float]]:
+        """Parts that are certainly where the most probable state has them, and how certainly."""
+        named = self._assembly.states[state.index]
+        sure: dict[str, float] = {}
+        for name, T_base_part in named.T_base_part.items():
+            same = [
+                other.index
+                for other in self._assembly.states
+                if name in other.T_base_part and np.allclose(other.T_base_part[name], T_base_part)
+            ]
+            sure[name] = float(state.probabilities[same].sum())
+        joined = [
+            name
+            for name, probability in sure.items()
+            if name != self._assembly.base and probability >= self._config.certain
+        ]
+        return joined, sure
+
+    def _base(
+        self,
+        poses: Mapping[str, PoseEstimate],
+        joined: list[str],
+        state: State,
+        frame: Frame,
+    ) -> tuple[Transform, float] | None:
+        """Where the base is by most accounts, and the score of the pose that says so."""
+        members = [name for name in (self._assembly.base, *joined) if name in poses]
+        best: tuple[float, Transform, float] | None = None
+        for name in members:
+            if self._assembly.parts[name].symmetries.is_symmetric and name != self._assembly.base:
+                continue  # it may be turned, and the base with it
+            T_base_part = self._nominal(name, state)
+            T_camera_base = poses[name].T_camera_part @ inverse(T_base_part)
+            support = sum(
+                poses[other].score * self._bell(self._off(other, T_camera_base, poses, state))
+                for other in members
+            )
+            for other in (self._assembly.base, *joined):
+                placed = self._placed(other, T_camera_base, poses.get(other), state)
+                support += self._fit(other, placed, frame)
+            if best is None or support > best[0]:
+                best = (support, T_camera_base, poses[name].score)
+        return None if best is None else (best[1], best[2])
+
+    def _nominal(self, name: str, state: State) -> Transform:
+        """T_base_part: where the part was last seen in its joint, or the state's own."""
+        return self._seen.get((state.index, name), state.T_base_part[name])
+
+    def _placed(
+        self, name: str, T_camera_base: Transform, own: PoseEstimate | None, state: State
+    ) -> Transform:
+        """T_camera_part as the state has it; in a joint as near to the part's own pose as it lets."""
+        T_base_part, joint = self._nominal(name, state), state.joints.get(name)
+        if own is not None and joint is not None:
+            T_own = inverse(T_camera_base) @ own.T_camera_part
+            if self._agrees(self._off_of(name, T_own, state)):
+                symmetries = self._assembly.parts[name].symmetries
+                T_near = nearest_symmetric(T_own, state.T_base_part[name], symmetries)
+                T_base_part = nearest_in_joint(
+                    T_near, state.T_base_part[name], joint, center_part=self._middles[name]
+                )
+                self._seen[state.index, name] = T_base_part
+        return T_camera_base @ T_base_part
+
+    def _is_better(
+        self,
+        name: str,
+        placed: Transform,
+        own: PoseEstimate,
+        T_camera_base: Transform,
+        state: State,
+        frame: Frame,
+    ) -> bool:
+        """Whether the group's pose is to replace the part's own."""
+        T_own = inverse(T_camera_base) @ own.T_camera_part
+        gain = 0.0 if not self._agrees(self._off_of(name, T_own, state)) else self._config.gain
+        return self._fit(name, placed, frame) > self._fit(name, own.T_camera_part, frame) + gain
+
+    def _off(
+        self,
+        name: str,
+        T_camera_base: Transform,
+        poses: Mapping[str, PoseEstimate],
+        state: State,
+    ) -> Deviation:
+        return self._off_of(name, inverse(T_camera_base) @ poses[name].T_camera_part, state)
+
+    def _off_of(self, name: str, T_base_part: Transform, state: State) -> Deviation:
+        return deviation(
+            T_base_part,
+            state.T_base_part[name],
+            center_part=self._middles[name],
+            symmetries=self._assembly.parts[name].symmetries,
+            joint=state.joints.get(name),
+        )
+
+    def _agrees(self, off: Deviation) -> bool:
+        config = self._config
+        return off.distance < config.distance and off.angle < math.radians(config.angle_deg)
+
+    def _bell(self, off: Deviation) -> float:
+        angle = off.angle / math.radians(self._config.angle_deg)
+        return math.exp(-0.5 * ((off.distance / self._config.distance) ** 2 + angle**2))
+
+    def _fit(self, name: str, T_camera_part: Transform, frame: Frame) -> float:
+        """Agreement with depth, 0 to 1; a half where depth says nothing."""
+        shape = self._shapes[name]
+        found = depth_fit(
+            T_camera_part,
+            shape.surface[::3],
+            shape.normals[::3],
+            depth=frame.depth,
+            K=frame.camera.K,
+            margin=self._config.margin,
+        )
+        return 0.5 if found is None else found.share

@@ -1,0 +1,40 @@
+"""YOLOv8-pose with Pose2State: what the fusion alone adds, poses as the baseline has them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from asdfviz.methods.asdf import AsdfConfig
+from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.part_poses import Refinement
+from asdfviz.methods.rivals import RivalsConfig
+from asdfviz.methods.spec import MethodSpec
+from asdfviz.pose.box_fit import BoxFitConfig
+from asdfviz.pose.depth_check import DepthCheckConfig
+from asdfviz.pose.pnp import PnpConfig
+
+
+@dataclass(frozen=True)
+class Yolov8PoseStateConfig(AsdfConfig):
+    """Options of `asdf` without what depth does, and PnP as the authors have it."""
+
+    pnp: PnpConfig = field(default_factory=PnpConfig)
+    """From keypoints to a pose."""
+    box_fit: BoxFitConfig = field(default_factory=lambda: BoxFitConfig(enabled=False))
+    """Distances that the boxes contradict."""
+    refinement: Refinement = "none"
+    """What depth does to first poses."""
+    rivals: RivalsConfig = field(
+        default_factory=lambda: RivalsConfig(count=0, depth_check=DepthCheckConfig(enabled=False))
+    )
+    """Further boxes of a part whose best one depth rules out."""
+    group: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=False))
+    """State helps pose."""
+
+
+SPEC = MethodSpec(
+    name="yolov8pose_state",
+    summary="YOLOv8-pose and Pose2State: no depth in the poses, the state fused over time",
+    config=Yolov8PoseStateConfig,
+    factory="asdfviz.methods.asdf:Asdf",
+)

@@ -1,0 +1,67 @@
+"""How well a pose agrees with the depth image: read at the points of the part that face the camera.
+
+Not in the paper. Used to choose between several poses of a part, and for how far one is trusted.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Transform
+from asdfviz.geometry.transforms import apply
+
+HIDDEN_WEIGHT = 0.3
+"""A point behind something nearer counts this much: a hand may hide it, or the pose may be wrong."""
+LEAST_READINGS = 12
+"""Fewer say nothing."""
+
+
+class DepthFit(NamedTuple):
+    """What depth says of a pose."""
+
+    share: float
+    """Of the readings, those on the surface; hidden points count less. 0 to 1."""
+    visible: float
+    """Share of the readings that nothing nearer hides, 0 to 1."""
+
+
+def depth_fit(
+    T_camera_part: Transform,
+    points_part: Points,
+    normals_part: Points,
+    *,
+    depth: Depth | None,
+    K: Intrinsics,
+    margin: float,
+) -> DepthFit | None:
+    """Compare the part's front with the readings there; None where there are too few.
+
+    Args:
+        T_camera_part: the pose in question.
+        points_part: points on the part's surface, metres.
+        normals_part: outward unit normals at these points.
+        depth: planar depth in metres, 0 = none; None: no depth image.
+        K: intrinsics of image and depth.
+        margin: readings this near to the surface agree with it, metres.
+    """
+    if depth is None:
+        return None
+    points = apply(T_camera_part, points_part)
+    normals = normals_part @ T_camera_part[:3, :3].T
+    front = ((points * normals).sum(axis=1) < 0) & (points[:, 2] > 1e-3)
+    points = points[front]
+    pixels = np.rint(project(points, K))
+    height, width = depth.shape
+    inside = np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=1)
+    u, v = pixels[inside].astype(np.intp).T
+    measured = depth[v, u].astype(np.float64)
+    gap = (measured - points[inside, 2])[measured > 0]
+    if len(gap) < LEAST_READINGS:
+        return None
+    on = int((np.abs(gap) <= margin).sum())
+    hidden = int((gap < -margin).sum())
+    counted = len(gap) - hidden + HIDDEN_WEIGHT * hidden
+    return DepthFit(on / counted, 1 - hidden / len(gap))

@@ -1,0 +1,51 @@
+"""What a colour module does to a picture beyond light and noise: fringes, sharpening, thin colour."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from jaxtyping import Float32
+
+Linear = Float32[np.ndarray, "h w 3"]
+
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)
+"""ITU-R BT.601."""
+
+
+def fringed(image: Linear, shift_px: float) -> Linear:
+    """Red drawn larger and blue smaller than green, by `shift_px` in the image's corners."""
+    height, width = image.shape[:2]
+    center = np.array([(width - 1) / 2, (height - 1) / 2])
+    planes = list(cv2.split(image))
+    for channel, sign in ((0, -1.0), (2, 1.0)):
+        scale = 1 + sign * shift_px / float(np.hypot(*center))
+        M = np.column_stack([np.eye(2) * scale, center * (1 - scale)])
+        planes[channel] = cv2.warpAffine(
+            planes[channel],
+            M,
+            (width, height),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+    return np.asarray(cv2.merge(planes), np.float32)
+
+
+def developed(image: Linear, *, sharpening: float, halo_px: float, thin_px: float) -> Linear:
+    """Sharpen the brightness, with a halo, and blur the colour, as cameras and video coding do.
+
+    Args:
+        image: after the gamma curve.
+        sharpening: strength.
+        halo_px: deviation of the blur that is taken off.
+        thin_px: deviation of the colour's blur.
+    """
+    height, width = image.shape[:2]
+    luma = image @ LUMA
+    half = (max(1, width // 2), max(1, height // 2))
+    chroma = cv2.resize(image - luma[:, :, None], half, interpolation=cv2.INTER_AREA)
+    if thin_px > 0:
+        chroma = cv2.GaussianBlur(chroma, (0, 0), thin_px / 2)
+    chroma = cv2.resize(chroma, (width, height), interpolation=cv2.INTER_LINEAR)
+    if sharpening > 0:
+        luma = luma + sharpening * (luma - cv2.GaussianBlur(luma, (0, 0), halo_px))
+    return np.asarray(chroma + luma[:, :, None], np.float32)

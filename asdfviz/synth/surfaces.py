@@ -1,0 +1,130 @@
+"""Surface detail in torch: lines of printed plastic, and skin with its blotches, tendons, creases and hairs.
+
+The G-buffer looks up what lies here at every pixel that shows a mesh. Everything is a function of the
+place in the mesh's own frame, so that it moves with the mesh.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float32
+from torch import Tensor
+
+from asdfviz.synth.tensors import length, unit
+from asdfviz.synth.textures import macro_map
+
+COLUMNS = 15
+"""Columns of a finish: colour 0-2, roughness 3, mottling 4, layer axis 5, layer height 6, layer depth
+7, translucency 8, the layer axis and the next axis of the mesh in the world 9-11 and 12-14."""
+NOISE_DEVIATION = 0.03
+"""How much the brightness of the map "plain" strays."""
+
+
+def decorate(
+    finish: Float32[Tensor, "p 15"],
+    local: Float32[Tensor, "p 3"],
+    normal: Float32[Tensor, "p 3"],
+    footprint: Float32[Tensor, "p"],
+) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p 3"]]:
+    """Colour and normal at points of meshes.
+
+    Args:
+        finish: see COLUMNS.
+        local: places in the mesh's frame, metres.
+        normal: smooth unit normals, world.
+        footprint: size of a pixel there, metres.
+    """
+    noise = (macro_map("plain", 0, str(local.device))[2] - 1) / NOISE_DEVIATION
+    x, y, z = local.unbind(1)
+    value = _at(noise, (x + 0.71 * z) / 0.25, (y + 0.53 * z - 0.31 * x) / 0.25)
+    color = finish[:, :3] * (1 + 0.3 * value * finish[:, 4]).clamp(min=0.3)[:, None]
+    color, normal = _printed(finish, local, normal, footprint, color, value, noise)
+    skin = (finish[:, 8] > 0).nonzero()[:, 0]
+    if len(skin) > 0:
+        color[skin], normal[skin] = _skin(
+            finish[skin], local[skin], normal[skin], color[skin], noise
+        )
+    return color, normal
+
+
+def _at(noise: Tensor, u: Tensor, v: Tensor) -> Tensor:
+    """The noise at places counted in widths of its map, which repeats."""
+    side = noise.shape[0]
+    return noise[(v * side).long() % side, (u * side).long() % side]
+
+
+def _printed(
+    finish: Tensor,
+    local: Tensor,
+    normal: Tensor,
+    footprint: Tensor,
+    color: Tensor,
+    value: Tensor,
+    noise: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """Streaks of the printer's lines: level faces show the diagonal lines that fill a layer, others
+    the layers' edges. Lines tilt the normal, so that gloss breaks up along them.
+
+    Single layers show only where a pixel can resolve them.
+    """
+    depth = finish[:, 7]
+    along = local.gather(1, finish[:, 5:6].long())[:, 0]
+    level = (normal * unit(finish[:, 9:12])).sum(1).abs() > 0.85
+    line = torch.where(level, local.sum(1) - along, along)
+    row = torch.full_like(line, 0.011)
+    streak = 0.5 * _at(noise, line / 0.06, row) + 0.7 * _at(noise, line / 0.02, 3.1 * row)
+    streak = streak * (1 + 0.35 * value)
+    color = color * (1 + 0.3 * streak * depth).clamp(min=0.3)[:, None]
+    height = finish[:, 6]
+    seen = (height / (2 * footprint) - 0.5).clamp(0, 1)
+    ripple = torch.sin(along * (2 * torch.pi) / height) * seen * ~level
+    across = torch.where(level[:, None], finish[:, 12:15], finish[:, 9:12])
+    tilt = (ripple + 1.3 * streak) * depth
+    return color, unit(normal + across * tilt[:, None])
+
+
+def _skin(
+    finish: Tensor, local: Tensor, normal: Tensor, color: Tensor, noise: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Pink and tan blotches, redder fingers, tendons and veins along the arm, creases across the
+    fingers, hairs on the arm.
+
+    The hand's frame: fingers along +y, its back along +z, the grasp point at the origin.
+    """
+    x, y, z = local.unbind(1)
+    fingers = torch.exp(-((length(local)[:, 0] / 0.06) ** 2))
+    arm = ((-y - 0.09) / 0.05).clamp(0, 1)
+    around = x + 0.5 * z
+    blotch = _at(noise, (x + 0.6 * z) / 0.3, (y - 0.5 * z) / 0.3)
+    fine = _at(noise, (x - 0.7 * z) / 0.09, (y + 0.4 * x) / 0.09)
+    red = (0.5 * fingers + 0.12 * blotch + 0.06 * fine)[:, None]
+    hue = torch.tensor([0.04, -0.5, -0.62], device=color.device)
+    color = color * (1 + red * hue).clamp(0.3, 1.3) * (1 + 0.035 * blotch + 0.03 * fine)[:, None]
+    # A vein's height is the ridge of a stretched noise; its slope across the arm tilts the normal.
+    ridge = [
+        torch.exp(-((_at(noise, (around + s) / 0.16, y / 0.9 + 0.3 * x) * 1.6) ** 2))
+        for s in (0.0, 0.0012)
+    ]
+    cord = (ridge[1] - ridge[0]) * (0.2 + 0.6 * arm)
+    crease = [
+        torch.exp(-((_at(noise, x / 0.25, (y + 0.4 * z + s) / 0.07) * 5) ** 2))
+        for s in (0.0, 0.0008)
+    ]
+    fold = (crease[1] - crease[0]) * (1 - arm)
+    # Differences of near neighbours keep the fine part of the noise: single hairs, no patches.
+    slant = (around + 0.4 * y) / 0.035
+    hair = _at(noise, slant + 0.012, y / 0.22) - _at(noise, slant, y / 0.22)
+    hair = ((hair.abs() - 0.30) * 6).clamp(0, 1)
+    color = color * (1 - 0.05 * crease[0] * (1 - arm) - 0.08 * hair * arm)[:, None]
+    color = color * (1 - 0.05 * ridge[0] * arm)[:, None]
+    forward = _cross(finish[:, 9:12], finish[:, 12:15])
+    uneven = (
+        finish[:, 12:15] * (1.0 * cord + 0.05 * fine)[:, None]
+        + forward * (0.25 * fold + 0.05 * blotch)[:, None]
+    )
+    return color, unit(normal + uneven * (finish[:, 8:9] / 0.35))
+
+
+def _cross(a: Float32[Tensor, "p 3"], b: Float32[Tensor, "p 3"]) -> Float32[Tensor, "p 3"]:
+    """Vector product."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.errors import MethodError
+from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
+from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.asdf_plus import AsdfPlus, AsdfPlusConfig
+from asdfviz.methods.part_poses import part_shapes
+from asdfviz.methods.registration import RegistrationConfig, best_registration
+from asdfviz.methods.yolov8pose import Yolov8Pose
+from asdfviz.methods.yolov8pose_icp import Yolov8PoseIcpConfig
+from asdfviz.methods.yolov8pose_state import Yolov8PoseStateConfig
+
+
+def started(toy, method):
+    method.reset(toy.assembly, toy.frame(0).camera, None)
+    return method
+
+
+def test_registration_turns_what_the_depth_shift_cannot(toy) -> None:
+    true = toy.poses(joined=False)
+    shape = part_shapes(toy.assembly, surface_points=1500)["block"]
+    frame = toy.frame(1, true)
+    turn = rotation_about(np.array([0.0, 0.6, 0.8]), np.radians(8.0))
+    start = true["block"] @ transform_from(turn, np.array([0.0, 0.003, 0.0]))
+    box = toy.detection("block", true["block"]).box_xyxy
+    config = RegistrationConfig()
+    found = best_registration([start], shape, frame, box_xyxy=box, score=0.8, config=config)
+    left = rotation_angle(found.T_camera_part[:3, :3].T @ true["block"][:3, :3])
+    assert found.moved
+    assert np.degrees(left) < 3.0
+    far = true["block"] @ transform_from(np.eye(3), np.array([0.0, 0.0, 0.2]))
+    lost = best_registration([far], shape, frame, box_xyxy=box, score=0.8, config=config)
+    assert lost.confidence < found.confidence / 2
+    both = best_registration([far, start], shape, frame, box_xyxy=box, score=0.8, config=config)
+    assert np.allclose(both.T_camera_part, found.T_camera_part)
+
+
+def test_without_depth_the_first_start_is_the_answer(toy) -> None:
+    true = toy.poses(joined=False)["block"]
+    shape = part_shapes(toy.assembly, surface_points=300)["block"]
+    starts = [true, np.eye(4)]
+    config = RegistrationConfig()
+    found = best_registration(starts, shape, toy.frame(1), box_xyxy=None, score=0.5, config=config)
+    assert found.T_camera_part is true
+    assert not found.moved
+
+
+def test_the_state_is_followed_and_a_hidden_part_placed(toy, detector) -> None:
+    method = started(toy, AsdfPlus(AsdfPlusConfig(), detector=detector))
+    said: list[int] = []
+    prediction = None
+    for index in range(12):
+        poses = toy.poses(joined=index >= 5)
+        names = poses if index < 11 else ("base",)
+        boxes = [toy.detection(n, poses[n], noise_px=0.5, seed=index) for n in names]
+        detector.answers[index] = (*boxes, *([toy.state_box(0.7)] if index >= 5 else []))
+        prediction = method.step(toy.frame(index, poses))
+        assert prediction.state is not None
+        said.append(prediction.state.index)
+    assert said[:5] == [0] * 5
+    assert said[8:] == [1] * 4
+    assert prediction is not None
+    assert prediction.poses["block"].stage == "group"
+    truth = toy.poses(joined=True)["block"]
+    assert np.linalg.norm(prediction.poses["block"].T_camera_part[:3, 3] - truth[:3, 3]) < 0.008
+    assert {"detect", "refine", "register", "follow", "group"} <= set(prediction.runtime)
+
+
+def test_the_papers_variants_differ_in_their_stages(toy, detector) -> None:
+    poses = toy.poses(joined=True)
+    detector.answers[1] = tuple(toy.detection(name, T, noise_px=0.5) for name, T in poses.items())
+    frame = toy.frame(1, poses)
+    state = started(toy, Asdf(Yolov8PoseStateConfig(), detector=detector)).step(frame)
+    icp = started(toy, Yolov8Pose(Yolov8PoseIcpConfig(), detector=detector)).step(frame)
+    assert {pose.stage for pose in state.poses.values()} == {"pnp"}
+    assert state.state is not None
+    assert "relative_pose" in state.state.terms
+    assert {pose.stage for pose in icp.poses.values()} == {"refined"}
+    assert "refine" in icp.runtime
+    switched = started(toy, Asdf(AsdfConfig(refinement="icp"), detector=detector)).step(frame)
+    assert "refined" in {pose.stage for pose in switched.poses.values()}
+
+
+def test_a_step_needs_a_reset(toy) -> None:
+    with pytest.raises(MethodError, match="asdf_plus"):
+        AsdfPlus(AsdfPlusConfig()).step(toy.frame(0))

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.pose.confidence import ConfidenceConfig, confidence
+from asdfviz.pose.depth_fit import depth_fit
+
+K = np.array([[100.0, 0, 49.5], [0, 100.0, 49.5], [0, 0, 1]])
+GRID = np.stack(np.meshgrid(np.linspace(-0.1, 0.1, 9), np.linspace(-0.1, 0.1, 9)), -1).reshape(
+    -1, 2
+)
+PLATE = np.column_stack([GRID, np.zeros(81)])
+TOWARDS = np.tile([0.0, 0.0, -1.0], (81, 1))
+
+
+def fit(z: float, depth: np.ndarray | None, normals: np.ndarray = TOWARDS):
+    T_camera_part = transform_from(np.eye(3), np.array([0.0, 0.0, z]))
+    return depth_fit(T_camera_part, PLATE, normals, depth=depth, K=K, margin=0.005)
+
+
+def test_a_plate_at_its_place_fits_and_one_in_front_is_seen_through() -> None:
+    wall = np.full((100, 100), 0.5, np.float32)
+    assert fit(0.5, wall) == (1.0, 1.0)
+    assert fit(0.4, wall) == (0.0, 1.0)
+    assert fit(0.6, wall) == (0.0, 0.0)  # all behind the wall: nothing speaks for it
+
+
+def test_what_is_hidden_counts_less_than_what_is_seen_through() -> None:
+    half = np.full((100, 100), 0.5, np.float32)
+    half[:, :50] = 0.3
+    hidden = fit(0.5, half)
+    half[:, :50] = 0.7
+    through = fit(0.5, half)
+    assert hidden is not None
+    assert through is not None
+    assert hidden.share > through.share + 0.1
+    assert hidden.visible < through.visible == 1.0
+
+
+def test_without_readings_or_a_front_nothing_is_said() -> None:
+    assert fit(0.5, None) is None
+    assert fit(0.5, np.zeros((100, 100), np.float32)) is None
+    assert fit(0.5, np.full((100, 100), 0.5, np.float32), -TOWARDS) is None
+
+
+@pytest.mark.parametrize("better", ["depth", "outline", "registered", "detection"])
+def test_what_speaks_for_a_pose_makes_it_surer(better: str) -> None:
+    seen = {"depth": 0.5, "outline": 0.5, "registered": 0.5, "residual": 0.003, "detection": 0.5}
+    config = ConfidenceConfig()
+    before = confidence(**seen, config=config)
+    assert confidence(**{**seen, better: 0.9}, config=config) > before
+    assert confidence(**{**seen, "residual": 0.006}, config=config) < before
+    assert 0 < before < 1

@@ -1,0 +1,55 @@
+"""Detail of printed plastic and of skin."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from asdfviz.synth.surfaces import COLUMNS, decorate
+
+
+def _looks(*, depth: float, translucency: float, local: np.ndarray) -> tuple[Tensor, Tensor]:
+    """Looks of a grey surface that faces +x, its layers along z."""
+    finish = torch.zeros(len(local), COLUMNS)
+    finish[:, :3] = 0.4
+    finish[:, 5], finish[:, 6], finish[:, 7], finish[:, 8] = 2, 0.0006, depth, translucency
+    finish[:, 11], finish[:, 12] = 1.0, 1.0
+    normal = torch.zeros(len(local), 3)
+    normal[:, 0] = 1.0
+    footprint = torch.full((len(local),), 0.001)
+    return decorate(finish, torch.tensor(local, dtype=torch.float32), normal, footprint)
+
+
+def _places(axis: int) -> np.ndarray:
+    local = np.tile([0.01, 0.012, 0.013], (400, 1))
+    local[:, axis] = np.linspace(0.001, 0.041, 400)
+    return local
+
+
+def test_bare_plastic_stays_smooth() -> None:
+    color, normal = _looks(depth=0.0, translucency=0.0, local=_places(2))
+    assert torch.allclose(color, torch.full_like(color, 0.4))
+    assert torch.allclose(normal[:, 0], torch.ones(400))
+
+
+def test_layers_tilt_normals_along_their_axis_only() -> None:
+    _, across = _looks(depth=0.15, translucency=0.0, local=_places(2))
+    _, along = _looks(depth=0.15, translucency=0.0, local=_places(1))
+    assert float(across[:, 2].std()) > 0.03
+    assert float(across[:, 1].abs().max()) < 1e-6
+    assert float(along[:, 2].diff().abs().mean()) < 0.3 * float(across[:, 2].diff().abs().mean())
+
+
+def test_fingers_are_redder_than_the_arm() -> None:
+    near, far = _places(1), _places(1) - [0, 0.25, 0]
+    fingers, _ = _looks(depth=0.0, translucency=0.35, local=near)
+    arm, _ = _looks(depth=0.0, translucency=0.35, local=far)
+    redness = [float((c[:, 0] / c[:, 2]).mean()) for c in (fingers, arm)]
+    assert redness[0] > 1.2 * redness[1]
+
+
+def test_skin_normals_stay_unit() -> None:
+    _, normal = _looks(depth=0.0, translucency=0.35, local=_places(0))
+    assert torch.allclose(normal.norm(dim=1), torch.ones(400), atol=1e-5)
+    assert float(normal[:, 0].std()) > 1e-4
