@@ -25,11 +25,12 @@ from asdfviz.datatypes import (
     Sequence,
     StateEstimate,
 )
-from asdfviz.errors import AsdfvizError, MethodError, SequenceError
+from asdfviz.errors import AsdfvizError, MethodError, SequenceError, Stopped
 from asdfviz.methods.answers import check_answer
 from asdfviz.methods.network import NetworkConfig, weights_path
 from asdfviz.methods.registry import build_method
 from asdfviz.methods.spec import Method, MethodSpec
+from asdfviz.track.viewpoint_cache import load_viewpoint_models
 
 
 def run(
@@ -40,6 +41,7 @@ def run(
     progress: Callable[[int, int, FramePrediction], None] | None = None,
     stop: Callable[[], bool] | None = None,
     keep: Callable[[Run], None] | None = None,
+    prepare: Callable[[int, int], None] | None = None,
 ) -> Run:
     """Run a method over all frames of a sequence.
 
@@ -50,6 +52,8 @@ def run(
         progress: called after every frame with frames done, frames in all, and the prediction.
         stop: asked before every frame; True ends the run early with what there is.
         keep: called with the run so far where a later frame fails, before the error is raised.
+        prepare: called with (views done, views) while the parts' viewpoint models are made, which
+            happens where the method needs them and no earlier run has left them.
 
     Returns:
         The run; fewer predictions than frames if it was stopped.
@@ -64,21 +68,17 @@ def run(
     config = spec.config() if config is None else config
     method = build_method(spec, config)  # refuses a config of another class
     initial = _initial(sequence, assembly) if spec.initial == "first_frame_truth" else None
-    _guarded_reset(method, spec, sequence, assembly, initial)
     predictions: list[FramePrediction] = []
 
     def so_far() -> Run:
-        return Run(
-            method=spec.name,
-            config=dataclasses.asdict(resolved_config(config, assembly)),
-            sequence=str(Path(sequence.path).resolve()),
-            assembly=str(Path(assembly.path).resolve()),
-            version=__version__,
-            predictions=tuple(predictions),
-            hashes=input_hashes(sequence, assembly, config),
-            initial=spec.initial,
-        )
+        return _run_of(predictions, spec, sequence, assembly, config)
 
+    if spec.viewpoints:
+        try:
+            load_viewpoint_models(assembly, progress=prepare, stop=stop)
+        except Stopped:
+            return so_far()
+    _guarded_reset(method, spec, sequence, assembly, initial)
     try:
         for place in range(len(sequence)):
             if stop is not None and stop():
@@ -92,6 +92,25 @@ def run(
             keep(so_far())
         raise
     return so_far()
+
+
+def _run_of(
+    predictions: list[FramePrediction],
+    spec: MethodSpec,
+    sequence: Sequence,
+    assembly: Assembly,
+    config: object,
+) -> Run:
+    return Run(
+        method=spec.name,
+        config=dataclasses.asdict(resolved_config(config, assembly)),
+        sequence=str(Path(sequence.path).resolve()),
+        assembly=str(Path(assembly.path).resolve()),
+        version=__version__,
+        predictions=tuple(predictions),
+        hashes=input_hashes(sequence, assembly, config),
+        initial=spec.initial,
+    )
 
 
 def _known_assembly(sequence: Sequence) -> Assembly:

@@ -235,6 +235,23 @@ def test_a_stopped_run_keeps_what_was_done(spec: MethodSpec, sequence: ToySequen
     assert run(spec, sequence, stop=lambda: True).predictions == ()
 
 
+def test_views_of_the_parts_are_made_before_the_first_frame(
+    spec: MethodSpec, sequence: ToySequence, assembly: Assembly
+) -> None:
+    assert assembly.parts["base"].mesh.faces.shape == (1, 3)
+    tracks = dataclasses.replace(spec, viewpoints=True)
+    told: list[tuple[int, int]] = []
+
+    def stop() -> bool:
+        return len(told) > 1
+
+    assert run(tracks, sequence, prepare=lambda *k: told.append(k), stop=stop).predictions == ()
+    assert told[0][0] < told[0][1]
+    told.clear()
+    run(spec, sequence, prepare=lambda *k: told.append(k))
+    assert told == []
+
+
 @pytest.mark.parametrize(("fault", "kept"), [("step", [10, 11]), ("none", [])])
 def test_a_failed_run_keeps_what_was_done(
     spec: MethodSpec, sequence: ToySequence, fault: str, kept: list[int]

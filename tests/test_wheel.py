@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -38,3 +39,11 @@ def test_the_installed_wheel_runs_asdf_on_the_sample(installed: Path, tmp_path: 
     lines = (tmp_path / "run" / "predictions.jsonl").read_text().splitlines()
     assert len(lines) >= 60
     assert any(json.loads(line)["poses"] for line in lines)
+
+
+def test_the_wheel_leaves_out_what_runs_leave_beside_models(installed: Path) -> None:
+    (models,) = installed.glob("lib/python*/site-packages/asdfviz/_bundled/models")
+    assert {"crops.safetensors", "gbot", "vise"} <= {path.name for path in models.iterdir()}
+    (wheel,) = installed.parent.glob("*.whl")
+    with zipfile.ZipFile(wheel) as packed:
+        assert not [name for name in packed.namelist() if "/." in name]

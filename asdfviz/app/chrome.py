@@ -9,6 +9,7 @@ from asdfviz.app.items import JobStatus
 from asdfviz.app.markup import act, button, chip, text
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import SPEEDS, STEPS_MM, View
+from asdfviz.render.state_ramp import state_color
 
 _PLAY = '<svg viewBox="0 0 16 16"><path d="M4 2.5v11l9-5.5z"/></svg>'
 _PAUSE = '<svg viewBox="0 0 16 16"><path d="M4 3h3v10H4zM9 3h3v10H9z"/></svg>'
@@ -113,7 +114,7 @@ def _state_badge(snap: Snapshot) -> str:
     if mark is None:
         return '<span class="ax-state" data-testid="state">state unknown</span>'
     count = len(snap.workspace.assembly.steps)
-    color = theme.ERROR if mark.is_error else theme.state_color(min(mark.state, count - 1), count)
+    color = theme.ERROR if mark.is_error else state_color(min(mark.state, count - 1), count)
     word = "error: " if mark.is_error else ""
     return (
         f'<span class="ax-state" data-testid="state">{chip(color)}{word}{text(mark.name)}'

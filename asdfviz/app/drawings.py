@@ -8,11 +8,12 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 from asdfviz.app.ar import DRAWING_DEPTH
-from asdfviz.app.theme import Rgb3, state_color
+from asdfviz.app.theme import Rgb3
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.geometry.camera import back_project, points_from_depth
 from asdfviz.geometry.shapes import Intrinsics, Pixels, Rotation, Transform, Vector
 from asdfviz.geometry.transforms import transform_from
+from asdfviz.render.state_ramp import state_color
 
 FARTHEST = 2.5
 """Metres: what lies behind is the room, not the workpiece."""

@@ -56,6 +56,8 @@ class JobStatus:
     total: int = 0
     milliseconds: float | None = None
     message: str = ""
+    preparing: bool = False
+    """`done` and `total` count views of the parts that the method needs made first, not frames."""
 
     @property
     def is_active(self) -> bool:

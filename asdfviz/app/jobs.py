@@ -69,11 +69,19 @@ class MethodJob:
                 progress=self._progress,
                 stop=self._stopped.is_set,
                 keep=self._keep,
+                prepare=self._prepare,
             )
         except (AsdfvizError, OSError) as error:
             self._fail(str(error))
         else:
             self._finish(result)
+
+    def _prepare(self, done: int, total: int) -> None:
+        now = time.monotonic()
+        if now - self._published >= PUBLISH_EVERY:
+            self._published = now
+            state = "stopping" if self._stopped.is_set() else "running"
+            self._set(JobStatus(self._spec.name, state, done, total, preparing=True))
 
     def _keep(self, so_far: Run) -> None:
         self._kept = so_far

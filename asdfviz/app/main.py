@@ -38,7 +38,7 @@ class ViewConfig:
     assembly: str | None = None
     """assembly.yaml, its folder, or a bundled name; None for what the sequence names."""
     format: str | None = None
-    """folder, bop or gbot; None recognises it by content."""
+    """folder, bop, gbot, asdf or asdf-rgbd; None recognises it by content."""
     runs: tuple[Path, ...] = ()
     """Saved runs to show beside those in the sequence's own runs folder."""
     annotations: Path | None = None

@@ -1,7 +1,7 @@
 """Colours: parts, states, runs, and what text stands on them. Pure.
 
-Parts take a colour-blind-safe qualitative set (Okabe and Ito, then Tol), states an ordered ramp,
-truth is neutral white, each run has a hue of its own.
+Parts take a colour-blind-safe qualitative set (Okabe and Ito, then Tol), states the ramp of
+`render.state_ramp`, truth is neutral white, each run has a hue of its own.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-Rgb3 = tuple[int, int, int]
+from asdfviz.render.state_ramp import Rgb3
 
 PART_COLORS: tuple[Rgb3, ...] = (
     (86, 180, 233),
@@ -40,19 +40,6 @@ TRUTH: Rgb3 = (255, 255, 255)
 ANNOTATION: Rgb3 = (255, 214, 92)
 UNKNOWN: Rgb3 = (58, 64, 72)
 ERROR: Rgb3 = (226, 71, 71)
-# Indigo to light yellow: lightness rises with progress, so the order shows without the hue.
-_RAMP = np.array(
-    [
-        (98, 92, 170),
-        (74, 116, 184),
-        (58, 142, 178),
-        (44, 164, 156),
-        (84, 190, 122),
-        (152, 212, 90),
-        (238, 230, 96),
-    ],
-    float,
-)
 
 
 def part_colors(names: Iterable[str]) -> dict[str, Rgb3]:
@@ -63,14 +50,6 @@ def part_colors(names: Iterable[str]) -> dict[str, Rgb3]:
 def run_color(place: int) -> Rgb3:
     """The hue of the run at a place of the list."""
     return RUN_COLORS[place % len(RUN_COLORS)]
-
-
-def state_color(index: int, count: int) -> Rgb3:
-    """Colour of correct state `index` of `count`: dark when little is done, light at the end."""
-    share = index / max(count - 1, 1) * (len(_RAMP) - 1)
-    low = min(int(share), len(_RAMP) - 2)
-    mixed = _RAMP[low] + (share - low) * (_RAMP[low + 1] - _RAMP[low])
-    return _rgb(mixed)
 
 
 def css(color: Rgb3, alpha: float = 1.0) -> str:
@@ -102,8 +81,3 @@ def ink(background: Rgb3) -> Rgb3:
     """Black or white, whichever reads better on a background."""
     black, white = (13, 15, 18), (255, 255, 255)
     return black if contrast(black, background) > contrast(white, background) else white
-
-
-def _rgb(values: np.ndarray) -> Rgb3:
-    r, g, b = (round(float(v)) for v in values)
-    return r, g, b

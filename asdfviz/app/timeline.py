@@ -14,6 +14,7 @@ from asdfviz.annotate.records import StateLabel
 from asdfviz.app import theme
 from asdfviz.app.markup import text
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
+from asdfviz.render.state_ramp import state_color
 
 MAX_SEGMENTS = 500
 """More than a row has pixels for; longer rows are thinned out."""
@@ -159,7 +160,7 @@ def _segment(piece: Segment, count: int, steps: int) -> str:
     if piece.mark is None:
         return f'<i class="tl-none" style="{place}" data-say="no state"></i>'
     mark = piece.mark
-    color = theme.state_color(min(mark.state, steps - 1), steps)
+    color = state_color(min(mark.state, steps - 1), steps)
     ink = theme.css(theme.ink(color))
     label = f"<em>{mark.state} {text(mark.name)}</em>"
     return (

@@ -22,7 +22,7 @@ class Check:
     assembly: str | None = None
     """assembly.yaml, its folder, or a bundled name."""
     format: str | None = None
-    """folder, bop or gbot. Default: recognised by content."""
+    """folder, bop, gbot, asdf or asdf-rgbd. Default: recognised by content."""
     json: bool = False
     """Print JSON."""
 
@@ -81,7 +81,7 @@ class Export:
     assembly: str | None = None
     """assembly.yaml, its folder, or a bundled name."""
     format: str | None = None
-    """folder, bop or gbot. Default: recognised by content."""
+    """folder, bop, gbot, asdf or asdf-rgbd. Default: recognised by content."""
     layout: Literal["bop", "yolo", "yolo-depth"] = "bop"
     """What to write; yolo-depth has the ASDF authors' images with depth in the fourth channel."""
 

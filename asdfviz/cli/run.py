@@ -12,7 +12,7 @@ import tyro
 
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 from asdfviz.datatypes import FramePrediction, Run, Sequence
-from asdfviz.errors import AsdfvizError, InputError, Stopped
+from asdfviz.errors import AsdfvizError, InputError, RunError, Stopped
 from asdfviz.methods.spec import MethodSpec
 
 
@@ -35,7 +35,7 @@ class RunMethod:
     assembly: str | None = None
     """assembly.yaml, its folder, or a bundled name. Default: what the sequence names."""
     format: str | None = None
-    """folder, bop or gbot. Default: recognised by content."""
+    """folder, bop, gbot, asdf or asdf-rgbd. Default: recognised by content."""
 
     def __call__(self, method_arguments: list[str]) -> None:
         """Run, save, and say where."""
@@ -62,7 +62,13 @@ class RunMethod:
                     report(done, total, f"{total_ms:.0f} ms a frame")
 
                 result = run(
-                    spec, sequence, config=config, progress=show, stop=stop, keep=kept.append
+                    spec,
+                    sequence,
+                    config=config,
+                    progress=show,
+                    stop=stop,
+                    keep=kept.append,
+                    prepare=lambda done, total: report(done, total, "views of the parts, once"),
                 )
         except (AsdfvizError, OSError, KeyboardInterrupt) as error:
             if not kept:
@@ -71,6 +77,8 @@ class RunMethod:
             if isinstance(error, KeyboardInterrupt):
                 raise Stopped(saved) from error
             raise InputError(f"{error}; {saved}") from error
+        if not result.predictions:
+            raise Stopped("no frame was done, nothing is saved")
         saved = _saved(result, sequence, out)
         print(out)
         if len(result.predictions) < len(sequence):
@@ -78,9 +86,15 @@ class RunMethod:
 
 
 def _saved(run: Run, sequence: Sequence, out: Path) -> str:
-    """Save a run, and say how much of the sequence it is."""
-    from asdfviz.data.run_files import save_run
+    """Save a run, and say how much of the sequence it is; a part never replaces more than it has."""
+    from asdfviz.data.run_files import load_run, save_run
 
+    try:
+        before = len(load_run(out).predictions)
+    except RunError:
+        before = 0  # none, or none that anyone could read
+    if len(run.predictions) < min(before, len(sequence)):
+        out = out.with_name(f"{out.name}-partial")
     save_run(run, out)
     return f"{len(run.predictions)} of {len(sequence)} frames are saved in {out}"
 

@@ -21,7 +21,7 @@ class View:
     assembly: str | None = None
     """assembly.yaml, its folder, or a bundled name. Default: what the sequence names."""
     format: str | None = None
-    """folder, bop or gbot. Default: recognised by content."""
+    """folder, bop, gbot, asdf or asdf-rgbd. Default: recognised by content."""
     runs: tuple[Path, ...] = ()
     """Saved runs to show beside those in the sequence's own runs folder."""
     annotations: Path | None = None

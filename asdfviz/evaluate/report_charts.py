@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from asdfviz.datatypes import Assembly
-from asdfviz.evaluate.report_style import DASHES, escape, part_color, state_color
+from asdfviz.evaluate.report_style import DASHES, escape, on_state, part_color
 
 _WIDTH, _HEIGHT = 520, 300
 _STRIP_WIDTH, _LETTER_WIDTH = 900, 7
@@ -217,7 +217,7 @@ def _state_look(state: State, assembly: Assembly) -> tuple[str, str, str]:
         return "none", "", "none"
     if is_error:
         return "error", "", "error"
-    fill, ink = state_color(index, len(assembly.steps))
+    fill, ink = on_state(index, len(assembly.steps))
     return "", f"background:{fill};color:{ink}", assembly.steps[index].name
 
 

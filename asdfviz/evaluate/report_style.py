@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import html
 
+from asdfviz.render.state_ramp import state_color
+
 RUN_LIGHT = ("#0b6cb3", "#c2410c", "#7c3aed", "#15803d", "#a16207", "#be185d", "#0f766e", "#57534e")
 RUN_DARK = ("#5ec4ff", "#ff9a76", "#ba93ff", "#81d484", "#ffc14f", "#f078be", "#78ded2", "#c4b496")
 DASHES = ("", "7 3", "2 3", "9 3 2 3", "4 2", "1 2", "12 4", "6 2 2 2")
@@ -12,11 +14,6 @@ PART_COLORS = (
     *("#56b4e9", "#e69f00", "#009e73", "#cc79a7", "#d9c400", "#d55e00", "#0072b2", "#8a8a8a"),
     *("#88ccee", "#999933", "#aa4499", "#44aa99"),
 )
-_RAMP = (
-    *((98, 92, 170), (74, 116, 184), (58, 142, 178), (44, 164, 156)),
-    *((84, 190, 122), (152, 212, 90), (238, 230, 96)),
-)
-"""States from dark to light: they are progress, which shows without the hue."""
 
 
 def escape(value: object) -> str:
@@ -29,12 +26,9 @@ def part_color(place: int) -> str:
     return PART_COLORS[place % len(PART_COLORS)]
 
 
-def state_color(index: int, count: int) -> tuple[str, str]:
+def on_state(index: int, count: int) -> tuple[str, str]:
     """Fill of correct state `index` of `count`, and the text colour that reads on it."""
-    share = index / max(count - 1, 1) * (len(_RAMP) - 1)
-    low = min(int(share), len(_RAMP) - 2)
-    mixed = [a + (share - low) * (b - a) for a, b in zip(_RAMP[low], _RAMP[low + 1], strict=True)]
-    red, green, blue = (round(value) for value in mixed)
+    red, green, blue = state_color(index, count)
     ink = "#0d0f12" if 0.3 * red + 0.59 * green + 0.11 * blue > 120 else "#fff"
     return f"rgb({red} {green} {blue})", ink
 

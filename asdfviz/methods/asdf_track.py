@@ -162,4 +162,5 @@ SPEC = MethodSpec(
     summary="ASDF with a tracker: parts are held between detections and joined by the state",
     config=AsdfTrackConfig,
     factory="asdfviz.methods.asdf_track:AsdfTrack",
+    viewpoints=True,
 )

@@ -26,9 +26,10 @@ from asdfviz.pose.hypotheses import (
     Candidate,
     HypothesisConfig,
     PartView,
+    Settled,
     Surface,
     sampled_depth,
-    settle,
+    settle_all,
 )
 
 FirstPose: TypeAlias = Literal["keypoints", "hypotheses"]
@@ -161,9 +162,26 @@ class CropPoses:
             use_depth: whether measured depth has a say.
             previous: T_camera_part of the frame before, as further hypotheses.
         """
+        settled = self.settled(found, frame, use_depth=use_depth, previous=previous)
+        return {
+            name: PoseEstimate(
+                name, best[0].T_camera_part, found[name].score * best[0].agreement, "crop"
+            )
+            for name, best in settled.items()
+        }
+
+    def settled(
+        self,
+        found: Mapping[str, Detection],
+        frame: Frame,
+        *,
+        use_depth: bool,
+        previous: Mapping[str, Transform] | None = None,
+    ) -> dict[str, list[Settled]]:
+        """As `poses`, with the runners-up of every part that has a pose, best first."""
         boxes = {name: (_class_name(self.assembly, name), d.box_xyxy) for name, d in found.items()}
         answers = self.looker.look(frame.rgb, frame.camera.K, boxes)
-        poses: dict[str, PoseEstimate] = {}
+        kept: dict[str, list[Settled]] = {}
         for name, answer in answers.items():
             view = _view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
             candidates = self._candidates(name, answer, found[name].box_xyxy, frame)
@@ -171,11 +189,10 @@ class CropPoses:
                 R_before = previous[name][:3, :3]
                 likely = PREVIOUS_PROBABILITY * float(answer.probabilities.max())
                 candidates.insert(0, Candidate(R_before, likely, candidates[0].distance))
-            settled = settle(candidates, self.surfaces[name], view, config=self.config)
-            if settled is not None:
-                score = found[name].score * settled.agreement
-                poses[name] = PoseEstimate(name, settled.T_camera_part, score, "crop")
-        return poses
+            best = settle_all(candidates, self.surfaces[name], view, config=self.config)
+            if best:
+                kept[name] = best
+        return kept
 
     def _candidates(
         self, name: str, answer: CropAnswer, box_xyxy: Box, frame: Frame

@@ -125,4 +125,5 @@ SPEC = MethodSpec(
     config=GbotConfig,
     factory="asdfviz.methods.gbot:Gbot",
     initial="first_frame_truth",
+    viewpoints=True,
 )

@@ -126,4 +126,5 @@ SPEC = MethodSpec(
     config=GbotReinitConfig,
     factory="asdfviz.methods.gbot_reinit:GbotReinit",
     initial="first_frame_truth",
+    viewpoints=True,
 )

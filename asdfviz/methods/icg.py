@@ -24,4 +24,5 @@ SPEC = MethodSpec(
     factory="asdfviz.methods.tracking:PartTracker",
     initial="first_frame_truth",
     predicts=frozenset({"pose"}),
+    viewpoints=True,
 )

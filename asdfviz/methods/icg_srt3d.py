@@ -28,4 +28,5 @@ SPEC = MethodSpec(
     factory="asdfviz.methods.tracking:PartTracker",
     initial="first_frame_truth",
     predicts=frozenset({"pose"}),
+    viewpoints=True,
 )

@@ -42,12 +42,12 @@ def available_methods() -> dict[str, MethodSpec | BrokenMethod]:
 
 
 def find_method(name: str) -> MethodSpec:
-    """Return the method of that name, or the one that `file.py:SPEC` points at.
+    """Return the method of that name, or the one that `file.py` (its SPEC) or `file.py:NAME` points at.
 
     Raises:
         MethodError: there is none of that name, or it is broken; with the names there are.
     """
-    file, _, variable = name.rpartition(":")
+    file, _, variable = (name, "", "") if name.endswith(".py") else name.rpartition(":")
     if file.endswith(".py"):
         return _spec_in_file(Path(file).expanduser().resolve(), variable or "SPEC")
     methods = available_methods()

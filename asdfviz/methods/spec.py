@@ -50,6 +50,8 @@ class MethodSpec:
     initial: Initial = "none"
     """Whether it must be told the truth of the first frame."""
     predicts: frozenset[Literal["pose", "state"]] = frozenset({"pose", "state"})
+    viewpoints: bool = False
+    """Whether it tracks by viewpoint models of the parts, which take seconds a part to make once."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,8 @@ class DepthFit(NamedTuple):
     """Of the readings, those on the surface; hidden points count less. 0 to 1."""
     visible: float
     """Share of the readings that nothing nearer hides, 0 to 1."""
+    agreeing: float
+    """Of those that nothing nearer hides, the share on the surface; the others see through it."""
 
 
 def depth_fit(
@@ -64,4 +66,5 @@ def depth_fit(
     on = int((np.abs(gap) <= margin).sum())
     hidden = int((gap < -margin).sum())
     counted = len(gap) - hidden + HIDDEN_WEIGHT * hidden
-    return DepthFit(on / counted, 1 - hidden / len(gap))
+    clear = len(gap) - hidden
+    return DepthFit(on / counted, clear / len(gap), on / max(clear, 1))

@@ -108,14 +108,23 @@ class Settled:
     """0 to 1: how well outline and depth agree."""
     refined: bool
     """Whether depth had a say."""
+    likely: float = 1.0
+    """Probability of the rotation that it began with, over that of the most probable one."""
 
 
 def settle(
     candidates: list[Candidate], surface: Surface, view: PartView, *, config: HypothesisConfig
 ) -> Settled | None:
     """Score all candidates, refine the best few and return the winner; None if nothing agrees."""
+    return next(iter(settle_all(candidates, surface, view, config=config)), None)
+
+
+def settle_all(
+    candidates: list[Candidate], surface: Surface, view: PartView, *, config: HypothesisConfig
+) -> list[Settled]:
+    """As `settle`, and after the winner the other refined ones that agree, best first."""
     if not candidates:
-        return None
+        return []
     chosen = candidates[: config.count]
     Rs_view_part = view.R_camera_view.T @ np.stack([c.R_camera_part for c in chosen])
     Ts = _placed(Rs_view_part, chosen, surface, view)
@@ -128,16 +137,19 @@ def settle(
     both = np.concatenate([refined, Ts[best]])
     found = _agreement(both, surface, view, config)
     score = _scores(found, config) + config.prior_weight * np.tile(prior[best], 2)
-    winner = int(score.argmax())
-    if found[winner, 0] < config.min_overlap:
-        return None
     T_camera_view = transform_from(view.R_camera_view, np.zeros(3))
-    has_depth = bool(found[winner, 2] >= config.min_readings)
-    return Settled(
-        orthonormalized(T_camera_view @ both[winner]),
-        agreement=float(np.clip(_scores(found, config)[winner] / _most(config, has_depth), 0, 1)),
-        refined=has_depth,
-    )
+    settled: list[Settled] = []
+    for place in np.argsort(-score, kind="stable"):
+        if found[place, 0] < config.min_overlap:
+            if not settled:
+                return []  # nothing agrees where even the best does not
+            continue
+        has_depth = bool(found[place, 2] >= config.min_readings)
+        reached = float(_scores(found, config)[place]) / _most(config, has_depth)
+        T_camera_part = orthonormalized(T_camera_view @ both[place])
+        likely = float(prior[best][place % len(best)])
+        settled.append(Settled(T_camera_part, float(np.clip(reached, 0, 1)), has_depth, likely))
+    return settled
 
 
 def sampled_depth(

@@ -8,6 +8,7 @@ import pytest
 from asdfviz.app import theme, timeline
 from asdfviz.app.timeline import Mark, Row, Segment
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, StateEstimate
+from asdfviz.render.state_ramp import state_color
 
 A, B, BAD = Mark(0, name="a"), Mark(1, name="b"), Mark(0, is_error=True, name="bad")
 
@@ -90,7 +91,7 @@ def test_marks_of_the_truth_name_the_error(clamp: Assembly) -> None:
 
 
 def test_the_ramp_rises_and_text_on_it_reads() -> None:
-    colors = [theme.state_color(i, 8) for i in range(8)]
+    colors = [state_color(i, 8) for i in range(8)]
     light = [theme.luminance(c) for c in colors]
     assert light == sorted(light)
     assert all(theme.contrast(theme.ink(c), c) >= 4.5 for c in colors)

@@ -139,6 +139,20 @@ SPEC = MethodSpec("tired", "Fails after a few frames.", Config, "tired:Tired")
 """
 
 
+def test_a_failing_run_leaves_a_whole_one_in_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "tired.py", tmp_path / "run"
+    file.write_text(FAILING)
+    line = ("run", "--method", str(file), "sample", "--out", str(out))
+    assert exit_code(*line, "--lasts", "1000") == 0
+    whole = (out / "predictions.jsonl").read_text()
+    assert exit_code(*line, "--lasts", "3") == 2
+    assert "3 of 95 frames are saved in" in capsys.readouterr().err
+    assert (out / "predictions.jsonl").read_text() == whole
+    assert len((tmp_path / "run-partial" / "predictions.jsonl").read_text().splitlines()) == 3
+
+
 @pytest.mark.parametrize("lasts", [0, 3])
 def test_a_failing_method_keeps_the_frames_before(
     lasts: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]

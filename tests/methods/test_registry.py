@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import tomllib
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
@@ -8,9 +9,16 @@ import pytest
 from asdfviz.errors import MethodError
 from asdfviz.methods import registry
 from asdfviz.methods.asdf import Asdf, AsdfConfig
-from asdfviz.methods.registry import available_methods, build_method, find_method
+from asdfviz.methods.registry import (
+    BUILT_IN,
+    GROUP,
+    available_methods,
+    build_method,
+    find_method,
+)
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
+REPOSITORY = Path(__file__).resolve().parents[2]
 PLUGIN = """
 from __future__ import annotations
 
@@ -79,7 +87,7 @@ def test_a_method_in_a_file(tmp_path: Path, factory: str) -> None:
     file = tmp_path / "mine.py"
     file.write_text(PLUGIN.replace('"FACTORY"', factory))
     spec = find_method(f"{file}:SPEC")
-    assert spec.name == "mine"
+    assert spec.name == find_method(str(file)).name == "mine"
     method = build_method(spec, spec.config(gain=5.0))
     assert getattr(method, "gain") == 5.0  # noqa: B009 - not part of the protocol
 
@@ -167,3 +175,8 @@ def test_a_method_that_fails_when_made_names_its_file(tmp_path: Path, fault: str
     file.write_text(content.replace('"FACTORY"', '"mine:Mine"'))
     with pytest.raises(MethodError, match=r"Mine of .*mine\.py cannot be made: (Val|Sys)"):
         build_method(find_method(f"{file}:SPEC"))
+
+
+def test_the_package_lists_what_is_built_in() -> None:
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    assert project["entry-points"][GROUP] == BUILT_IN

@@ -22,9 +22,9 @@ def fit(z: float, depth: np.ndarray | None, normals: np.ndarray = TOWARDS):
 
 def test_a_plate_at_its_place_fits_and_one_in_front_is_seen_through() -> None:
     wall = np.full((100, 100), 0.5, np.float32)
-    assert fit(0.5, wall) == (1.0, 1.0)
-    assert fit(0.4, wall) == (0.0, 1.0)
-    assert fit(0.6, wall) == (0.0, 0.0)  # all behind the wall: nothing speaks for it
+    assert fit(0.5, wall) == (1.0, 1.0, 1.0)
+    assert fit(0.4, wall) == (0.0, 1.0, 0.0)
+    assert fit(0.6, wall) == (0.0, 0.0, 0.0)  # all behind the wall: nothing speaks for it
 
 
 def test_what_is_hidden_counts_less_than_what_is_seen_through() -> None:
@@ -37,6 +37,7 @@ def test_what_is_hidden_counts_less_than_what_is_seen_through() -> None:
     assert through is not None
     assert hidden.share > through.share + 0.1
     assert hidden.visible < through.visible == 1.0
+    assert hidden.agreeing == 1.0 > through.agreeing
 
 
 def test_without_readings_or_a_front_nothing_is_said() -> None:

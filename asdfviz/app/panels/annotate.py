@@ -11,6 +11,7 @@ from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import STEP_NAMES, STEPS_MM, View
 from asdfviz.datatypes import State
 from asdfviz.geometry.shapes import Rotation
+from asdfviz.render.state_ramp import state_color
 
 ROOMY = 5
 """Parts with two lines each; more get one line, so that the tools below stay in sight."""
@@ -236,7 +237,7 @@ def _state(snap: Snapshot) -> str:
 
 def _state_row(state: State, snap: Snapshot, now: tuple[int, bool, str] | None) -> str:
     steps = len(snap.workspace.assembly.steps)
-    color = theme.ERROR if state.is_error else theme.state_color(state.index, steps)
+    color = theme.ERROR if state.is_error else state_color(state.index, steps)
     estimate = snap.prediction.state if snap.prediction else None
     share = None if estimate is None else float(estimate.probabilities[state.index])
     is_now = now is not None and (

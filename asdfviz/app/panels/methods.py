@@ -104,10 +104,11 @@ def _job(job: JobStatus | None) -> str:
         share = 100 * job.done / job.total if job.total else 0.0
         pace = f", {job.milliseconds:.0f} ms a frame" if job.milliseconds else ""
         word = "Stopping" if job.state == "stopping" else "Running"
+        what = ", views of its parts, made once" if job.preparing else ""
         stop = button("Stop", act("StopRun"), title="Stop; what is done is kept", testid="stop")
         return (
             f'<div class="ax-jobbox" data-testid="job-panel"><div class="ax-row"><span>{word} '
-            f"{text(job.method)}: {job.done}/{job.total}{pace}</span>{stop}</div>"
+            f"{text(job.method)}{what}: {job.done}/{job.total}{pace}</span>{stop}</div>"
             f'<span class="ax-meter"><i style="width:{share:.1f}%"></i></span></div>'
         )
     words = {
