@@ -28,7 +28,9 @@ DEEPEST = 0.0025
 """Fingers press into what they hold by this much at most, metres."""
 LOWEST = 0.001
 """Height over the table that hands keep, metres."""
-_SPOTS, _ROLLS, _TRIED, _HAND_POINTS, _MEASURED = 100, 24, 80, 900, 40
+_SPOTS, _ROLLS, _HAND_POINTS, _MEASURED = 100, 24, 900, 40
+_TRIED, _MORE = 80, 160
+"""Grips that are tried: the most comfortable ones, and if none of these does, so many of the rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +86,10 @@ def find_grip(
         comfort = np.minimum(comfort, _comfort(R, t, grasps, shoulder, outfit))
     worth = fit + comfort + 0.05 * rng.random(len(poses))
     best: Grip | None = None
-    for k in np.argsort(-worth)[:_TRIED].tolist():
+    order = np.argsort(-worth)
+    rest = order[_TRIED : len(order) // 2]
+    spread = rest[:: max(1, len(rest) // _MORE)]
+    for k in np.concatenate([order[:_TRIED], spread]).tolist():
         limit = np.inf if best is None else best.badness
         bad = _badness(solid, int(grasps[k]), poses[k], holds, outfit, limit)
         if best is None or bad < best.badness:

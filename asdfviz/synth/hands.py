@@ -31,7 +31,7 @@ _THUMB_LENGTHS = (0.046, 0.034, 0.027)
 _PINCH = np.array([0.35, -0.75, -0.35]) / np.linalg.norm([0.35, -0.75, -0.35])
 _PALM = np.array([0.0, -0.04, -0.004])
 _BLEND = 0.008
-_STEP = 0.0065
+_STEP = 0.005
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,7 +57,24 @@ def mesh_implicit(
         total += np.where(crossing[:, None], point, 0.0)
         crossings += crossing
     vertices = low + step * (where + total / crossings[:, None])
+    for _ in range(2):
+        vertices = _nearer(distance, vertices, step=step)
     return Mesh(vertices, _quads(values, index))
+
+
+def _nearer(
+    distance: Callable[[Points], Float64[np.ndarray, "n"]], points: Points, *, step: float
+) -> Points:
+    """Points moved towards the zero set along the gradient (Newton), at most half a cell."""
+    nudge = 0.05 * step
+    slopes = [
+        (distance(points + nudge * axis) - distance(points - nudge * axis)) / (2 * nudge)
+        for axis in np.eye(3)
+    ]
+    gradient = np.stack(slopes, axis=1)
+    way = distance(points) / np.maximum((gradient**2).sum(axis=1), 0.25)
+    way = np.clip(way, -0.5 * step, 0.5 * step)
+    return points - way[:, None] * gradient
 
 
 def _quads(values: Float64[np.ndarray, "x y z"], index: np.ndarray) -> np.ndarray:

@@ -146,13 +146,14 @@ def _plane(
         bump=float(rng.uniform(0.6, 1.8)) + (0.5 if macro == "drape" else 0.0),
         roughness=float(rng.uniform(0.55, 1.0)) if macro == "wood" else 0.95,
         circle=circle,
-        scale=float(rng.uniform(0.8, 1.3)) * (0.5 if macro == "drape" else 1.0),
+        scale=float(rng.uniform(0.8, 1.3)) * (0.42 if macro == "drape" else 1.0),
     )
 
 
 def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tuple[Ground, ...]:
     """Blue drape on a pale round table over a brown carpet, as in the paper's recordings."""
-    blue = linear((129, 165, 195)) * np.exp(rng.normal(size=3) * 0.02 + rng.normal() * 0.05)
+    change = 0.63 * np.exp(rng.normal(size=3) * 0.02 + rng.normal() * 0.05)
+    blue, violet = linear((127, 166, 192)) * change, linear((131, 162, 199)) * change
     center = points.mean(axis=0) + rng.normal(size=2) * 0.02
     reach = float(np.linalg.norm(points - center, axis=1).max())
     radius = reach + rng.uniform(0.04, 0.15)
@@ -169,11 +170,11 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         0.0,
         "drape",
         micro="nonwoven",
-        colors=np.stack([blue, blue, linear((215, 220, 222))]),
+        colors=np.stack([blue, violet, linear((215, 220, 222))]),
         edges=np.column_stack([normals, limits]),
         circle=(float(center[0]), float(center[1]), radius + rng.uniform(0.0, 0.04)),
     )
-    pale = linear((238, 219, 186)) * rng.uniform(0.85, 1.1)
+    pale = linear((252, 215, 178)) * rng.uniform(0.74, 0.84)
     table = _plane(
         rng,
         -0.001,
@@ -182,8 +183,8 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         colors=np.stack([pale] * 3),
         circle=(float(center[0]), float(center[1]), radius),
     )
-    brown = linear((88, 66, 54)) * rng.uniform(0.7, 1.4)
-    carpet = np.stack([brown, brown * [1.4, 1.32, 1.25], brown])
+    brown = linear((80, 58, 44)) * rng.uniform(0.7, 1.3)
+    carpet = np.stack([brown, brown * [1.8, 1.65, 1.5], brown])
     return cloth, table, _plane(rng, FLOOR, "plain", micro="carpet", colors=carpet)
 
 
@@ -213,9 +214,9 @@ def room_lights(rng: np.random.Generator) -> tuple[tuple[Light, ...], Vector, Ve
         azimuth, elevation = rng.random() * 2 * np.pi, rng.uniform(0.65, 1.25)
         flat = np.cos(elevation)
         where = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)]) * 2.0
-        lights.append(Light(where, float(rng.uniform(0.15, 0.6)), white * rng.uniform(0.4, 1.0)))
+        lights.append(Light(where, float(rng.uniform(0.12, 0.45)), white * rng.uniform(0.4, 1.0)))
     # Shadows are lit by walls and sky, bluer than the lamps.
-    sky = white * [0.93, 1.0, 1.08] * rng.uniform(0.3, 0.65)
+    sky = white * [0.92, 1.0, 1.08] * rng.uniform(0.28, 0.55)
     return tuple(lights), sky, rng.normal(size=3) * 0.12
 
 

@@ -49,3 +49,16 @@ def developed(image: Linear, *, sharpening: float, halo_px: float, thin_px: floa
     if sharpening > 0:
         luma = luma + sharpening * (luma - cv2.GaussianBlur(luma, (0, 0), halo_px))
     return np.asarray(chroma + luma[:, :, None], np.float32)
+
+
+def grain(rng: np.random.Generator, height: int, width: int, *, colored: bool) -> Linear:
+    """Noise of deviation 1 whose neighbours agree a little; `colored` adds blotches of colour."""
+    noise = rng.standard_normal((height, width, 3), dtype=np.float32)
+    if width > 512:
+        noise = 0.7 * noise + 0.96 * cv2.GaussianBlur(noise, (0, 0), 0.8)
+    if colored:
+        size = (max(2, height // 4), max(2, width // 4), 3)
+        cells = rng.standard_normal(size, dtype=np.float32)
+        cells = np.asarray(cells - cells.mean(axis=2, keepdims=True), np.float32)
+        noise = noise + 0.5 * cv2.resize(cells, (width, height), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(noise, np.float32)

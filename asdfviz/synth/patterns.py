@@ -46,64 +46,74 @@ def _stack(w1: Weight, w2: Weight, shade: Weight, height: Weight) -> Map:
     return np.stack(planes, axis=2).astype(np.float32)
 
 
-def _creases(rng: np.random.Generator, n: int, *, spacing: float, strength: float) -> Plane:
-    """Heights (metres) of a cloth that lay folded: parallel ridges, few faint ones across them.
+def _folds(rng: np.random.Generator, n: int, *, side: float) -> Plane:
+    """Heights (metres) of a sheet `side` metres wide that lay folded to a packet.
 
-    A fold is steep on one side and leans out slowly on the other, so that light shows a bright and a
-    shaded side; it weakens along its way. Short wrinkles run beside the folds, nearly along them.
+    Fold lines alternate between ridge and valley. Slopes grow towards a fold and change their sign on
+    it, so that light shows a bright flank beside a dark one; the panels between are tilted a little,
+    some up, some down. Few weaker lines run across, and faint ones anywhere.
     """
-    x, y = _axes(n)
+    x, y = (axis * side for axis in _axes(n))
     wobble = fractal(rng, n, base=3, octaves=4)
-    fading = np.clip(0.75 + 0.45 * fractal(rng, n, base=4, octaves=3), 0.1, 1.6)
     height = np.zeros((n, n), np.float32)
-    for axis, share, apart in ((0, 1.0, 1.0), (1, 0.35, 3.1)):
-        direction = axis * np.pi / 2 + rng.normal() * 0.04
-        pitch = spacing * rng.uniform(0.85, 1.2) * apart
-        for place in np.arange(rng.random() * pitch, 1.2, pitch):
-            angle = direction + rng.normal() * 0.025
-            d = np.cos(angle) * x + np.sin(angle) * y - place + 0.0016 * wobble
-            steep, slow = rng.uniform(0.0009, 0.0026), rng.uniform(0.007, 0.022)
-            if rng.random() < 0.5:
-                d = -d
-            power = strength * share * rng.uniform(0.35, 1.0) * rng.choice([1.0, -0.6])
-            height += power * fading * np.exp(-np.abs(d) / np.where(d > 0, slow, steep))
-    window = n // 6
-    for _ in range(150):
-        row, column = rng.integers(0, n - window, 2)
-        here = (slice(row, row + window), slice(column, column + window))
-        cx, cy = (column + window / 2) / n, (row + window / 2) / n
-        angle = rng.normal() * 0.5 + (np.pi / 2 if rng.random() < 0.3 else 0.0)
-        along = -np.sin(angle) * (x[here] - cx) + np.cos(angle) * (y[here] - cy)
-        d = np.cos(angle) * (x[here] - cx) + np.sin(angle) * (y[here] - cy)
-        d = d + 0.003 * wobble[here]
-        ridge = np.exp(
-            -((d / rng.uniform(0.005, 0.014)) ** 2) - (along / rng.uniform(0.015, 0.04)) ** 2
-        )
-        height[here] += rng.normal() * 0.45 * strength * ridge
+    for axis, share, apart in ((0, 1.0, 0.088), (1, 0.6, 0.27), (0, 0.35, 0.2), (1, 0.35, 0.3)):
+        pitch = apart * rng.uniform(0.85, 1.2)
+        sign = 1.0
+        for place in np.arange(rng.random() * pitch, 1.1 * side, pitch):
+            angle = axis * np.pi / 2 + rng.normal() * 0.02
+            aside = pitch * rng.normal() * (0.06 if share > 0.5 else 0.5)
+            d = np.cos(angle) * x + np.sin(angle) * y - place - aside + 0.0012 * wobble
+            sharp = np.sqrt(d * d + rng.uniform(0.0004, 0.0010) ** 2)
+            flank = rng.uniform(0.005, 0.016)
+            fading = np.clip(share + 0.6 * fractal(rng, n, base=4, octaves=2), 0.0, 1.7)
+            power = sign * share * fading
+            height += power * rng.uniform(0.18, 0.55) * flank * np.exp(-sharp / flank)
+            height += power.mean() * rng.uniform(0.0, 0.03) * sharp
+            sign *= -1.0 if rng.random() < 0.8 else 1.0
     return height.astype(np.float32)
 
 
+def _crumples(rng: np.random.Generator, n: int, *, side: float) -> Plane:
+    """Heights (metres) of short pinched wrinkles, mostly along or across the folds."""
+    x, y = (axis * side for axis in _axes(n))
+    wobble = fractal(rng, n, base=5, octaves=4)
+    height = np.zeros((n, n), np.float32)
+    window = n // 7
+    for _ in range(130):
+        row, column = rng.integers(0, n - window, 2)
+        here = (slice(row, row + window), slice(column, column + window))
+        cx, cy = ((k + window / 2) / n * side for k in (column, row))
+        angle = rng.normal() * 0.35 + (np.pi / 2 if rng.random() < 0.4 else 0.0)
+        along = -np.sin(angle) * (x[here] - cx) + np.cos(angle) * (y[here] - cy)
+        d = np.cos(angle) * (x[here] - cx) + np.sin(angle) * (y[here] - cy) + 0.002 * wobble[here]
+        flank, long = rng.uniform(0.0025, 0.009), rng.uniform(0.008, 0.028)
+        ridge = np.exp(-np.sqrt(d * d + 0.0007**2) / flank - (along / long) ** 2)
+        height[here] += rng.normal() * 0.16 * flank * ridge
+    return height
+
+
 def _drape(rng: np.random.Generator, n: int) -> Map:
-    folds = _creases(rng, n, spacing=0.078, strength=0.0034)
-    waves = fractal(rng, n, base=3, octaves=4, gain=0.42)
-    height = folds + 0.007 * waves
+    side = 1.0
+    folds = _folds(rng, n, side=side) + _crumples(rng, n, side=side)
+    broad = fractal(rng, n, base=5, octaves=3, gain=0.45)
+    along = cv2.resize(fractal(rng, n, base=6, octaves=3)[:, : n // 3].copy(), (n, n))
+    height = folds + 0.0046 * broad + 0.0028 * along
     # Worn folds are a little paler than the cloth, whatever the light.
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
-    clouds = fractal(rng, n, base=4, octaves=4, gain=0.5)
-    shade = 1 + 0.010 * clouds + np.clip(100 * worn, -0.05, 0.12)
-    specks = _specks(rng, n)
-    return _stack(0.0, specks, shade, height.astype(np.float32))
+    blotches = fractal(rng, n, base=18, octaves=5, gain=0.75)
+    shade = 1 + 0.042 * blotches + np.clip(60 * worn, -0.03, 0.05)
+    hue = 0.4 + 0.2 * fractal(rng, n, base=6, octaves=4, gain=0.6)
+    return _stack(np.clip(hue, 0, 1), _specks(rng, n), shade, height.astype(np.float32))
 
 
 def _specks(rng: np.random.Generator, n: int) -> Plane:
-    """Lint: single pixels and short threads of the third colour, most of them faint."""
+    """Lint: short faint threads of the third colour."""
     plane = np.zeros((n, n), np.float32)
-    for _ in range(n * n // 18000):
-        row, column = rng.integers(2, n - 4, 2)
-        long = int(rng.integers(1, 3))
-        plane[row : row + long, column : column + 1 + (rng.random() < 0.3)] = (
-            0.7 * rng.random() ** 3
-        )
+    for _ in range(n * n // 40000):
+        start = rng.integers(4, n - 8, 2)
+        end = start + rng.integers(-3, 4, 2)
+        ends = [tuple(int(v) for v in p) for p in (start, end)]
+        cv2.line(plane, ends[0], ends[1], 0.35 * float(rng.random()) ** 2, 1)
     return plane
 
 
@@ -201,24 +211,26 @@ def _weave(rng: np.random.Generator, n: int) -> Map:
 
 
 def _nonwoven(rng: np.random.Generator, n: int) -> Map:
-    """Pressed fibres with a fine grid of dots, as in a surgical drape."""
+    """Pressed fibres embossed with a fine slanted grid, as in a surgical drape."""
     x, y = _axes(n)
-    dots = 84
-    grid = np.cos(2 * np.pi * dots * x) * np.cos(2 * np.pi * dots * y)
-    # Fibres run mostly one way, which is how the web left the machine.
-    drawn = fractal(rng, n, base=100, octaves=2, gain=0.9)
-    drawn = np.mean([np.roll(drawn, k, axis=1) for k in range(10)], axis=0)
-    fibres = 0.75 * drawn / drawn.std() + 0.55 * fractal(rng, n, base=110, octaves=2, gain=0.9)
-    clouds = fractal(rng, n, base=10, octaves=3)
-    shade = 1 + 0.045 * grid * (1 + 0.5 * clouds) + 0.034 * fibres + 0.004 * clouds
-    return _stack(0.0, 0.0, shade, (0.00003 * fibres).astype(np.float32))
+    clouds = fractal(rng, n, base=5, octaves=3)
+    # About as fine as a pixel of the paper's camera: it shows in places only, and as moire.
+    first = np.cos(2 * np.pi * (84 * y + 53 * x)) + 0.5 * np.cos(2 * np.pi * (61 * y - 78 * x))
+    fibres = fractal(rng, n, base=100, octaves=2, gain=0.9)
+    drawn = np.mean([np.roll(fibres, k, axis=1) for k in range(8)], axis=0)
+    fibres = 0.6 * drawn / drawn.std() + 0.6 * fractal(rng, n, base=60, octaves=3, gain=0.9)
+    shade = 1 + 0.125 * first * np.clip(0.45 + 0.45 * clouds, 0, 1.3) + 0.034 * fibres
+    return _stack(0.0, 0.0, shade + 0.006 * clouds, (0.000012 * fibres).astype(np.float32))
 
 
 def _carpet(rng: np.random.Generator, n: int) -> Map:
-    tufts = fractal(rng, n, base=90, octaves=3, gain=0.8)
-    return _stack(
-        np.clip(0.3 + 0.3 * tufts, 0, 1), 0.0, np.clip(1 + 0.2 * tufts, 0.2, 2), 0.0003 * tufts
-    )
+    """Loops of a few millimetres, some of them paler strands, on clouds of wear."""
+    tufts = fractal(rng, n, base=70, octaves=3, gain=0.8)
+    strands = cv2.resize(fractal(rng, n, base=64, octaves=3)[:, : n // 3].copy(), (n, n))
+    pale = np.clip(1.3 * np.maximum(strands, strands[::-1].T) - 1.5, 0, 1)
+    clouds = fractal(rng, n, base=6, octaves=4, gain=0.8)
+    shade = np.clip(1 + 0.24 * tufts + 0.06 * clouds, 0.2, 2)
+    return _stack(np.clip(0.2 + 0.25 * tufts + pale, 0, 1), 0.0, shade, 0.0003 * tufts)
 
 
 def _grain(rng: np.random.Generator, n: int) -> Map:

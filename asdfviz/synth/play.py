@@ -19,6 +19,7 @@ from asdfviz.synth.grasping import Hold, dressed, find_grip, hand_points, scaled
 from asdfviz.synth.hands import OPEN_HAND
 from asdfviz.synth.layout import Outfit, Table, dress
 from asdfviz.synth.looks import any_grounds, random_lights, theatre
+from asdfviz.synth.motion import moved
 from asdfviz.synth.penetration import Solid, solid_of
 from asdfviz.synth.resting import footprint, overlap
 from asdfviz.synth.routes import free_targets
@@ -26,7 +27,7 @@ from asdfviz.synth.scene import camera_for, random_view
 from asdfviz.synth.script import Director
 from asdfviz.synth.sequence_config import SequenceConfig
 from asdfviz.synth.stage import Stage, Stand, set_stage, stand_base
-from asdfviz.synth.ways import Body, Way, all_ways
+from asdfviz.synth.ways import Body, Way, all_ways, with_middles
 
 Targets = Mapping[int, Mapping[str, Transform]]
 SAMPLES = 450
@@ -220,10 +221,8 @@ def _occupied(
     """Every place that a joined part has or comes from, world."""
     bodies: list[Body] = []
     for (state, name), way in ways.items():
-        for share in (0.0, 0.5, 1.0):
-            T = targets[state][name].copy()
-            T[:3, 3] += share * way.out
-            bodies.append(Body(solids[name], T_world_base @ T))
+        for place in (0.0 * way.out, *with_middles(way.stops)):
+            bodies.append(Body(solids[name], T_world_base @ moved(targets[state][name], place)))
     return bodies
 
 

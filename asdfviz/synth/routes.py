@@ -207,7 +207,7 @@ def wrong_place(
         T = moved(body.T @ pivot @ transform_from(turn, np.zeros(3)) @ inverse(pivot), shift)
         stops = [
             Body(body.solid, blend(T @ pivot, home @ pivot, share) @ inverse(pivot))
-            for share in (0.0, 0.3, 0.65, 1.0)
+            for share in np.linspace(0, 1, 13)
         ]
         if all(lowest(b, T_world_base) > 0 and deepest(b, others) <= allowed for b in stops):
             return T

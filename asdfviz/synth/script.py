@@ -22,7 +22,7 @@ from asdfviz.synth.motion import Limits, Pace, blend, frames_needed, moved
 from asdfviz.synth.penetration import Solid
 from asdfviz.synth.routes import Obstacle, over, over_with_hand, rests_between, wrong_place
 from asdfviz.synth.stage import Stage
-from asdfviz.synth.ways import Body, Way, changes, differs
+from asdfviz.synth.ways import Body, Way, changes, differs, with_middles
 
 DWELL = 2
 """Frames that a hand waits near by after a step, at 10 a second."""
@@ -84,11 +84,11 @@ class Director:
         """
         goals = self.targets[state.index]
         for name in reversed([n for n in self.joined if n not in goals]):
-            self._move(name, self.stage.T_world_part[name], way_in=np.zeros(3))
+            self._move(name, self.stage.T_world_part[name], way_in=())
         names = changes(self.joined, goals)
         for name in names:
             T = self.stage.stand.T_world_base
-            way = T[:3, :3] @ self.ways[state.index, name].out
+            way = [T[:3, :3] @ stop for stop in self.ways[state.index, name].stops]
             wrong = self._wrong_place(name, state) if slip and name == names[-1] else None
             self._move(name, T @ goals[name], way_in=way, wrong=wrong)
             self.joined[name] = goals[name]
@@ -124,53 +124,50 @@ class Director:
             self.T_world_hand = None
 
     def _move(
-        self,
-        name: str,
-        goal: Transform,
-        *,
-        way_in: Vector,
+        self, name: str, goal: Transform, *, way_in: Sequence[Vector],
         wrong: Transform | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Bring a part somewhere; where no grip does for all of the way it is put down on it."""
-        ends = [goal, moved(goal, way_in / 2), moved(goal, way_in)]
-        ends += [] if wrong is None else [blend(wrong, ends[2], k) for k in (0.0, 0.3, 0.6)]
-        grip = self._grip(name, [self.poses[name], *ends], skip={name})
+        ends = [goal, *(moved(goal, place) for place in with_middles(way_in))]
+        ends += [] if wrong is None else [blend(wrong, ends[-1], k) for k in (0.0, 0.3, 0.6)]
+        starts = [self.poses[name], *(moved(self.poses[name], v) for v in self._way_off(name))]
+        grip = self._grip(name, [*starts, *ends], skip={name})
         if grip is not None and grip.badness > AWKWARD:
             if wrong is not None:
                 return self._move(name, goal, way_in=way_in)
             via = self._stopover(name, ends, grip)
             if via is not None:
                 rest, first, grip = via
-                self._bring(name, rest, first, way_in=np.zeros(3))
+                self._bring(name, rest, first, way_in=())
                 self._draw_back()
         self._bring(name, goal, grip, way_in=way_in, wrong=wrong)
 
     def _bring(
-        self,
-        name: str,
-        goal: Transform,
-        grip: Grip | None,
-        *,
-        way_in: Vector,
+        self, name: str, goal: Transform, grip: Grip | None, *, way_in: Sequence[Vector],
         wrong: Transform | None = None,
-    ) -> None:
-        start = out = self.poses[name]
-        home = moved(goal, way_in)
+    ) -> None:  # fmt: skip
+        outs = [self.poses[name], *(moved(self.poses[name], v) for v in self._way_off(name)[1::2])]
+        *corners, home = [goal, *(moved(goal, stop) for stop in way_in)]
         if grip is not None:
             self._reach_for(name, grip)
         if name in self.joined:
-            T = self.stage.stand.T_world_base
-            out = moved(start, T[:3, :3] @ self.ways[self.joined_in[name], name].out)
             self._take_off(name)
-        high = over(out, home, grip, self.outfit, self.solids[name], self._obstacles(name))
-        stops = [start, out, *high, home]
+        high = over(outs[-1], home, grip, self.outfit, self.solids[name], self._obstacles(name))
+        stops = [*outs, *high, home]
         if wrong is None:
-            self._carry(name, [*stops, goal], grip)
+            self._carry(name, [*stops, *reversed(corners)], grip)
         else:
             self._carry(name, [*stops, wrong], grip)
             self._hold_wrongly(name, wrong, grip)
-            self._carry(name, [wrong, home, goal], grip)
+            self._carry(name, [wrong, home, *reversed(corners)], grip)
         self.poses[name] = goal
+
+    def _way_off(self, name: str) -> list[Vector]:
+        """Middles and ends of the stretches on which a joined part leaves; none if it is loose."""
+        if name not in self.joined:
+            return []
+        R = self.stage.stand.T_world_base[:3, :3]
+        return [R @ v for v in with_middles(self.ways[self.joined_in[name], name].stops)]
 
     def _stopover(
         self, name: str, ends: Sequence[Transform], grip: Grip

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from asdfviz.geometry.shapes import Depth, Mask, Rgb
-from asdfviz.synth.optics import developed, fringed
+from asdfviz.synth.optics import developed, fringed, grain
 
 FIELD_OF_VIEW = np.array(
     [[188, 462], [247, 115], [376, 0], [890, 0], [1041, 250], [1044, 442], [886, 719], [323, 719]]
@@ -42,6 +42,8 @@ class RgbSensor:
     """Loss of light in the corners."""
     blur_px: float = 0.6
     """Lens and demosaicing, at 1280 pixels width."""
+    softness_px: float = 0.0
+    """Blur that the lens adds in the corners, at 1280 pixels width."""
     noise: float = 0.006
     """Standard deviation of the noise at a linear value of 0.28; grows with the root of the light."""
     flare: float = 0.01
@@ -100,7 +102,8 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
             float(1 - temperature + rng.normal() * 0.02),
         ),
         vignette=float(rng.uniform(0, 0.3)),
-        blur_px=float(rng.uniform(0.5, 1.4)),
+        blur_px=float(rng.uniform(0.4, 1.4)),
+        softness_px=float(max(0.0, rng.uniform(-1.0, 1.6))),
         noise=float(rng.uniform(0.0015, 0.0075)),
         flare=float(rng.uniform(0.0, 0.09)),
         contrast=float(rng.uniform(0.92, 1.25)),
@@ -158,28 +161,35 @@ def blur_moving(radiance: Linear, mask: Mask, motion_px: tuple[float, float]) ->
     return np.asarray(moved + background * (1 - weight)[:, :, None], np.float32)
 
 
+def metered(image: Linear) -> float:
+    """The linear value of the bright parts, by which the camera sets its exposure."""
+    middle, bright = np.percentile(image.mean(axis=2)[::4, ::4], [80, 98])
+    return max(float(middle), 0.5 * float(bright))
+
+
 def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator) -> Rgb:
     """Turn radiance into the 8-bit image that the camera would deliver."""
     height, width = radiance.shape[:2]
     scale = width / 1280
     image: np.ndarray = radiance * np.array(sensor.white_balance, np.float32)
-    middle, bright = np.percentile(image.mean(axis=2)[::4, ::4], [80, 98])
-    level = max(float(middle), 0.5 * float(bright))
-    image = image * np.float32(sensor.exposure / max(level, 1e-4))
+    image = image * np.float32(sensor.exposure / max(metered(image), 1e-4))
     image = (image + sensor.flare * image.mean(axis=(0, 1))) / (1 + sensor.flare)
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
     image *= (1 - sensor.vignette * (x * x + y * y) / 2)[:, :, None]
     if abs(sensor.fringe_px) * scale > 0.1:
         image = fringed(image.astype(np.float32), sensor.fringe_px * scale)
     image = cv2.GaussianBlur(image, (0, 0), max(sensor.blur_px * scale, 0.25))
+    if sensor.softness_px * scale > 0.3:
+        soft = cv2.GaussianBlur(image, (0, 0), sensor.softness_px * scale)
+        image = image + (soft - image) * np.minimum((x * x + y * y) / 1.6, 1)[:, :, None]
     if any(abs(m) * scale > 0.6 for m in sensor.motion_px):
         image = cv2.filter2D(image, -1, motion_kernel(*(m * scale for m in sensor.motion_px)))
     if sensor.knee < 1:
         above = np.tanh((image - sensor.knee) / (1 - sensor.knee)) * (1 - sensor.knee)
         image = np.where(image < sensor.knee, image, sensor.knee + above)
-    grain = _grain(rng, height, width, colored=sensor.thin_px > 0)
+    speckle = grain(rng, height, width, colored=sensor.thin_px > 0)
     # Mostly shot noise: cameras smooth the dark parts themselves.
-    image = image + grain * sensor.noise * np.sqrt(0.004 + 3.4 * np.maximum(image, 0))
+    image = image + speckle * sensor.noise * np.sqrt(0.004 + 3.4 * np.maximum(image, 0))
     gray = image.mean(axis=2, keepdims=True)
     image = gray + (image - gray) * sensor.saturation
     image = np.clip(image, 0, 1) ** np.float32(1 / 2.2)
@@ -189,19 +199,6 @@ def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator)
         image = developed(image, sharpening=sensor.sharpening, halo_px=halo, thin_px=thin)
     image = np.clip(image, 0, 1)
     return (image * 255 + 0.5).astype(np.uint8)
-
-
-def _grain(rng: np.random.Generator, height: int, width: int, *, colored: bool) -> Linear:
-    """Noise of deviation 1 whose neighbours agree a little; `colored` adds blotches of colour."""
-    grain = rng.standard_normal((height, width, 3), dtype=np.float32)
-    if width > 512:
-        grain = 0.7 * grain + 0.96 * cv2.GaussianBlur(grain, (0, 0), 0.8)
-    if colored:
-        size = (max(2, height // 4), max(2, width // 4), 3)
-        cells = rng.standard_normal(size, dtype=np.float32)
-        cells = np.asarray(cells - cells.mean(axis=2, keepdims=True), np.float32)
-        grain = grain + 0.5 * cv2.resize(cells, (width, height), interpolation=cv2.INTER_CUBIC)
-    return np.asarray(grain, np.float32)
 
 
 def measure_depth(

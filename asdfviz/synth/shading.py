@@ -19,9 +19,9 @@ from asdfviz.synth.mesh_bank import Triangles
 from asdfviz.synth.raster import Projected, depth_map
 from asdfviz.synth.tensors import length, to_tensor, transform_each, unit
 
-WRAP = (1.0, 0.5, 0.4)
+WRAP = (1.1, 0.45, 0.35)
 """How far red, green and blue light go round the edge of what is translucent."""
-LEAK = (0.35, 0.06, 0.02)
+LEAK = (0.85, 0.10, 0.06)
 """Share of red, green and blue light that shines through what is translucent."""
 LOWEST_OCCLUDED = -0.2
 """Height, metres, below which nothing is occluded by what stands on the table."""
@@ -100,7 +100,8 @@ def _visibility(
     """Share of each area light that each pixel sees."""
     side, n = config.shadow_pixels, config.interleave
     count = len(buffer.depth)
-    lifted = buffer.position + buffer.normal * config.bias
+    # The grounds cast no shadow, so that theirs need no distance and reach what throws them.
+    lifted = buffer.position + buffer.normal * (config.bias * (buffer.owner >= 0))[..., None]
     visible = torch.empty_like(buffer.depth)
     image = torch.arange(count, device=visible.device)[:, None, None] * (side * side)
     turn = rng.random() * 2 * np.pi
@@ -169,10 +170,12 @@ def _reflect(buffer: GBuffer, lights: Sequence[Light]) -> Float32[Tensor, "b h w
     diffuse = ((cosine[..., None] + wrap) / (1 + wrap)).clamp(min=0)
     half = unit(direction + buffer.view)
     n_half = (buffer.normal * half).sum(3).clamp(0, 1)
-    n_view = (buffer.normal * buffer.view).sum(3).clamp(0.06, 1)
+    l_half = (direction * half).sum(3).clamp(0.1, 1)
     alpha = buffer.roughness.square().clamp(min=0.03).square()
     lobe = alpha / (np.pi * (n_half.square() * (alpha - 1) + 1).square())
-    gloss = 0.04 * lobe / (4 * n_view) * (cosine > 0)
+    # Shadowing and masking as in Kelemen and Szirmay-Kalos (2001); Schlick's Fresnel term.
+    fresnel = 0.04 + 0.96 * (1 - l_half) ** 5
+    gloss = fresnel * lobe * cosine.clamp(min=0) / (4 * l_half.square())
     return (buffer.albedo * diffuse + gloss[..., None]) * fall
 
 
@@ -198,8 +201,20 @@ def _ambient(
     room = (0.25 + 0.9 * mirrored[..., 2:]).clamp(min=0.05)
     room = room * (1 + 2.5 * (mirrored * tint).sum(3, keepdim=True)).clamp(min=0.3)
     dark = occlusion[..., None]
-    through = _through(occlusion, buffer.translucency)
+    through = _through(occlusion, buffer.translucency).maximum(interreflected(dark, buffer.albedo))
     return light * buffer.albedo * through + sky * room * fresnel * dark.square()
+
+
+def interreflected(
+    visible: Float32[Tensor, "b h w 1"], albedo: Float32[Tensor, "b h w 3"]
+) -> Float32[Tensor, "b h w 3"]:
+    """Ambient light in corners whose own walls throw light at each other, most where they are pale.
+
+    The cubic fit of Jimenez et al., "Practical real-time strategies for accurate indirect occlusion"
+    (2016).
+    """
+    a, b, c = 2.0404 * albedo - 0.3324, 0.6417 - 4.7951 * albedo, 2.7552 * albedo + 0.6903
+    return ((a * visible + b) * visible + c) * visible
 
 
 def ambient_occlusion(
@@ -209,7 +224,7 @@ def ambient_occlusion(
     height, width = depth.shape[1:]
     small = interpolate(depth[:, None], size=(height // 4, width // 4), mode="area")
     total = torch.ones_like(depth)
-    for reach, power in ((0.006, 16.0), (0.016, 9.0), (0.04, 5.0)):
+    for reach, power in ((0.006, 9.0), (0.016, 7.0), (0.04, 5.0)):
         radius = max(1, round(reach * width / 4))
         soft = _continued(small, 2 * radius)
         for _ in range(2):

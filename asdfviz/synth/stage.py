@@ -90,7 +90,7 @@ def set_stage(
     taken = [apply(T, group_points(assembly, poses)) for poses in targets.values()]
     for (state, name), way in ways.items():
         home = apply(T @ targets[state][name], assembly.parts[name].mesh.vertices)
-        taken.append(home + T[:3, :3] @ way.out)
+        taken += [home + T[:3, :3] @ stop for stop in way.stops]
     table.outlines.append(footprint(np.concatenate(taken)))
     goals = targets[assembly.steps[-1].index]
     loose: dict[str, Transform] = {}

@@ -72,14 +72,15 @@ def _printed(
     level = (normal * unit(finish[:, 9:12])).sum(1).abs() > 0.85
     line = torch.where(level, local.sum(1) - along, along)
     row = torch.full_like(line, 0.011)
-    streak = 0.5 * _at(noise, line / 0.06, row) + 0.7 * _at(noise, line / 0.02, 3.1 * row)
-    streak = streak * (1 + 0.35 * value)
-    color = color * (1 + 0.3 * streak * depth).clamp(min=0.3)[:, None]
+    # Differences of neighbours: strands of one to three millimetres, no broad bands.
+    streak = _at(noise, line / 0.03, row) - _at(noise, (line + 0.0015) / 0.03, row)
+    streak = 1.1 * streak * (1 + 0.35 * value)
+    color = color * (1 + 0.16 * streak * depth).clamp(min=0.3)[:, None]
     height = finish[:, 6]
     seen = (height / (2 * footprint) - 0.5).clamp(0, 1)
     ripple = torch.sin(along * (2 * torch.pi) / height) * seen * ~level
     across = torch.where(level[:, None], finish[:, 12:15], finish[:, 9:12])
-    tilt = (ripple + 1.3 * streak) * depth
+    tilt = (ripple + torch.where(level, 0.3, 0.8) * streak) * depth
     return color, unit(normal + across * tilt[:, None])
 
 
@@ -97,7 +98,7 @@ def _skin(
     around = x + 0.5 * z
     blotch = _at(noise, (x + 0.6 * z) / 0.3, (y - 0.5 * z) / 0.3)
     fine = _at(noise, (x - 0.7 * z) / 0.09, (y + 0.4 * x) / 0.09)
-    red = (0.5 * fingers + 0.12 * blotch + 0.06 * fine)[:, None]
+    red = (0.65 * fingers + 0.12 * blotch + 0.06 * fine)[:, None]
     hue = torch.tensor([0.04, -0.5, -0.62], device=color.device)
     color = color * (1 + red * hue).clamp(0.3, 1.3) * (1 + 0.035 * blotch + 0.03 * fine)[:, None]
     # A vein's height is the ridge of a stretched noise; its slope across the arm tilts the normal.
@@ -105,7 +106,7 @@ def _skin(
         torch.exp(-((_at(noise, (around + s) / 0.16, y / 0.9 + 0.3 * x) * 1.6) ** 2))
         for s in (0.0, 0.0012)
     ]
-    cord = (ridge[1] - ridge[0]) * (0.2 + 0.6 * arm)
+    cord = (ridge[1] - ridge[0]) * (0.15 + 0.05 * arm)
     crease = [
         torch.exp(-((_at(noise, x / 0.25, (y + 0.4 * z + s) / 0.07) * 5) ** 2))
         for s in (0.0, 0.0008)
@@ -115,12 +116,12 @@ def _skin(
     slant = (around + 0.4 * y) / 0.035
     hair = _at(noise, slant + 0.012, y / 0.22) - _at(noise, slant, y / 0.22)
     hair = ((hair.abs() - 0.30) * 6).clamp(0, 1)
-    color = color * (1 - 0.05 * crease[0] * (1 - arm) - 0.08 * hair * arm)[:, None]
+    color = color * (1 - 0.05 * crease[0] * (1 - arm) - 0.10 * hair * arm)[:, None]
     color = color * (1 - 0.05 * ridge[0] * arm)[:, None]
     forward = _cross(finish[:, 9:12], finish[:, 12:15])
     uneven = (
         finish[:, 12:15] * (1.0 * cord + 0.05 * fine)[:, None]
-        + forward * (0.25 * fold + 0.05 * blotch)[:, None]
+        + forward * (0.16 * fold + 0.05 * blotch)[:, None]
     )
     return color, unit(normal + uneven * (finish[:, 8:9] / 0.35))
 

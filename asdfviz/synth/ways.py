@@ -1,4 +1,4 @@
-"""Ways on which parts reach their places: along a free direction, beginning where nothing is near."""
+"""Ways on which parts reach their places: along free directions, beginning where nothing is near."""
 
 from __future__ import annotations
 
@@ -15,22 +15,41 @@ from asdfviz.synth.penetration import Solid, penetration
 
 TOLERANCE = 0.0008
 """Penetration that a way may add to that of the place itself, metres."""
-_OFFSETS = (0.003, 0.007, 0.012, 0.02, 0.03, 0.042, 0.056, 0.072, 0.09, 0.11, 0.135, 0.165, 0.2)
+_OFFSETS = tuple(
+    k / 1000
+    for k in (3, 7, 11, 15, 19, 24, 30, 36, 42, 49, 56, 64, 72, 81, 90, 100, 110, 135, 165, 200)
+)
 _MEASURED = 20
 """Points within another part whose depth is measured."""
+_SLIDES = tuple(k / 1000 for k in range(1, 31))
+"""Where a way may have its corner: so far from the place, metres."""
 _BLOCKED = 0.005
 """A direction that goes through others deeper than this is followed no farther, metres."""
-_LIFTS = (0.006, 0.02, 0.045, 0.09)
+_LIFTS = (0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.065, 0.09)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Way:
-    """A straight way home."""
+    """A way home: straight, or with one corner (a clip goes over a neck and then along it)."""
 
     out: Vector
     """From the place to where the way begins, base frame, metres."""
     depth: float
     """Deepest penetration along it beyond that of the place itself, metres."""
+    corner: Vector | None = None
+    """From the place to where the way turns, base frame, metres; None: it is straight."""
+
+    @property
+    def stops(self) -> tuple[Vector, ...]:
+        """Ends of its straight stretches, from the place outwards."""
+        return (self.out,) if self.corner is None else (self.corner, self.out)
+
+
+def with_middles(stops: Sequence[Vector]) -> list[Vector]:
+    """The ends of a way's stretches from the place outwards, the middles of these before them."""
+    starts = [0.0 * stops[0], *stops[:-1]] if stops else []
+    both = [((a + b) / 2, b) for a, b in zip(starts, stops, strict=True)]
+    return [place for pair in both for place in pair]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +79,9 @@ def deepest(body: Body, others: Sequence[Body]) -> float:
 def find_way(
     body: Body, others: Sequence[Body], candidates: Sequence[Vector], T_world_base: Transform
 ) -> Way:
-    """The first candidate on which a part comes home freely, else the one of least penetration.
+    """The first candidate on which a part comes home freely, else the way of least penetration.
+
+    Where no straight way is free, two candidates in turn are tried.
 
     Args:
         body: the part at its place, base frame.
@@ -75,8 +96,35 @@ def find_way(
         if way is not None and (best is None or way.depth < best.depth):
             best = way
         if best is not None and best.depth <= 0:
-            break
+            return best
+    best = _round_a_corner(body, others, candidates, T_world_base, allowed, best)
     return best or Way(candidates[0] * _OFFSETS[-1], np.inf)
+
+
+def _round_a_corner(
+    body: Body,
+    others: Sequence[Body],
+    candidates: Sequence[Vector],
+    T_world_base: Transform,
+    allowed: float,
+    best: Way | None,
+) -> Way | None:
+    """The best way that slides along one candidate and leaves along another, or the given one."""
+    allowed -= TOLERANCE / 2  # a corner may be anywhere, so one with some air is found if there is
+    for slide in candidates:
+        for offset in _SLIDES:
+            corner = Body(body.solid, moved(body.T, offset * slide))
+            if deepest(corner, others) > allowed or lowest(corner, T_world_base) < 0.0003:
+                break
+            for direction in candidates:
+                if abs(float(direction @ slide)) > 0.9:
+                    continue
+                way = _along(corner, others, direction, T_world_base, allowed, best)
+                if way is not None and (best is None or way.depth < best.depth):
+                    best = Way(offset * slide + way.out, way.depth, offset * slide)
+                if best is not None and best.depth <= 0:
+                    return best
+    return best
 
 
 def _along(

@@ -20,12 +20,13 @@ import numpy as np
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.meshes import read_mesh
 from asdfviz.datatypes import Part
+from asdfviz.geometry.transforms import rotation_about
 from asdfviz.synth.assets import Assets, load_assets
-from asdfviz.synth.description import Placed, Scene
+from asdfviz.synth.description import Light, Placed, Scene
 from asdfviz.synth.looks import linear
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, make_scene
-from asdfviz.synth.sensor import RgbSensor, blur_moving, photograph
+from asdfviz.synth.sensor import RgbSensor, blur_moving, metered, photograph
 
 COUNT = 20
 SIDE = 160
@@ -38,17 +39,21 @@ REAL_PLACES = (
 )  # fmt: skip
 """Parts, hands, cloth and rims in the real frames, pixels."""
 COLORS = {
-    (20, 90, 170): (30, 66, 176),
-    (132, 132, 132): (178, 170, 158),
-    (25, 25, 28): (41, 35, 31),
-    (235, 235, 232): (252, 246, 234),
+    (20, 90, 170): (40, 71, 168),
+    (132, 132, 132): (186, 168, 156),
+    (25, 25, 28): (38, 31, 30),
+    (235, 235, 232): (250, 243, 232),
 }
 """Colours of the real prints, where the mesh files say otherwise."""
 SENSOR = RgbSensor(
-    white_balance=(1.1, 1.0, 0.9), vignette=0.2, blur_px=0.9, noise=0.0058, flare=0.014,
-    contrast=1.12, sharpening=0.6, knee=0.95, thin_px=1.6, fringe_px=1.2, jpeg_quality=88,
+    vignette=0.13, blur_px=0.42, softness_px=1.1, noise=0.0062, flare=0.014, contrast=1.12,
+    sharpening=0.35, knee=0.97, thin_px=1.6, fringe_px=1.2, jpeg_quality=90,
 )  # fmt: skip
 """What the real frames look like to have been taken with."""
+
+
+CLOTH = np.array([0.250, 0.383, 0.492])
+"""Linear colour that the real camera's exposure and white balance give to the cloth."""
 
 
 def main(out: Path, real: Path, name: str, seed: int, meshes: Path | None) -> None:
@@ -133,17 +138,37 @@ def _photo(
     scene = replace(
         scene, placed=tuple(_real(assets, p, rng) for p in scene.placed if not _foreign(p))
     )
+    scene = replace(scene, lights=_across_folds(scene, rng))
     picture = render([scene], assets.bank, rng=rng, supersampling=2.0)[0]
     radiance = picture.radiance
     for i, thing in enumerate(scene.placed):
         if thing.kind == "hand" and rng.random() < 0.5:
             dx, dy = rng.normal(size=2) * 7
             radiance = blur_moving(radiance, picture.ids == i, (float(dx), float(dy)))
-    sensor = replace(SENSOR, exposure=float(rng.uniform(0.38, 0.42)))
+    radiance = _balanced(radiance, picture, rng)
+    sensor = replace(SENSOR, exposure=metered(radiance))
     rgb = photograph(radiance, sensor=sensor, rng=rng)
     setting = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality]
     encoded = cv2.imencode(".jpg", rgb[:, :, ::-1], setting)[1]
     return np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR)), scene, picture
+
+
+def _across_folds(scene: Scene, rng: np.random.Generator) -> tuple[Light, ...]:
+    """The lights turned about the table so that the first shines across the cloth's folds."""
+    x, y, _ = scene.lights[0].position
+    turn = scene.grounds[0].angle + rng.normal() * 0.5 - np.arctan2(y, x)
+    R = rotation_about(np.array([0.0, 0.0, 1.0]), float(turn))
+    return tuple(replace(light, position=R @ light.position) for light in scene.lights)
+
+
+def _on_table(picture: Picture) -> np.ndarray:
+    return (picture.ids < 0) & (picture.depth > 0) & (picture.depth < 1.0)
+
+
+def _balanced(radiance: np.ndarray, picture: Picture, rng: np.random.Generator) -> np.ndarray:
+    """The light scaled so that the cloth comes out as bright and as blue as the real camera has it."""
+    cloth = np.median(radiance[_on_table(picture) & (picture.albedo < 0.5)], axis=0)
+    return (radiance * (CLOTH * np.exp(rng.normal(size=3) * 0.012) / cloth)).astype(np.float32)
 
 
 def _foreign(thing: Placed) -> bool:
@@ -154,15 +179,17 @@ def _foreign(thing: Placed) -> bool:
 def _real(assets: Assets, thing: Placed, rng: np.random.Generator) -> Placed:
     """The same hand and the same filaments for all."""
     if thing.kind == "hand":
-        tone = linear((244, 200, 166)) * np.exp(rng.normal() * 0.05)
+        tone = linear((216, 166, 147)) * np.exp(rng.normal() * 0.05)
         finish = replace(thing.finish, color=tone, translucency=0.35, roughness=0.5)
     else:
         color = linear(assets.assembly.parts[thing.name].color) * np.exp(rng.normal() * 0.06)
         finish = replace(
             thing.finish,
             color=np.clip(color, 0.003, 0.95),
-            roughness=float(rng.uniform(0.3, 0.5)),
-            layer_depth=float(rng.uniform(0.06, 0.17)),
+            roughness=float(rng.uniform(0.28, 0.48)),
+            layer_axis=int(np.abs(thing.T_world_mesh[2, :3]).argmax()),
+            layer_height=float(rng.uniform(0.0006, 0.0013)),
+            layer_depth=float(rng.uniform(0.05, 0.14)),
         )
     return replace(thing, finish=finish)
 
@@ -181,7 +208,7 @@ def _places(scene: Scene, picture: Picture, rng: np.random.Generator) -> list[np
             middle = np.array([u.mean(), v.mean()])
             spot = middle + 0.5 * (np.array([u[k], v[k]]) - middle)
             places.append(spot + rng.uniform(-35, 35, 2))
-    v, u = np.nonzero((picture.ids < 0) & (picture.depth < 1.0))
+    v, u = np.nonzero(_on_table(picture))
     k = int(rng.integers(len(u)))
     return [*places, np.array([u[k], v[k]], np.float64)]
 

@@ -1,0 +1,37 @@
+"""Ways home that no straight line gives."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.synth.motion import moved
+from asdfviz.synth.penetration import solid_of
+from asdfviz.synth.ways import Body, deepest, find_way, with_middles
+
+X, Z = np.eye(3)[0], np.eye(3)[2]
+T_HIGH = transform_from(np.eye(3), np.array([0.0, 0.0, 0.3]))
+
+
+def test_a_clip_goes_over_the_neck_and_then_along_it() -> None:
+    vise = load_assembly("vise")
+    poses = vise.steps[-1].T_base_part
+    bodies = {n: Body(solid_of(vise.parts[n].mesh), T) for n, T in poses.items()}
+    clip = bodies.pop("collar")
+    others = list(bodies.values())
+    straight = find_way(clip, others, [Z], T_HIGH)
+    way = find_way(clip, others, [Z, X], T_HIGH)
+    assert way.depth < straight.depth - 0.001
+    assert way.corner is not None
+    assert way.corner @ X > 0.008
+    assert way.stops == (way.corner, way.out)
+    for place in with_middles(way.stops):
+        there = Body(clip.solid, moved(clip.T, place))
+        assert deepest(there, others) < way.depth + 0.001
+
+
+def test_the_places_of_a_way_are_middles_and_ends() -> None:
+    assert with_middles(()) == []
+    places = with_middles((2 * X, 2 * X + 4 * Z))
+    np.testing.assert_allclose(places, [X, 2 * X, 2 * X + 2 * Z, 2 * X + 4 * Z])
