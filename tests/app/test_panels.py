@@ -128,6 +128,11 @@ def test_a_running_method_can_be_stopped_and_no_other_started(workspace: Workspa
     assert "12/64" in chrome.top_bar(snapshot(workspace))
 
 
+def test_views_that_are_made_first_are_not_called_frames(workspace: Workspace) -> None:
+    workspace.job = JobStatus("icg", "running", 300, 642, preparing=True)
+    assert "views of its parts, made once: 300/642" in methods.content(snapshot(workspace), METHODS)
+
+
 @pytest.mark.parametrize(
     ("status", "words"),
     [
