@@ -9,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from asdfviz.cli.ablate import Ablate
 from asdfviz.cli.bench import Bench
 from asdfviz.cli.data import Check, Export, ImportGbot
 from asdfviz.cli.judge import Evaluate
@@ -30,6 +31,7 @@ Command = (
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[Tables, tyro.conf.subcommand("tables")]
+    | Annotated[Ablate, tyro.conf.subcommand("ablate")]
     | Annotated[Check, tyro.conf.subcommand("check")]
     | Annotated[Methods, tyro.conf.subcommand("methods")]
     | Annotated[Synth, tyro.conf.subcommand("synth")]

@@ -10,75 +10,133 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from asdfviz.cli.judged_runs import (
+    give_table,
+    judged,
+    kept_run,
+    known_assembly,
+    known_truth,
+    made_run,
+)
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt
-from asdfviz.errors import InputError, RunError, Stopped, WeightsError
+from asdfviz.errors import InputError, WeightsError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from asdfviz.data.folder_sequence import FolderSequence
     from asdfviz.datatypes import Run
-    from asdfviz.evaluate.paper_table5 import JudgedRun, Layout
+    from asdfviz.evaluate.paper_layout import Layout
+    from asdfviz.evaluate.paper_table1 import SetFacts
     from asdfviz.methods.spec import MethodSpec
 
 CONDITIONS = ("normal", "dynamic", "hand", "blur")
 """GBOT's sequences of each assembly, as `asdfviz synth testset` names them."""
-LAYOUTS: dict[str, Layout] = {".md": "markdown", ".csv": "csv", ".tex": "latex"}
+TABLE1 = ("table1",)
+"""The paper's own test set of each assembly, likewise."""
 
 
 @dataclass(frozen=True)
 class Tables:
     """Make a table of the paper, its figures beside ours.
 
-    gbot is Table 5: all methods on GBOT-style test sets; runs that are there already are taken.
+    table1 lists the test sets. table4 is methods on the sets of Table 1, with first poses from
+    keypoints and, where crop weights are, from hypotheses. gbot is Table 5: all methods on
+    GBOT-style test sets. Runs that are there already are taken.
 
     Example: asdfviz tables gbot --data testsets --out table5.md
     """
 
-    table: Annotated[Literal["gbot"], tyro.conf.Positional]
+    table: Annotated[Literal["table1", "table4", "gbot"], tyro.conf.Positional]
     """Which one."""
     data: Path
-    """Folder with <assembly>/normal, dynamic, hand, blur, as `asdfviz synth testset` writes it."""
+    """Folder with <assembly>/table1, normal, dynamic, ..., as `asdfviz synth testset` writes it."""
     methods: tuple[str, ...] = ()
-    """Default: the paper's seven, and asdf_track."""
+    """Default: the paper's, and our own."""
     out: Path | None = None
     """File for the table, .md, .csv or .tex. Default: Markdown on stdout."""
     models: Path | None = None
     """Folder with <assembly>/assembly.yaml. Default: what each sequence names."""
     again: bool = False
-    """Run anew what was run before. Runs lie in each sequence's folder, runs/table5-<method>."""
+    """Run anew what was run before. Runs lie in each sequence's folder, runs/<table>-<method>."""
 
     def __call__(self) -> None:
         """Run, judge by both protocols, and print or write the table."""
-        from asdfviz.evaluate.paper_table5 import METHODS, table5
-        from asdfviz.methods.registry import find_method
+        from asdfviz.evaluate.paper_layout import layout_of
 
-        suffix = ".md" if self.out is None else self.out.suffix
-        if suffix not in LAYOUTS:
-            raise InputError(f"{self.out}: name the table .md, .csv or .tex")
+        layout = layout_of(self.out)
+        if self.table == "table1":
+            give_table(self._table1(layout), NOTE_TABLE1, self.out)
+        elif self.table == "table4":
+            give_table(self._table4(layout), NOTE_TABLE4, self.out)
+        else:
+            give_table(self._table5(layout), NOTE, self.out)
+
+    def _table1(self, layout: Layout) -> str:
+        from asdfviz.evaluate.paper_table1 import table1
+
+        folders = condition_folders(self.data, names=(*TABLE1, *CONDITIONS))
+        return table1([set_facts(self._open(folder)) for folder in folders], layout=layout)
+
+    def _table4(self, layout: Layout) -> str:
+        from asdfviz.evaluate.evaluate import protocol_report
+        from asdfviz.evaluate.paper_table4 import METHODS, JudgedSet, table4
+        from asdfviz.methods.registry import find_method
+        from asdfviz.methods.variants import first_poses
+
         specs = [find_method(name) for name in self.methods or METHODS]
-        sequences = [self._open(folder) for folder in condition_folders(self.data)]
-        if any(spec.name not in DETECT_ALONE for spec in specs):
-            _make_viewpoint_models(sequences)
-        judged: list[JudgedRun] = []
+        sequences = [self._open(f) for f in condition_folders(self.data, names=TABLE1)]
+        sets: list[JudgedSet] = []
         for spec in specs:
             for sequence in sequences:
-                try:
-                    run = self._run(spec, sequence)
-                except WeightsError as error:
-                    print(f"{spec.name} is left out on {sequence.path}: {error}", file=sys.stderr)
+                assembly = known_assembly(sequence, "--models")
+                config: Any = as_published(spec)
+                for kind in first_poses(config, assembly) or [None]:
+                    chosen = config
+                    if kind is not None:
+                        chosen = dataclasses.replace(config, first_pose=kind)
+                    name = f"table4-{spec.name}" + ("" if kind is None else f"-{kind}")
+                    run = self._run(spec, sequence, chosen, name)
+                    if run is not None:
+                        found = judged(run, sequence, option="--models")
+                        sets.append(
+                            JudgedSet(
+                                run.method,
+                                kind or "-",
+                                assembly.name,
+                                protocol_report(found, protocol="gbot"),
+                                protocol_report(found, protocol="strict"),
+                            )
+                        )
+        return table4(sets, layout=layout)
+
+    def _table5(self, layout: Layout) -> str:
+        from asdfviz.evaluate.evaluate import protocol_report
+        from asdfviz.evaluate.paper_table5 import METHODS, JudgedRun, table5
+        from asdfviz.methods.registry import find_method
+
+        specs = [find_method(name) for name in self.methods or METHODS]
+        sequences = [self._open(f) for f in condition_folders(self.data, names=CONDITIONS)]
+        if any(spec.name not in DETECT_ALONE for spec in specs):
+            _make_viewpoint_models(sequences)
+        runs: list[JudgedRun] = []
+        for spec in specs:
+            for sequence in sequences:
+                run = self._run(spec, sequence, as_published(spec), f"table5-{spec.name}")
+                if run is None:
                     continue
-                judged.append(_judged(run, sequence))
-        self._give(table5(judged, layout=LAYOUTS[suffix]))
-
-    def _give(self, table: str) -> None:
-        """Write or print it, and what its columns are."""
-        from asdfviz.data.atomic import write_text
-
-        if self.out is None:
-            print(table)
-        else:
-            write_text(self.out, table + "\n")
-            print(self.out)
-        print(NOTE, file=sys.stderr)
+                found = judged(run, sequence, option="--models")
+                assembly = known_assembly(sequence, "--models")
+                runs.append(
+                    JudgedRun(
+                        run.method,
+                        f"{assembly.name}/{Path(sequence.path).name}",
+                        run.initial,
+                        protocol_report(found, protocol="gbot"),
+                        protocol_report(found, protocol="strict"),
+                    )
+                )
+        return table5(runs, layout=layout)
 
     def _open(self, folder: Path) -> FolderSequence:
         from asdfviz.data.assembly import load_assembly
@@ -87,34 +145,48 @@ class Tables:
         known = None if self.models is None else load_assembly(self.models / folder.parent.name)
         return open_sequence(folder, assembly=known)
 
-    def _run(self, spec: MethodSpec, sequence: FolderSequence) -> Run:
-        """The run of a method that lies beside the sequence, made if need be."""
-        from asdfviz.data.run_files import load_run, save_run
-        from asdfviz.run import input_hashes, run
+    def _run(
+        self, spec: MethodSpec, sequence: FolderSequence, config: object, name: str
+    ) -> Run | None:
+        """The run that lies beside the sequence, made if need be; None where weights are missing."""
+        from asdfviz.data.run_files import save_run
 
-        config = as_published(spec)
-        folder = Path(sequence.path) / "runs" / f"table5-{spec.name}"
-        if not self.again and sequence.assembly is not None:
-            try:
-                kept = load_run(folder)
-            except RunError:
-                kept = None  # none, or one that cannot be read: it is made anew
-            hashes = input_hashes(sequence, sequence.assembly, config)
-            if kept and kept.hashes == hashes and len(kept.predictions) == len(sequence):
-                return kept
-        title = f"{spec.name} {sequence.path}"
-        with progress_bar(title) as report, stop_on_interrupt() as stop:
-            result = run(
+        folder = Path(sequence.path) / "runs" / name
+        kept = None if self.again else kept_run(folder, sequence, config)
+        if kept is not None:
+            return kept
+        try:
+            result = made_run(
                 spec,
                 sequence,
-                config=config,
-                progress=lambda done, total, _: report(done, total, ""),
-                stop=stop,
+                config,
+                title=f"{name} {sequence.path}",
+                if_stopped="runs that were finished are kept for the next time",
             )
-        if len(result.predictions) < len(sequence):
-            raise Stopped("runs that were finished are kept for the next time")
+        except WeightsError as error:
+            print(f"{spec.name} is left out on {sequence.path}: {error}", file=sys.stderr)
+            return None
         save_run(result, folder)
         return result
+
+
+def set_facts(sequence: FolderSequence) -> SetFacts:
+    """Count what is in a test set."""
+    from asdfviz.evaluate.paper_table1 import SetFacts
+
+    assembly = known_assembly(sequence, "--models")
+    truth = known_truth(sequence, assembly)
+    return SetFacts(
+        assembly=assembly.name,
+        name=Path(sequence.path).name,
+        parts=len(assembly.parts),
+        states=len(assembly.steps),
+        errors=len(assembly.errors),
+        frames=len(sequence),
+        width=sequence.camera.width,
+        height=sequence.camera.height,
+        error_frames=sum(bool(one.is_error) for one in truth.values()),
+    )
 
 
 NOTE = (
@@ -125,7 +197,14 @@ NOTE = (
 )
 
 
-def condition_folders(data: Path) -> list[Path]:
+NOTE_TABLE1 = "paper: the ASDF paper's own test sets; ours are built alike and are not the same."
+NOTE_TABLE4 = (
+    "paper: the ASDF paper's own figures, on its own test sets; of its baseline, the mean. gbot: "
+    "ours by its rules, F1 counted as the paper's. strict: a missing pose is a miss."
+)
+
+
+def condition_folders(data: Path, *, names: Sequence[str] = CONDITIONS) -> list[Path]:
     """The sequences of all assemblies, by name.
 
     Raises:
@@ -134,18 +213,18 @@ def condition_folders(data: Path) -> list[Path]:
     found = [
         assembly / name
         for assembly in sorted(p for p in data.glob("*") if p.is_dir())
-        for name in CONDITIONS
+        for name in names
         if (assembly / name / "rgb").is_dir()
     ]
     if not found:
         raise InputError(
-            f"{data} holds no test sets (<assembly>/{'|'.join(CONDITIONS)}): make them with "
+            f"{data} holds no test sets (<assembly>/{'|'.join(names)}): make them with "
             f"`asdfviz synth testset --assembly NAME --out {data}`"
         )
     return found
 
 
-DETECT_ALONE = ("yolov8pose", "asdf")
+DETECT_ALONE = ("yolov8pose", "yolov8pose_state", "yolov8pose_icp", "asdf", "asdf_plus")
 """Methods that need no viewpoint models."""
 
 
@@ -168,23 +247,3 @@ def as_published(spec: MethodSpec) -> object:
     if hasattr(config, "report_lost"):
         return dataclasses.replace(config, report_lost=True)
     return config
-
-
-def _judged(run: Run, sequence: FolderSequence) -> JudgedRun:
-    from asdfviz.data.truth import read_truth
-    from asdfviz.evaluate.evaluate import judge, protocol_report
-    from asdfviz.evaluate.paper_table5 import JudgedRun
-
-    assembly = sequence.assembly
-    if assembly is None:
-        raise InputError(f"{sequence.path} does not name its assembly: give --models")
-    truth = read_truth(Path(sequence.path), assembly)
-    found = judge(run, assembly=assembly, truth=truth, camera=sequence.camera)
-    name = f"{assembly.name}/{Path(sequence.path).name}"
-    return JudgedRun(
-        run.method,
-        name,
-        run.initial,
-        protocol_report(found, protocol="gbot"),
-        protocol_report(found, protocol="strict"),
-    )

@@ -7,15 +7,12 @@ not ours, so a row compares methods on like sequences, not on the same ones.
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any
 
+from asdfviz.evaluate.paper_layout import Layout, figure, laid_out
 from asdfviz.evaluate.protocols import mean
-
-Layout: TypeAlias = Literal["markdown", "csv", "latex"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +68,7 @@ def table5(runs: Sequence[JudgedRun], *, layout: Layout = "markdown") -> str:
     rows = [_mean_row(method, [r for r in runs if r.method == method]) for method in methods]
     if layout == "csv":
         rows += [_row(run.method, run.sequence, [run]) for run in runs]
-        return _csv(rows)
-    return _latex(rows) if layout == "latex" else _markdown(rows)
+    return laid_out(HEADINGS, rows, texts=3, layout=layout)
 
 
 HEADINGS = (
@@ -105,35 +101,5 @@ def _row(method: str, sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
         method if paper is None else paper.title,
         "truth" if from_truth else "none",
         sequences,
-        *("-" if v is None else f"{v:.1f}" for v in (*theirs, *gbot, *strict, ms)),
+        *map(figure, (*theirs, *gbot, *strict, ms)),
     ]
-
-
-def _markdown(rows: Sequence[Sequence[str]]) -> str:
-    lines = [HEADINGS, ["---"] * 3 + ["---:"] * (len(HEADINGS) - 3), *rows]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
-
-
-def _csv(rows: Sequence[Sequence[str]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([HEADINGS, *rows])
-    return text.getvalue().rstrip("\n")
-
-
-def _latex(rows: Sequence[Sequence[str]]) -> str:
-    lines = [
-        f"\\begin{{tabular}}{{lll{'r' * (len(HEADINGS) - 3)}}}",
-        "\\toprule",
-        " & ".join(map(_tex, HEADINGS)) + " \\\\",
-        "\\midrule",
-        *(" & ".join(map(_tex, row)) + " \\\\" for row in rows),
-        "\\bottomrule",
-        "\\end{tabular}",
-    ]
-    return "\n".join(lines)
-
-
-def _tex(text: str) -> str:
-    for mark in "&%$#_{}":
-        text = text.replace(mark, f"\\{mark}")
-    return text

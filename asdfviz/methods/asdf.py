@@ -26,6 +26,7 @@ from asdfviz.methods.first_pose import (
     CropPoses,
     FirstPose,
     LooksAtParts,
+    best_settled,
     crop_poses,
 )
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
@@ -43,6 +44,7 @@ from asdfviz.methods.rivals import RivalsConfig, settled_poses
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.box_fit import BoxFitConfig
+from asdfviz.pose.hypotheses import Settled
 from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import ROBUST_PNP, PnpConfig
 from asdfviz.pose.translation import TranslationConfig
@@ -120,6 +122,8 @@ class Asdf:
         self._scene: _Scene | None = None
         self._before: Mapping[str, PoseEstimate] = {}
         self._boxes: dict[str, Box] = {}
+        self.candidates: dict[str, list[Settled]] = {}
+        """First poses of the last frame with their runners-up; none where keypoints give them."""
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the networks, sample the parts' surfaces and forget the sequence before.
@@ -145,6 +149,7 @@ class Asdf:
         """Poses and state of the next frame."""
         config, scene, timed = self._config, self._started(), StageTimer()
         assembly, shapes = scene.assembly, scene.shapes
+        self.candidates = {}
         with timed("detect"):
             detections = scene.detector.detect(frame.rgb)
         with timed("pnp" if scene.crop_poses is None else "crops"):
@@ -178,7 +183,9 @@ class Asdf:
         if scene.crop_poses is not None:
             before = {name: pose.T_camera_part for name, pose in self._before.items()}
             use_depth = config.refinement != "none"
-            return scene.crop_poses.poses(found, frame, use_depth=use_depth, previous=before)
+            settled = scene.crop_poses.settled(found, frame, use_depth=use_depth, previous=before)
+            self.candidates |= settled
+            return best_settled(settled, found)
         poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)
         return poses_fitted_to_boxes(poses, found, scene.shapes, frame, config=config.box_fit)
 

@@ -1,14 +1,13 @@
 """ASDF, and what pays beyond the paper, frame by frame: same detector, same frames, no tracker.
 
-Poses of `asdf` are registered with the depth image in six degrees of freedom, from several starts
-(its own, the frame before, where the state joins the part); parts that the state joins are placed by
-the group; the state comes from a hidden Markov model instead of an average. A pose's score is the
-probability that it is right.
+First poses of `asdf` and their runners-up are kept side by side over time and judged by depth and
+box; those from keypoints are registered with the depth image in six degrees of freedom. Parts that
+the state joins are placed by the group. The state comes from a hidden Markov model instead of an
+average. A pose's score is the probability that it is right.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from asdfviz.datatypes import (
@@ -20,18 +19,28 @@ from asdfviz.datatypes import (
     StateEstimate,
 )
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Scores
+from asdfviz.geometry.shapes import Box, Scores
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.first_pose import LooksAtParts
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.network import Detects
-from asdfviz.methods.part_poses import PartShape, part_shapes
-from asdfviz.methods.registration import RegistrationConfig, best_registration
+from asdfviz.methods.part_hypotheses import (
+    Decision,
+    HypothesesConfig,
+    PartHypotheses,
+    Proposal,
+)
+from asdfviz.methods.part_poses import part_shapes
+from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
+from asdfviz.pose.confidence import ConfidenceConfig, confidence
 from asdfviz.state.appearance import appearance_probabilities
-from asdfviz.state.relative_pose import relative_pose_probabilities
+from asdfviz.state.relative_pose import (
+    RelativePoseConfig,
+    relative_pose_probabilities,
+)
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 
 
@@ -43,9 +52,19 @@ class AsdfPlusConfig(AsdfConfig):
     """State helps pose inside ASDF: off, since it is done once, after the registration."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """Six degrees of freedom from depth."""
+    hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
+    """Poses kept side by side over time."""
+    confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
+    """How sure a pose is."""
     joined: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=True))
     """State helps pose, after the registration."""
-    smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
+    relative_pose: RelativePoseConfig = field(
+        default_factory=lambda: RelativePoseConfig(sigma_translation=0.02)
+    )
+    """S_P; narrower than ASDF's, as the poses are."""
+    smoothing: SmoothingConfig = field(
+        default_factory=lambda: SmoothingConfig(appearance_weight=0.15, pose_weight=1.0)
+    )
     """The hidden Markov model, online."""
 
 
@@ -54,13 +73,13 @@ class _Scene:
     """What stays the same through a sequence."""
 
     assembly: Assembly
-    shapes: dict[str, PartShape]
+    hypotheses: dict[str, PartHypotheses]
     states: StateFilter
     group: GroupPoses
 
 
 class AsdfPlus:
-    """ASDF's poses, registered, grouped, and a state that is followed."""
+    """ASDF's poses, kept over time, grouped, and a state that is followed."""
 
     def __init__(
         self,
@@ -79,7 +98,7 @@ class AsdfPlus:
         self._config = config
         self._asdf = Asdf(config, detector=detector, looker=looker)
         self._scene: _Scene | None = None
-        self._before: Mapping[str, PoseEstimate] = {}
+        self._boxes: dict[str, Box] = {}
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the networks and forget the sequence before.
@@ -90,10 +109,18 @@ class AsdfPlus:
         config = self._config
         self._asdf.reset(assembly, camera, None)
         shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
-        self._before = {}
+        self._boxes = {}
         self._scene = _Scene(
             assembly,
-            shapes,
+            {
+                name: PartHypotheses(
+                    part,
+                    shapes[name],
+                    config=config.hypotheses,
+                    registration=config.registration,
+                )
+                for name, part in assembly.parts.items()
+            },
             StateFilter(assembly, config=config.smoothing),
             GroupPoses(assembly, shapes, config=config.joined),
         )
@@ -105,7 +132,7 @@ class AsdfPlus:
         config, scene, timed = self._config, self._scene, StageTimer()
         proposed = self._asdf.step(frame)
         with timed("register"):
-            poses = self._registered(proposed, frame, scene)
+            poses = self._followed(proposed, frame, scene)
         with timed("follow"):
             looks = appearance_probabilities(
                 proposed.detections, scene.assembly, config=config.appearance
@@ -115,32 +142,58 @@ class AsdfPlus:
         if config.joined.enabled:
             with timed("group"):
                 poses = scene.group.step(poses, state, frame)
-        self._before = poses
         runtime = {**proposed.runtime, **timed.seconds}
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
 
-    def _registered(
+    def _followed(
         self, proposed: FramePrediction, frame: Frame, scene: _Scene
     ) -> dict[str, PoseEstimate]:
-        """Every pose of ASDF registered; it starts from the frame before as well."""
-        boxes = {name: pose.T_camera_part for name, pose in self._before.items()}
-        found = assign_detections(proposed.detections, scene.assembly)
+        """The most trusted pose of every part, this frame's first poses among them."""
+        found = assign_detections(proposed.detections, scene.assembly, previous=self._boxes)
         poses: dict[str, PoseEstimate] = {}
-        for name, pose in proposed.poses.items():
-            starts = [pose.T_camera_part]
-            if name in boxes:
-                starts.append(boxes[name])
-            best = best_registration(
-                starts,
-                scene.shapes[name],
-                frame,
-                box_xyxy=found[name].box_xyxy if name in found else None,
-                score=pose.score,
-                config=self._config.registration,
-            )
-            stage = "refined" if best.moved else pose.stage
-            poses[name] = PoseEstimate(name, best.T_camera_part, best.confidence, stage)
+        for name, hypotheses in scene.hypotheses.items():
+            box = found[name].box_xyxy if name in found else None
+            own = proposed.poses.get(name)
+            decision = hypotheses.step(self._proposals(name, own), frame, box_xyxy=box)
+            if decision is None:
+                continue
+            score = found[name].score if name in found else 0.0
+            sure = pose_confidence(decision, score, config=self._config.confidence)
+            stage = own.stage if frame.depth is None and own is not None else "refined"
+            poses[name] = PoseEstimate(name, decision.best.T_camera_part, sure, stage)
+        self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
         return poses
+
+    def _proposals(self, name: str, own: PoseEstimate | None) -> list[Proposal]:
+        """ASDF's pose, then the runners-up of its first pose; nothing where ASDF ruled all out."""
+        if own is None:
+            return []
+        runners = self._asdf.candidates.get(name, [])
+        likely = runners[0].likely if runners else 1.0
+        return [
+            Proposal(own.T_camera_part, likely, is_fitted=bool(runners) and runners[0].refined),
+            *(Proposal(r.T_camera_part, r.likely, is_fitted=r.refined) for r in runners[1:]),
+        ]
+
+
+def pose_confidence(decision: Decision, score: float, *, config: ConfidenceConfig) -> float:
+    """Probability that a decided pose is right.
+
+    Args:
+        decision: the pose and what speaks for it.
+        score: of the detected box, 0 without.
+        config: weights.
+    """
+    best = decision.best
+    return confidence(
+        trust=best.trust,
+        lead=decision.lead,
+        agreeing=best.evidence.agreeing,
+        visible=best.evidence.visible,
+        outline=best.evidence.outline,
+        detection=score,
+        config=config,
+    )
 
 
 def _estimate(
@@ -154,7 +207,7 @@ def _estimate(
 
 SPEC = MethodSpec(
     name="asdf_plus",
-    summary="ASDF with registration in 6 degrees of freedom, group poses and a followed state",
+    summary="ASDF with poses kept side by side over time, group poses and a followed state",
     config=AsdfPlusConfig,
     factory="asdfviz.methods.asdf_plus:AsdfPlus",
 )

@@ -6,7 +6,7 @@ network is loaded.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias, runtime_checkable
@@ -29,7 +29,7 @@ from asdfviz.pose.hypotheses import (
     Settled,
     Surface,
     sampled_depth,
-    settle_all,
+    settle,
 )
 
 FirstPose: TypeAlias = Literal["keypoints", "hypotheses"]
@@ -162,13 +162,9 @@ class CropPoses:
             use_depth: whether measured depth has a say.
             previous: T_camera_part of the frame before, as further hypotheses.
         """
-        settled = self.settled(found, frame, use_depth=use_depth, previous=previous)
-        return {
-            name: PoseEstimate(
-                name, best[0].T_camera_part, found[name].score * best[0].agreement, "crop"
-            )
-            for name, best in settled.items()
-        }
+        return best_settled(
+            self.settled(found, frame, use_depth=use_depth, previous=previous), found
+        )
 
     def settled(
         self,
@@ -189,7 +185,7 @@ class CropPoses:
                 R_before = previous[name][:3, :3]
                 likely = PREVIOUS_PROBABILITY * float(answer.probabilities.max())
                 candidates.insert(0, Candidate(R_before, likely, candidates[0].distance))
-            best = settle_all(candidates, self.surfaces[name], view, config=self.config)
+            best = settle(candidates, self.surfaces[name], view, config=self.config)
             if best:
                 kept[name] = best
         return kept
@@ -235,6 +231,16 @@ def crop_poses(
         return None
     chosen = looker or load_looker(config, assembly)
     return CropPoses.of(assembly, chosen, config=config.hypotheses)
+
+
+def best_settled(
+    settled: Mapping[str, Sequence[Settled]], found: Mapping[str, Detection]
+) -> dict[str, PoseEstimate]:
+    """The winners; a score is that of the box times how well the pose agrees."""
+    return {
+        name: PoseEstimate(name, s[0].T_camera_part, found[name].score * s[0].agreement, "crop")
+        for name, s in settled.items()
+    }
 
 
 def _class_name(assembly: Assembly, name: str) -> str:

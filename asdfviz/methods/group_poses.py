@@ -39,8 +39,12 @@ class GroupConfig:
     margin: float = 0.008
     """Depth readings this near to the surface agree with it, metres."""
     gain: float = 0.1
-    """A pose is replaced where the group's agrees with this much more of the depth readings; one that
-    disagrees with the state already where the group's agrees no less."""
+    """A pose is replaced where the group's agrees with this much more of the depth readings."""
+    doubt: float = 0.15
+    """One that disagrees with the state is replaced even where the group's agrees with less of the
+    readings, by up to this: a part turned by half may fit as well by chance."""
+    surer: float = 0.3
+    """A pose whose score is higher by this than that of the pose that places the group stays."""
     least_fit: float = 0.35
     """A group pose that agrees with less of the depth readings is not taken."""
 
@@ -77,7 +81,10 @@ class GroupPoses:
         for name in (self._assembly.base, *joined):
             placed = self._placed(name, T_camera_base, poses.get(name), named)
             own = poses.get(name)
-            if own is None or self._is_better(name, placed, own, T_camera_base, named, frame):
+            if own is None or (
+                own.score < trust + self._config.surer
+                and self._is_better(name, placed, own, T_camera_base, named, frame)
+            ):
                 fit = self._fit(name, placed, frame)
                 if fit < self._config.least_fit:
                     continue
@@ -160,7 +167,8 @@ class GroupPoses:
     ) -> bool:
         """Whether the group's pose is to replace the part's own."""
         T_own = inverse(T_camera_base) @ own.T_camera_part
-        gain = 0.0 if not self._agrees(self._off_of(name, T_own, state)) else self._config.gain
+        is_joined = self._agrees(self._off_of(name, T_own, state))
+        gain = self._config.gain if is_joined else -self._config.doubt
         return self._fit(name, placed, frame) > self._fit(name, own.T_camera_part, frame) + gain
 
     def _off(

@@ -1,9 +1,9 @@
-"""The registration stage of `asdf_plus`: from several starts to the pose that fits best, or the start."""
+"""The registration stage of `asdf_plus`: a start turned and moved by depth, and what speaks for a pose."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.geometry.transforms import apply
 from asdfviz.methods.part_poses import PartShape
-from asdfviz.pose.confidence import ConfidenceConfig, confidence
 from asdfviz.pose.depth_fit import depth_fit
 from asdfviz.pose.icp import IcpConfig, register
 
@@ -30,102 +29,48 @@ class RegistrationConfig:
     """On or off."""
     icp: IcpConfig = FITTED
     """From the scan to the model, six degrees of freedom."""
-    starts: int = 3
-    """Poses that it starts from, at most."""
     margin: float = 0.006
     """Depth readings this near to the surface agree with it, metres."""
     residual: float = 0.006
     """A result with a larger root mean square distance is not taken, metres."""
     outline: float = 0.5
     """Weight of the overlap of boxes against the depth's agreement."""
-    enough: float = 0.9
-    """A first result whose depth agrees this well needs no further start."""
-    confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
-    """How sure a pose is."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Registered:
-    """A pose with what speaks for it."""
+class Evidence(NamedTuple):
+    """What speaks for a pose in one frame, each 0 to 1."""
 
-    T_camera_part: Transform
-    value: float
-    """By which poses of a part are compared."""
-    confidence: float
-    moved: bool
-    """Whether registration moved it."""
+    depth: float
+    """Share of the readings on the surface, hidden ones counted less; 0 where depth says nothing."""
+    visible: float
+    """Share of the readings that nothing nearer hides."""
+    agreeing: float
+    """Of the visible ones, the share on the surface."""
+    outline: float
+    """Overlap of the projected box with the detected one; 0 without."""
+
+    def value(self, config: RegistrationConfig) -> float:
+        """By which poses of a part are compared within a frame."""
+        return self.depth + config.outline * self.outline
 
 
-def best_registration(
-    starts: Sequence[Transform],
+def evidence(
+    T_camera_part: Transform,
     shape: PartShape,
     frame: Frame,
     *,
     box_xyxy: Box | None,
-    score: float,
     config: RegistrationConfig,
-) -> Registered:
-    """Register from every start and return the best, which may be a start itself.
+) -> Evidence:
+    """Compare a pose with the depth image and with the detected box.
 
     Args:
-        starts: poses, the likeliest first; one at least.
+        T_camera_part: the pose.
         shape: of the part.
-        frame: with depth, or the first start is returned.
+        frame: with or without depth.
         box_xyxy: where the part was detected, pixels, or None.
-        score: of the first pose, 0 to 1.
-        config: options.
+        config: the margin.
     """
-    best: Registered | None = None
-    for start in starts[: config.starts]:
-        for found in _tried(start, shape, frame, box_xyxy, score, config):
-            if best is None or found.value > best.value:
-                best = found
-        if frame.depth is None or (best is not None and best.value >= _most(box_xyxy, config)):
-            break
-    assert best is not None
-    return best
-
-
-def _most(box_xyxy: Box | None, config: RegistrationConfig) -> float:
-    return config.enough * (1 + config.outline * (box_xyxy is not None))
-
-
-def _tried(
-    start: Transform,
-    shape: PartShape,
-    frame: Frame,
-    box_xyxy: Box | None,
-    score: float,
-    config: RegistrationConfig,
-) -> list[Registered]:
-    """The start, and what registration makes of it."""
-    found = [_judged(start, shape, frame, box_xyxy, score, (0.0, 0.0), config)]
-    if frame.depth is None or not config.enabled:
-        return found
-    fitted = register(
-        start,
-        shape.cloud,
-        box_xyxy=_projected_box(start, shape, frame),
-        depth=frame.depth,
-        K=frame.camera.K,
-        config=config.icp,
-    )
-    if fitted is not None and fitted.residual <= config.residual:
-        quality = (fitted.share, fitted.residual)
-        moved = _judged(fitted.T_camera_part, shape, frame, box_xyxy, score, quality, config)
-        found.append(replace(moved, moved=True))
-    return found
-
-
-def _judged(
-    T_camera_part: Transform,
-    shape: PartShape,
-    frame: Frame,
-    box_xyxy: Box | None,
-    score: float,
-    quality: tuple[float, float],
-    config: RegistrationConfig,
-) -> Registered:
     fit = depth_fit(
         T_camera_part,
         shape.surface[::3],
@@ -134,22 +79,34 @@ def _judged(
         K=frame.camera.K,
         margin=config.margin,
     )
-    depth = 0.0 if fit is None else fit.share
     outline = 0.0
     if box_xyxy is not None:
-        outline = _overlap(_projected_box(T_camera_part, shape, frame), box_xyxy)
-    sure = confidence(
-        depth=depth,
-        outline=outline,
-        registered=quality[0],
-        residual=quality[1],
-        detection=score,
-        config=config.confidence,
+        outline = _overlap(projected_box(T_camera_part, shape, frame), box_xyxy)
+    depth = (0.0, 0.0, 0.0) if fit is None else (fit.share, fit.visible, fit.agreeing)
+    return Evidence(*depth, outline)
+
+
+def registered(
+    start: Transform, shape: PartShape, frame: Frame, *, config: RegistrationConfig
+) -> Transform | None:
+    """Refine a pose by the depth where it lies; None where that fails or is switched off."""
+    if frame.depth is None or not config.enabled:
+        return None
+    fitted = register(
+        start,
+        shape.cloud,
+        box_xyxy=projected_box(start, shape, frame),
+        depth=frame.depth,
+        K=frame.camera.K,
+        config=config.icp,
     )
-    return Registered(T_camera_part, depth + config.outline * outline, sure, moved=False)
+    if fitted is None or fitted.residual > config.residual:
+        return None
+    return fitted.T_camera_part
 
 
-def _projected_box(T_camera_part: Transform, shape: PartShape, frame: Frame) -> Box:
+def projected_box(T_camera_part: Transform, shape: PartShape, frame: Frame) -> Box:
+    """The box around the part's outline, pixels."""
     points = apply(T_camera_part, shape.corners)
     points[:, 2] = np.maximum(points[:, 2], 0.01)
     pixels = project(points, frame.camera.K)

@@ -114,15 +114,11 @@ class Settled:
 
 def settle(
     candidates: list[Candidate], surface: Surface, view: PartView, *, config: HypothesisConfig
-) -> Settled | None:
-    """Score all candidates, refine the best few and return the winner; None if nothing agrees."""
-    return next(iter(settle_all(candidates, surface, view, config=config)), None)
-
-
-def settle_all(
-    candidates: list[Candidate], surface: Surface, view: PartView, *, config: HypothesisConfig
 ) -> list[Settled]:
-    """As `settle`, and after the winner the other refined ones that agree, best first."""
+    """Score all candidates, refine the best few and return those that agree, the winner first.
+
+    Nothing is returned where not even the winner agrees.
+    """
     if not candidates:
         return []
     chosen = candidates[: config.count]

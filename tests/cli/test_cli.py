@@ -23,6 +23,7 @@ COMMANDS = (
     "evaluate",
     "report",
     "tables",
+    "ablate",
     "check",
     "methods",
     "synth",

@@ -1,12 +1,20 @@
 from __future__ import annotations
 
+import dataclasses
+import shutil
 from pathlib import Path
 
 import pytest
 
+from asdfviz.cli.judged_runs import kept_run
 from asdfviz.cli.tables import Tables, as_published, condition_folders
+from asdfviz.data.resources import sample_folder
+from asdfviz.data.run_files import save_run
+from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import FramePrediction, Run
 from asdfviz.errors import InputError
 from asdfviz.methods.registry import find_method
+from asdfviz.run import input_hashes, resolved_config
 
 
 def test_only_the_four_conditions_are_taken(tmp_path: Path) -> None:
@@ -35,3 +43,35 @@ def test_the_papers_trackers_say_all_their_poses(name: str) -> None:
 def test_a_method_that_knows_no_loss_runs_as_it_is() -> None:
     spec = find_method("asdf")
     assert as_published(spec) == spec.config()
+
+
+def test_table1_counts_the_test_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "corner_clamp" / "table1"
+    shutil.copytree(sample_folder(), target, ignore=shutil.ignore_patterns("annotations", "runs"))
+    Tables("table1", tmp_path)()
+    row = capsys.readouterr().out.splitlines()[2]
+    cells = [cell.strip() for cell in row.strip("|").split("|")]
+    frames = len(list((target / "rgb").iterdir()))
+    assert cells[:5] == ["corner_clamp", "table1", "CornerClamp", "3", "66"]
+    assert cells[5:9] == ["3", "3", "1", str(frames)]
+
+
+def test_a_kept_run_is_taken_only_with_the_same_config(tmp_path: Path) -> None:
+    sequence = open_sequence("sample")
+    assert sequence.assembly is not None
+    spec = find_method("asdf")
+    config = spec.config()
+    run = Run(
+        "asdf",
+        dataclasses.asdict(resolved_config(config, sequence.assembly)),
+        sequence.path,
+        sequence.assembly.path,
+        "0",
+        tuple(FramePrediction(index, {}, None) for index in sequence.frame_indices),
+        input_hashes(sequence, sequence.assembly, config),
+    )
+    save_run(run, tmp_path / "kept")
+    assert kept_run(tmp_path / "kept", sequence, config) is not None
+    other = dataclasses.replace(config, refinement="none")
+    assert kept_run(tmp_path / "kept", sequence, other) is None
+    assert kept_run(tmp_path / "elsewhere", sequence, config) is None

@@ -7,8 +7,9 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlus, AsdfPlusConfig
+from asdfviz.methods.part_hypotheses import HypothesesConfig
 from asdfviz.methods.part_poses import part_shapes
-from asdfviz.methods.registration import RegistrationConfig, best_registration
+from asdfviz.methods.registration import RegistrationConfig, evidence, registered
 from asdfviz.methods.yolov8pose import Yolov8Pose
 from asdfviz.methods.yolov8pose_icp import Yolov8PoseIcpConfig
 from asdfviz.methods.yolov8pose_state import Yolov8PoseStateConfig
@@ -27,29 +28,22 @@ def test_registration_turns_what_the_depth_shift_cannot(toy) -> None:
     start = true["block"] @ transform_from(turn, np.array([0.0, 0.003, 0.0]))
     box = toy.detection("block", true["block"]).box_xyxy
     config = RegistrationConfig()
-    found = best_registration([start], shape, frame, box_xyxy=box, score=0.8, config=config)
-    left = rotation_angle(found.T_camera_part[:3, :3].T @ true["block"][:3, :3])
-    assert found.moved
+    found = registered(start, shape, frame, config=config)
+    assert found is not None
+    left = rotation_angle(found[:3, :3].T @ true["block"][:3, :3])
     assert np.degrees(left) < 3.0
-    far = true["block"] @ transform_from(np.eye(3), np.array([0.0, 0.0, 0.2]))
-    lost = best_registration([far], shape, frame, box_xyxy=box, score=0.8, config=config)
-    assert lost.confidence < found.confidence / 2
-    both = best_registration([far, start], shape, frame, box_xyxy=box, score=0.8, config=config)
-    assert np.allclose(both.T_camera_part, found.T_camera_part)
-
-
-def test_without_depth_the_first_start_is_the_answer(toy) -> None:
-    true = toy.poses(joined=False)["block"]
-    shape = part_shapes(toy.assembly, surface_points=300)["block"]
-    starts = [true, np.eye(4)]
-    config = RegistrationConfig()
-    found = best_registration(starts, shape, toy.frame(1), box_xyxy=None, score=0.5, config=config)
-    assert found.T_camera_part is true
-    assert not found.moved
+    before = evidence(start, shape, frame, box_xyxy=box, config=config)
+    after = evidence(found, shape, frame, box_xyxy=box, config=config)
+    assert after.value(config) > before.value(config)
+    assert evidence(found, shape, frame, box_xyxy=None, config=config).outline == 0
+    assert registered(start, shape, frame, config=RegistrationConfig(enabled=False)) is None
+    assert registered(start, shape, toy.frame(1), config=config) is None
 
 
 def test_the_state_is_followed_and_a_hidden_part_placed(toy, detector) -> None:
-    method = started(toy, AsdfPlus(AsdfPlusConfig(), detector=detector))
+    # Nothing is kept of a part without a box, so that only the group can place it.
+    config = AsdfPlusConfig(hypotheses=HypothesesConfig(unseen=1.1))
+    method = started(toy, AsdfPlus(config, detector=detector))
     said: list[int] = []
     prediction = None
     for index in range(12):

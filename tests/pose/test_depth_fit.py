@@ -46,11 +46,12 @@ def test_without_readings_or_a_front_nothing_is_said() -> None:
     assert fit(0.5, np.full((100, 100), 0.5, np.float32), -TOWARDS) is None
 
 
-@pytest.mark.parametrize("better", ["depth", "outline", "registered", "detection"])
+@pytest.mark.parametrize("better", ["trust", "lead", "agreeing", "visible", "outline", "detection"])
 def test_what_speaks_for_a_pose_makes_it_surer(better: str) -> None:
-    seen = {"depth": 0.5, "outline": 0.5, "registered": 0.5, "residual": 0.003, "detection": 0.5}
-    config = ConfidenceConfig()
+    names = ("trust", "lead", "agreeing", "visible", "outline", "detection")
+    seen = dict.fromkeys(names, 0.5)
+    config = ConfidenceConfig(bias=-2.0, **dict.fromkeys(names, 1.0))
     before = confidence(**seen, config=config)
     assert confidence(**{**seen, better: 0.9}, config=config) > before
-    assert confidence(**{**seen, "residual": 0.006}, config=config) < before
-    assert 0 < before < 1
+    # Log odds: the bias and half of every weight.
+    assert before == pytest.approx(1 / (1 + np.exp(2 - 3)))

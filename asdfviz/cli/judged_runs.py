@@ -1,0 +1,110 @@
+"""What `tables` and `ablate` share: a method run on a scene under a progress bar, judged, kept or not."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from asdfviz.cli.progress import progress_bar, stop_on_interrupt
+from asdfviz.errors import InputError, RunError, Stopped
+
+if TYPE_CHECKING:
+    from asdfviz.data.folder_sequence import FolderSequence
+    from asdfviz.datatypes import Assembly, FrameTruth, Run
+    from asdfviz.evaluate.judgement import Judgement
+    from asdfviz.methods.spec import MethodSpec
+
+
+def known_assembly(sequence: FolderSequence, option: str) -> Assembly:
+    """The assembly of a scene.
+
+    Raises:
+        InputError: it names none; says which option helps.
+    """
+    if sequence.assembly is None:
+        raise InputError(f"{sequence.path} does not name its assembly: give {option}")
+    return sequence.assembly
+
+
+def known_truth(sequence: FolderSequence, assembly: Assembly) -> dict[int, FrameTruth]:
+    """The truth of a scene.
+
+    Raises:
+        InputError: there is none.
+    """
+    from asdfviz.data.truth import read_truth
+
+    truth = read_truth(Path(sequence.path), assembly)
+    if not truth:
+        raise InputError(f"{sequence.path} has no truth (scene_gt.json) to be judged by")
+    return truth
+
+
+def made_run(
+    spec: MethodSpec, sequence: FolderSequence, config: object, *, title: str, if_stopped: str
+) -> Run:
+    """Run a method over a scene; `if_stopped` says what becomes of the runs before it.
+
+    Raises:
+        Stopped: by the user, before the last frame.
+    """
+    from asdfviz.run import run
+
+    with progress_bar(title) as report, stop_on_interrupt() as stop:
+        result = run(
+            spec,
+            sequence,
+            config=config,
+            progress=lambda done, total, _: report(done, total, ""),
+            stop=stop,
+        )
+    if len(result.predictions) < len(sequence):
+        raise Stopped(if_stopped)
+    return result
+
+
+def kept_run(folder: Path, sequence: FolderSequence, config: object) -> Run | None:
+    """The run in a folder if it is whole, of these inputs and of this config; else None."""
+    from asdfviz.data.run_files import load_run
+    from asdfviz.run import input_hashes, resolved_config
+
+    assembly = sequence.assembly
+    if assembly is None:
+        return None
+    try:
+        kept = load_run(folder)
+    except RunError:  # none, or one that cannot be read: it is made anew
+        return None
+    wanted = dataclasses.asdict(resolved_config(config, assembly))
+    is_same = kept.hashes == input_hashes(sequence, assembly, config)
+    is_same = is_same and _plain(kept.config) == _plain(wanted)
+    return kept if is_same and len(kept.predictions) == len(sequence) else None
+
+
+def judged(run: Run, sequence: FolderSequence, *, option: str) -> Judgement:
+    """Judge a run against its scene's own truth."""
+    from asdfviz.evaluate.evaluate import judge
+
+    assembly = known_assembly(sequence, option)
+    truth = known_truth(sequence, assembly)
+    return judge(run, assembly=assembly, truth=truth, camera=sequence.camera)
+
+
+def give_table(table: str, note: str, out: Path | None) -> None:
+    """Write or print a table, and what its columns are."""
+    from asdfviz.data.atomic import write_text
+
+    if out is None:
+        print(table)
+    else:
+        write_text(out, table + "\n")
+        print(out)
+    print(note, file=sys.stderr)
+
+
+def _plain(config: object) -> object:
+    """A config as its file holds it."""
+    return json.loads(json.dumps(config, default=str))

@@ -1,0 +1,290 @@
+"""Several poses of a part kept side by side over time: what one frame cannot decide, many do.
+
+Not in the paper. Every frame's first poses join those of the frame before, and each one's trust
+follows how well it agrees with the depth image and the detected box. A frame counts by what is seen of
+the part there: a hand in front says nothing, a part that one sees through speaks against the pose.
+No motion is assumed: a hypothesis lives only while depth finds it again where it was, or where the
+box has moved to.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asdfviz.datatypes import Frame, Part
+from asdfviz.geometry.shapes import Box, Transform
+from asdfviz.geometry.symmetry import nearest_symmetric
+from asdfviz.geometry.transforms import apply, rotation_angle
+from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.registration import (
+    Evidence,
+    RegistrationConfig,
+    evidence,
+    registered,
+)
+
+
+@dataclass(frozen=True)
+class HypothesesConfig:
+    """How poses are kept and compared; the paper has no such step."""
+
+    kept: int = 4
+    """Poses of a part that are kept side by side."""
+    memory: float = 0.5
+    """Weight of a frame in a pose's trust, where all of the part is seen, 0 to 1."""
+    outline: float = 0.6
+    """Weight of the box's overlap against the depth's agreement."""
+    network: float = 0.6
+    """Weight of the network's own preference."""
+    overtaken: float = 0.5
+    """Share of its trust that a pose loses for each share of the depth that a new one explains
+    better."""
+    beside: float = 0.3
+    """Share of its agreement that a pose beside the detected box keeps, 0 to 1."""
+    left: float = 0.6
+    """Where less of the visible depth agrees, the part may have gone where its box is, 0 to 1."""
+    same_angle_deg: float = 20.0
+    """Poses turned less than this against each other, and"""
+    same_distance: float = 0.1
+    """with centres nearer than this share of the diameter, are one."""
+    enough: float = 0.75
+    """A trusted pose whose depth agrees this well, 0 to 1, and that the frame's own first pose
+    confirms, is not tried against others."""
+    moved_px: float = 2.0
+    """A box that moved farther starts its poses at the new place as well, pixels."""
+    unseen: float = 0.35
+    """A part without a box keeps its pose where at least this share of the depth agrees, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """A first pose of this frame."""
+
+    T_camera_part: Transform
+    likely: float
+    """The network's preference, 0 to 1, 1 for the one that it prefers."""
+    is_fitted: bool = False
+    """Whether depth has turned it already; others are registered."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """A pose with what spoke for it."""
+
+    T_camera_part: Transform
+    trust: float
+    """Agreement over time, about 0 to 1."""
+    evidence: Evidence
+    """In this frame."""
+    frames: int
+    """In which it was there, this one counted."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decision:
+    """The most trusted pose, and how far the next one is behind."""
+
+    best: Hypothesis
+    lead: float
+    """Over the most trusted pose that is another one; the trust itself where there is none."""
+
+
+class PartHypotheses:
+    """The poses of one part that are kept; one for each sequence."""
+
+    def __init__(
+        self,
+        part: Part,
+        shape: PartShape,
+        *,
+        config: HypothesesConfig,
+        registration: RegistrationConfig,
+    ) -> None:
+        self._part, self._shape = part, shape
+        self._config, self._registration = config, registration
+        self._middle = shape.surface.mean(axis=0)[None]
+        self._kept: list[Hypothesis] = []
+        self._box: Box | None = None
+
+    def step(
+        self,
+        proposals: Sequence[Proposal],
+        frame: Frame,
+        *,
+        box_xyxy: Box | None,
+    ) -> Decision | None:
+        """Take in a frame; None where nothing is known of the part, or nothing seen of it.
+
+        Args:
+            proposals: this frame's first poses, the preferred one first; registered or not.
+            frame: with depth; without, the first proposal is the answer.
+            box_xyxy: where the part was detected, pixels, or None.
+        """
+        if frame.depth is None:
+            return self._without_depth(proposals, frame, box_xyxy)
+        found: list[Hypothesis] = []
+        for place, old in enumerate(self._kept):
+            found.append(self._carried(old, proposals, frame, box_xyxy))
+            if place == 0 and self._is_settled(found[0], proposals):
+                found += [replace(rest, frames=rest.frames + 1) for rest in self._kept[1:]]
+                proposals = proposals[:1]  # it may have moved a little
+                break
+        for place, proposal in enumerate(proposals):
+            if place > 0 and any(
+                self._is_same(proposal.T_camera_part, other.T_camera_part) for other in found
+            ):
+                continue
+            found.append(self._begun(proposal, frame, box_xyxy))
+        self._box = box_xyxy if box_xyxy is not None else self._box
+        self._kept = self._apart(self._overtaken(found))[: self._config.kept]
+        return self._decided(box_xyxy)
+
+    def _overtaken(self, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """Older poses lose trust where a new one explains the depth better.
+
+        A part that moves may cover the very place where it was, which then counts as hidden.
+        """
+        new = max((one.evidence.depth for one in found if one.frames == 1), default=0.0)
+
+        def left(one: Hypothesis) -> float:
+            behind = max(0.0, new - one.evidence.depth)
+            return one.trust * max(0.0, 1 - self._config.overtaken * behind)
+
+        return [one if one.frames == 1 else replace(one, trust=left(one)) for one in found]
+
+    def _without_depth(
+        self, proposals: Sequence[Proposal], frame: Frame, box_xyxy: Box | None
+    ) -> Decision | None:
+        if not proposals:
+            return None
+        first = self._begun(proposals[0], frame, box_xyxy)
+        return Decision(first, first.trust)
+
+    def _carried(
+        self,
+        old: Hypothesis,
+        proposals: Sequence[Proposal],
+        frame: Frame,
+        box_xyxy: Box | None,
+    ) -> Hypothesis:
+        """A kept pose in the new frame: where it was, or where the box went."""
+        # Not registered anew: that draws what rests to the table, and what moves is found again.
+        T_camera_part, seen = old.T_camera_part, self._judged(old.T_camera_part, frame, box_xyxy)
+        moved = self._moved(T_camera_part, frame, box_xyxy)
+        if moved is not None and seen.agreeing < self._config.left:
+            seen_there = self._judged(moved, frame, box_xyxy)
+            if self._value(seen_there) > self._value(seen):
+                T_camera_part, seen = moved, seen_there
+        weight = self._config.memory * max(seen.visible, 0.05)
+        trust = old.trust + weight * (
+            self._agreement(T_camera_part, seen, proposals, box_xyxy) - old.trust
+        )
+        return Hypothesis(T_camera_part, trust, seen, old.frames + 1)
+
+    def _begun(self, proposal: Proposal, frame: Frame, box_xyxy: Box | None) -> Hypothesis:
+        """A new pose, registered unless depth has turned it already."""
+        T_camera_part = proposal.T_camera_part
+        seen = self._judged(T_camera_part, frame, box_xyxy)
+        fitted = None
+        if not proposal.is_fitted:
+            fitted = registered(T_camera_part, self._shape, frame, config=self._registration)
+        if fitted is not None:
+            seen_fitted = self._judged(fitted, frame, box_xyxy)
+            if self._value(seen_fitted) > self._value(seen):
+                T_camera_part, seen = fitted, seen_fitted
+        # What is hidden cannot be trusted yet.
+        trust = seen.visible * self._agreement(T_camera_part, seen, [proposal], box_xyxy)
+        return Hypothesis(T_camera_part, trust, seen, 1)
+
+    def _judged(self, T_camera_part: Transform, frame: Frame, box_xyxy: Box | None) -> Evidence:
+        return evidence(
+            T_camera_part, self._shape, frame, box_xyxy=box_xyxy, config=self._registration
+        )
+
+    def _agreement(
+        self,
+        T_camera_part: Transform,
+        seen: Evidence,
+        proposals: Sequence[Proposal],
+        box_xyxy: Box | None,
+    ) -> float:
+        """What this frame says of a pose, about 0 to 1; half of the visible seen through is 0."""
+        config = self._config
+        likely = max(
+            (p.likely for p in proposals if self._is_same(p.T_camera_part, T_camera_part)),
+            default=0.0,
+        )
+        spoken = 2 * seen.agreeing - 1 + config.network * likely
+        weights = 1 + config.network
+        if box_xyxy is None:
+            return spoken / weights
+        # A flat part agrees with the depth of any table: away from its box little is believed.
+        near = min(1.0, 2 * seen.outline)
+        believed = config.beside + (1 - config.beside) * near
+        return believed * (spoken + config.outline * seen.outline) / (weights + config.outline)
+
+    def _moved(
+        self, T_camera_part: Transform, frame: Frame, box_xyxy: Box | None
+    ) -> Transform | None:
+        """The pose shifted across the view as the detected box was."""
+        if box_xyxy is None or self._box is None:
+            return None
+        shift_px = (box_xyxy[:2] + box_xyxy[2:] - self._box[:2] - self._box[2:]) / 2
+        if float(np.linalg.norm(shift_px)) < self._config.moved_px:
+            return None
+        K = frame.camera.K
+        moved = T_camera_part.copy()
+        depth = float(apply(T_camera_part, self._middle)[0, 2])
+        moved[:2, 3] += depth * shift_px / np.array([K[0, 0], K[1, 1]])
+        return moved
+
+    def _is_settled(self, first: Hypothesis, proposals: Sequence[Proposal]) -> bool:
+        """Whether the trusted pose fits and the frame's own first pose confirms it."""
+        return (
+            bool(proposals)
+            and first.evidence.agreeing >= self._config.enough
+            and first.evidence.visible >= 0.5
+            and self._is_same(proposals[0].T_camera_part, first.T_camera_part)
+        )
+
+    def _apart(self, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+        """The different ones, the most trusted first."""
+        kept: list[Hypothesis] = []
+        for one in sorted(found, key=lambda h: -h.trust):
+            same = (
+                i
+                for i, other in enumerate(kept)
+                if self._is_same(one.T_camera_part, other.T_camera_part)
+            )
+            place = next(same, None)
+            if place is None:
+                kept.append(one)
+            elif self._value(one.evidence) > self._value(kept[place].evidence):
+                kept[place] = replace(
+                    kept[place], T_camera_part=one.T_camera_part, evidence=one.evidence
+                )
+        return kept
+
+    def _value(self, seen: Evidence) -> float:
+        return seen.value(self._registration)
+
+    def _decided(self, box_xyxy: Box | None) -> Decision | None:
+        if not self._kept:
+            return None
+        best = self._kept[0]
+        if box_xyxy is None and best.evidence.depth < self._config.unseen:
+            return None
+        behind = self._kept[1].trust if len(self._kept) > 1 else 0.0
+        return Decision(best, best.trust - behind)
+
+    def _is_same(self, T_a: Transform, T_b: Transform) -> bool:
+        apart = apply(T_a, self._middle) - apply(T_b, self._middle)
+        if np.linalg.norm(apart) > self._config.same_distance * self._part.diameter:
+            return False
+        T_near = nearest_symmetric(T_a, T_b, self._part.symmetries)
+        angle = rotation_angle(T_near[:3, :3].T @ T_b[:3, :3])
+        return angle < math.radians(self._config.same_angle_deg)

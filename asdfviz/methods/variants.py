@@ -1,0 +1,89 @@
+"""What the ablations compare: a title, a method, its config, and the paper's row of the same kind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from asdfviz.datatypes import Assembly
+from asdfviz.methods.asdf import AsdfConfig
+from asdfviz.methods.asdf_plus import AsdfPlusConfig
+from asdfviz.methods.first_pose import FirstPose, crop_weights_path
+from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.yolov8pose import Yolov8PoseConfig
+from asdfviz.pose.icp import IcpConfig
+
+
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """One row of an ablation."""
+
+    title: str
+    method: str
+    """Name of the registered method that runs it."""
+    config: Any
+    """Of that method."""
+    paper: str = ""
+    """Key of the paper's row, empty without one."""
+
+
+def first_poses(config: Any, assembly: Assembly) -> list[FirstPose]:
+    """The kinds of first pose that a method can start from: crops only where their weights are."""
+    if not hasattr(config, "first_pose"):
+        return []
+    found: list[FirstPose] = ["keypoints"]
+    if crop_weights_path(config.crops, assembly).is_file():
+        found.append("hypotheses")
+    return found
+
+
+def refinement_variants(assembly: Assembly) -> list[Variant]:
+    """Table 2: nothing, the paper's ICP and the other direction, the shift, and the whole methods."""
+    base = Yolov8PoseConfig()
+    other = IcpConfig(direction="scan_to_model", reach=0.05, largest_move=0.2)
+    rows = [
+        Variant("none", "yolov8pose", base, "none"),
+        Variant("ICP, model to scan", "yolov8pose", replace(base, refinement="icp"), "icp"),
+        Variant("ICP, scan to model", "yolov8pose", replace(base, refinement="icp", icp=other)),
+        Variant(
+            "translation (3.1.1)",
+            "yolov8pose",
+            replace(base, refinement="translation"),
+            "translation",
+        ),
+        Variant(
+            "translation, one step",
+            "yolov8pose",
+            replace(
+                base,
+                refinement="translation",
+                translation=replace(base.translation, coarse=False, steps=1),
+            ),
+        ),
+        Variant("asdf", "asdf", AsdfConfig()),
+        Variant("asdf_plus", "asdf_plus", AsdfPlusConfig()),
+    ]
+    return _with_first_poses(rows, assembly)
+
+
+def group_variants(assembly: Assembly) -> list[Variant]:
+    """State helps pose, off and on, in both methods."""
+    plus = AsdfPlusConfig()
+    off = GroupConfig(enabled=False)
+    rows = [
+        Variant("asdf without group", "asdf", AsdfConfig(group=off)),
+        Variant("asdf with group", "asdf", AsdfConfig()),
+        Variant("asdf_plus without group", "asdf_plus", replace(plus, joined=off)),
+        Variant("asdf_plus with group", "asdf_plus", plus),
+    ]
+    return _with_first_poses(rows, assembly)
+
+
+def _with_first_poses(rows: Sequence[Variant], assembly: Assembly) -> list[Variant]:
+    """Every row for every kind of first pose."""
+    return [
+        replace(row, title=f"{row.title}, {kind}", config=replace(row.config, first_pose=kind))
+        for kind in first_poses(rows[0].config, assembly)
+        for row in rows
+    ]

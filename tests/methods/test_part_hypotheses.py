@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.methods.part_hypotheses import HypothesesConfig, PartHypotheses, Proposal
+from asdfviz.methods.part_poses import part_shapes
+from asdfviz.methods.registration import RegistrationConfig
+
+
+@pytest.fixture
+def kept(toy) -> PartHypotheses:
+    return PartHypotheses(
+        toy.assembly.parts["block"],
+        part_shapes(toy.assembly, surface_points=900)["block"],
+        config=HypothesesConfig(),
+        registration=RegistrationConfig(),
+    )
+
+
+def tilted(T_camera_part: np.ndarray, degrees: float) -> np.ndarray:
+    turn = rotation_about(np.array([1.0, 0.0, 0.0]), np.radians(degrees))
+    return T_camera_part @ transform_from(turn, np.zeros(3))
+
+
+def is_at(decision, T_camera_part: np.ndarray) -> bool:
+    return decision is not None and np.allclose(
+        decision.best.T_camera_part, T_camera_part, atol=0.004
+    )
+
+
+def test_a_wrong_first_pose_is_outlived_by_what_agrees_longer(toy, kept) -> None:
+    true = toy.poses(joined=False)
+    right, wrong = true["block"], tilted(true["block"], 45)
+    box = toy.detection("block", right).box_xyxy
+    frame = toy.frame(1, true)
+    both = [Proposal(right, 0.9, is_fitted=True), Proposal(wrong, 1.0, is_fitted=True)]
+    first = kept.step(both, frame, box_xyxy=box)
+    assert first is not None
+    assert is_at(first, right)
+    assert first.lead > 0
+    for _ in range(3):
+        # The network now says the wrong one alone; depth has the last word.
+        later = kept.step([Proposal(wrong, 1.0, is_fitted=True)], frame, box_xyxy=box)
+        assert is_at(later, right)
+    assert later is not None
+    assert later.best.frames == 4
+
+
+def test_a_covered_part_keeps_its_pose_and_a_moved_one_does_not(toy, kept) -> None:
+    true = toy.poses(joined=False)
+    right = true["block"]
+    box = toy.detection("block", right).box_xyxy
+    seen = toy.frame(1, true)
+    for _ in range(4):
+        before = kept.step([Proposal(right, 1.0, is_fitted=True)], seen, box_xyxy=box)
+    hand = toy.frame(2, true)
+    assert hand.depth is not None
+    x0, y0, x1, y1 = box.astype(int)
+    hand.depth[y0 - 3 : y1 + 4, x0 - 3 : x1 + 4] = 0.3
+    covered = kept.step([Proposal(tilted(right, 60), 1.0, is_fitted=True)], hand, box_xyxy=box)
+    assert is_at(covered, right)
+    assert before is not None
+    assert covered is not None
+    assert covered.best.trust > 0.9 * before.best.trust  # nothing was seen that speaks against it
+    away = right.copy()
+    away[0, 3] += 0.12
+    moved = toy.frame(3, {**true, "block": away})
+    there = toy.detection("block", away).box_xyxy
+    for _ in range(2):
+        after = kept.step([Proposal(away, 1.0, is_fitted=True)], moved, box_xyxy=there)
+    assert is_at(after, away)
+
+
+def test_without_a_box_depth_alone_must_show_it(toy, kept) -> None:
+    true = toy.poses(joined=False)
+    frame = toy.frame(1, true)
+    assert kept.step([], frame, box_xyxy=None) is None
+    box = toy.detection("block", true["block"]).box_xyxy
+    kept.step([Proposal(true["block"], 1.0, is_fitted=True)], frame, box_xyxy=box)
+    assert is_at(kept.step([], frame, box_xyxy=None), true["block"])
+    gone = toy.frame(2, {"base": true["base"]})
+    assert kept.step([], gone, box_xyxy=None) is None
+
+
+def test_without_depth_the_first_proposal_is_the_answer(toy, kept) -> None:
+    T_camera_part = toy.poses(joined=False)["block"]
+    box = toy.detection("block", T_camera_part).box_xyxy
+    proposals = [Proposal(T_camera_part, 1.0), Proposal(np.eye(4), 0.2)]
+    found = kept.step(proposals, toy.frame(1), box_xyxy=box)
+    assert found is not None
+    assert found.best.T_camera_part is T_camera_part
