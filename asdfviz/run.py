@@ -27,6 +27,12 @@ from asdfviz.datatypes import (
 )
 from asdfviz.errors import AsdfvizError, MethodError, SequenceError, Stopped
 from asdfviz.methods.answers import check_answer
+from asdfviz.methods.first_pose import (
+    CropPoseConfig,
+    FirstPose,
+    chosen_first_pose,
+    crop_weights_path,
+)
 from asdfviz.methods.network import NetworkConfig, weights_path
 from asdfviz.methods.registry import build_method
 from asdfviz.methods.spec import Method, MethodSpec
@@ -125,7 +131,7 @@ def _known_assembly(sequence: Sequence) -> Assembly:
 
 
 def input_hashes(sequence: Sequence, assembly: Assembly, config: object) -> dict[str, str]:
-    """SHA-256 of the assembly with its meshes, of the weights if a network runs, of the frames."""
+    """SHA-256 of the assembly with its meshes, of the weights of networks that run, of the frames."""
     hashes = {
         "assembly": assembly_sha256(assembly),
         "sequence": sequence_sha256(Path(sequence.path)),
@@ -134,7 +140,16 @@ def input_hashes(sequence: Sequence, assembly: Assembly, config: object) -> dict
         weights = weights_path(network, assembly)
         if weights.is_file():
             hashes["weights"] = file_sha256(weights)
+    crops = getattr(config, "crops", None)
+    if isinstance(crops, CropPoseConfig) and _first_pose(config, assembly) == "hypotheses":
+        weights = crop_weights_path(crops, assembly)
+        if weights.is_file():
+            hashes["crops"] = file_sha256(weights)
     return hashes
+
+
+def _first_pose(config: Any, assembly: Assembly) -> FirstPose:
+    return chosen_first_pose(config.first_pose, config.crops, assembly)
 
 
 def _initial(sequence: Sequence, assembly: Assembly) -> FramePrediction:
@@ -199,11 +214,17 @@ def _timed_step(
 
 
 def resolved_config(config: Any, assembly: Assembly) -> Any:
-    """Fill the default weights into a method's config, so that the run says what it used."""
-    absolute = {
+    """Fill default weights and first poses into a method's config, so that the run says what it used."""
+    absolute: dict[str, object] = {
         name: dataclasses.replace(network, weights=weights_path(network, assembly))
         for name, network in _networks(config).items()
     }
+    crops = getattr(config, "crops", None)
+    if isinstance(crops, CropPoseConfig):
+        absolute["first_pose"] = _first_pose(config, assembly)
+        if absolute["first_pose"] == "hypotheses":
+            weights = crop_weights_path(crops, assembly)
+            absolute["crops"] = dataclasses.replace(crops, weights=weights)
     return dataclasses.replace(config, **absolute) if absolute else config
 
 

@@ -25,9 +25,10 @@ from asdfviz.datatypes import (
 )
 from asdfviz.errors import MethodError, SequenceError, WeightsError
 from asdfviz.geometry.symmetry import Symmetries
+from asdfviz.methods.asdf import AsdfConfig
 from asdfviz.methods.registry import find_method
 from asdfviz.methods.spec import MethodSpec
-from asdfviz.run import run
+from asdfviz.run import input_hashes, resolved_config, run
 
 PLUGIN = """
 from __future__ import annotations
@@ -211,6 +212,20 @@ def test_hashes_follow_the_content(
     assert set(after) == {"assembly", "sequence", "weights"}
     assert after["assembly"] != before["assembly"]
     assert after["sequence"] != before["sequence"]
+
+
+def test_crop_weights_are_named_where_first_poses_come_from_them(
+    sequence: ToySequence, assembly: Assembly
+) -> None:
+    weights = Path(assembly.path).with_name("crops.safetensors")
+    assert resolved_config(AsdfConfig(), assembly).first_pose == "keypoints"
+    weights.write_bytes(b"one")
+    used = resolved_config(AsdfConfig(), assembly)
+    assert (used.first_pose, used.crops.weights) == ("hypotheses", weights.resolve())
+    before = input_hashes(sequence, assembly, AsdfConfig())["crops"]
+    weights.write_bytes(b"two")
+    assert input_hashes(sequence, assembly, AsdfConfig())["crops"] != before
+    assert "crops" not in input_hashes(sequence, assembly, AsdfConfig(first_pose="keypoints"))
 
 
 def test_progress_is_told_after_every_frame(spec: MethodSpec, sequence: ToySequence) -> None:

@@ -60,6 +60,7 @@ def made_run(
             config=config,
             progress=lambda done, total, _: report(done, total, ""),
             stop=stop,
+            prepare=lambda done, total: report(done, total, "views of the parts, once"),
         )
     if len(result.predictions) < len(sequence):
         raise Stopped(if_stopped)

@@ -18,7 +18,6 @@ from asdfviz.cli.judged_runs import (
     known_truth,
     made_run,
 )
-from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 from asdfviz.errors import InputError, WeightsError
 
 if TYPE_CHECKING:
@@ -117,8 +116,6 @@ class Tables:
 
         specs = [find_method(name) for name in self.methods or METHODS]
         sequences = [self._open(f) for f in condition_folders(self.data, names=CONDITIONS)]
-        if any(spec.name not in DETECT_ALONE for spec in specs):
-            _make_viewpoint_models(sequences)
         runs: list[JudgedRun] = []
         for spec in specs:
             for sequence in sequences:
@@ -222,23 +219,6 @@ def condition_folders(data: Path, *, names: Sequence[str] = CONDITIONS) -> list[
             f"`asdfviz synth testset --assembly NAME --out {data}`"
         )
     return found
-
-
-DETECT_ALONE = ("yolov8pose", "yolov8pose_state", "yolov8pose_icp", "asdf", "asdf_plus")
-"""Methods that need no viewpoint models."""
-
-
-def _make_viewpoint_models(sequences: list[FolderSequence]) -> None:
-    """Make what the trackers need before they run: once a part, with progress."""
-    from asdfviz.track.viewpoint_cache import load_viewpoint_models
-
-    assemblies = {s.assembly.path: s.assembly for s in sequences if s.assembly is not None}
-    for assembly in assemblies.values():
-        title = f"views of {assembly.name}"
-        with progress_bar(title) as report, stop_on_interrupt() as stop:
-            load_viewpoint_models(
-                assembly, progress=lambda done, total: report(done, total, ""), stop=stop
-            )
 
 
 def as_published(spec: MethodSpec) -> object:
