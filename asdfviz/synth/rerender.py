@@ -186,8 +186,8 @@ def ground_mesh(ground: Ground, middle: Float64[np.ndarray, "2"]) -> Mesh:
     else:
         square = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         corners = middle + FARTHEST * square
-        for edge in ground.edges:
-            corners = _cut(corners, edge)
+    for edge in ground.edges:
+        corners = _cut(corners, edge)
     vertices = np.concatenate([corners, np.full((len(corners), 1), ground.height)], axis=1)
     fan = [[0, k, k + 1] for k in range(1, len(corners) - 1)]
     return Mesh(vertices, np.array(fan, np.int32).reshape(-1, 3))

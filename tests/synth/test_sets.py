@@ -145,6 +145,8 @@ def test_grounds_are_cut_to_their_outlines() -> None:
     assert _area(_ground(circle=(0.1, 0.2, 0.5))) == pytest.approx(np.pi / 4, rel=2e-3)
     edges = np.array([[1.0, 0, 0.4], [-1, 0, 0.1], [0, 1, 0.3], [0, -1, 0.3], [1, 1, 0.5]])
     assert _area(_ground(edges=edges)) == pytest.approx(0.5 * 0.6 - 0.2 * 0.2 / 2)
+    half = _ground(circle=(0.1, 0.2, 0.5), edges=np.array([[1.0, 0, 0.1]]))
+    assert _area(half) == pytest.approx(np.pi / 8, rel=2e-3)
 
 
 def test_mirrored_meshes_still_look_outwards() -> None:
