@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Int64
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.synth.description import Scene
@@ -17,6 +18,10 @@ from asdfviz.synth.mesh_bank import MeshBank, Triangles
 from asdfviz.synth.raster import Fragments, Projected, corner_weights, rasterize
 from asdfviz.synth.surfaces import decorate
 from asdfviz.synth.tensors import length, to_tensor, transform_each, unit
+
+EDGE_RADIUS = 0.00045
+"""How far, in metres, edges of meshes are worn round."""
+MOST_WORN_PX = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +121,10 @@ def build_gbuffer(scenes: Sequence[Scene], triangles: Triangles, views: Views) -
         owner,
     )
     _paint_grounds(scenes, torch.where(owner < 0, ground, -1), buffer, rays)
-    _paint_meshes(scenes, triangles, fragments, weights, buffer, rays)
+    # Of the distance to the scene's middle, so that a fixed camera always wears edges alike.
+    pixel = float(length(centers[0])) * float(length(rays[0, 0, 1] - rays[0, 0, 0]))
+    worn_px = min(round(EDGE_RADIUS / max(pixel, 1e-5)), MOST_WORN_PX)
+    _paint_meshes(scenes, triangles, fragments, weights, buffer, rays, worn_px=worn_px)
     return buffer
 
 
@@ -168,8 +176,10 @@ def _paint_meshes(
     weights: Float32[Tensor, "p 3"],
     buffer: GBuffer,
     rays: Tensor,
+    *,
+    worn_px: int,
 ) -> None:
-    """Write the looks of the meshes where they are seen."""
+    """Write the looks of the meshes where they are seen; `worn_px` is how far edges are worn round."""
     hit, face = fragments.covered, fragments.face
     if len(hit) == 0:
         return
@@ -178,13 +188,33 @@ def _paint_meshes(
     local = (triangles.local[triangles.faces[face]] * weights[:, :, None]).sum(1)
     view = buffer.view.view(-1, 3)[hit]
     normal = torch.where((normal * view).sum(1, keepdim=True) < 0, -normal, normal)
-    color, normal = decorate(
-        finish, local, normal, fragments.depth * float(length(rays[0, 0, 1] - rays[0, 0, 0]))
-    )
+    footprint = fragments.depth * float(length(rays[0, 0, 1] - rays[0, 0, 0]))
+    buffer.normal.view(-1, 3)[hit] = normal
+    normal, edge = _rounded(buffer, hit, worn_px)
+    color, normal = decorate(finish, local, normal, edge, footprint)
     buffer.normal.view(-1, 3)[hit] = normal
     buffer.albedo.view(-1, 3)[hit] = color.clamp(0.002, 0.95)
     buffer.roughness.view(-1)[hit] = finish[:, 3]
     buffer.translucency.view(-1)[hit] = finish[:, 8]
+
+
+def _rounded(
+    buffer: GBuffer, hit: Int64[Tensor, "p"], radius_px: int
+) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p"]]:
+    """Normals of meshes averaged over what lies near in the image, so that edges turn gradually, and
+    how near an edge is: 0 within faces, up to 1 at edges."""
+    sharp = buffer.normal.view(-1, 3)[hit]
+    if radius_px < 1:
+        return sharp, torch.zeros_like(sharp[:, 0])
+    soft = (buffer.normal * (buffer.owner >= 0)[..., None]).permute(0, 3, 1, 2).contiguous()
+    means: list[Tensor] = []
+    for reaches in ((radius_px, radius_px), (3 * radius_px,)):
+        for reach in reaches:
+            # A square window as a row after a column costs far less.
+            soft = avg_pool2d(soft, (2 * reach + 1, 1), stride=1, padding=(reach, 0))
+            soft = avg_pool2d(soft, (1, 2 * reach + 1), stride=1, padding=(0, reach))
+        means.append(soft.permute(0, 2, 3, 1).reshape(-1, 3)[hit])
+    return unit(means[0]), 1 - (unit(means[0]) * means[1]).sum(1).clamp(0, 1)
 
 
 def _finishes(scenes: Sequence[Scene], device: torch.device) -> Float32[Tensor, "i 15"]:

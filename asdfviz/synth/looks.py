@@ -153,7 +153,7 @@ def _plane(
 def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tuple[Ground, ...]:
     """Blue drape on a pale round table over a brown carpet, as in the paper's recordings."""
     change = 0.63 * np.exp(rng.normal(size=3) * 0.02 + rng.normal() * 0.05)
-    blue, violet = linear((127, 166, 192)) * change, linear((131, 162, 199)) * change
+    blue, violet = linear((128, 166, 188)) * change, linear((130, 163, 199)) * change
     center = points.mean(axis=0) + rng.normal(size=2) * 0.02
     reach = float(np.linalg.norm(points - center, axis=1).max())
     radius = reach + rng.uniform(0.04, 0.15)
@@ -165,16 +165,17 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         (points @ normals.T).max(axis=0) + 0.02,
         normals @ center + radius * rng.uniform(0.75, 1.05, k),
     )
+    outline = _corners_cut(np.column_stack([normals, limits]), rng)
     cloth = _plane(
         rng,
         0.0,
         "drape",
         micro="nonwoven",
         colors=np.stack([blue, violet, linear((215, 220, 222))]),
-        edges=np.column_stack([normals, limits]),
+        edges=outline,
         circle=(float(center[0]), float(center[1]), radius + rng.uniform(0.0, 0.04)),
     )
-    pale = linear((252, 215, 178)) * rng.uniform(0.74, 0.84)
+    pale = linear((252, 208, 164)) * rng.uniform(0.68, 0.78)
     table = _plane(
         rng,
         -0.001,
@@ -183,9 +184,36 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         colors=np.stack([pale] * 3),
         circle=(float(center[0]), float(center[1]), radius),
     )
+    rim = _plane(
+        rng,
+        -0.003,
+        "plain",
+        micro="smooth",
+        colors=np.stack([linear((196, 70, 46)) * rng.uniform(0.6, 1.1)] * 3),
+        circle=(float(center[0]), float(center[1]), radius + rng.uniform(0.0005, 0.0016)),
+    )
     brown = linear((80, 58, 44)) * rng.uniform(0.7, 1.3)
-    carpet = np.stack([brown, brown * [1.8, 1.65, 1.5], brown])
-    return cloth, table, _plane(rng, FLOOR, "plain", micro="carpet", colors=carpet)
+    carpet = np.stack([brown, brown * [1.8, 1.65, 1.5], brown * [1.06, 0.86, 0.98]])
+    return cloth, table, rim, _plane(rng, FLOOR, "worn", micro="carpet", colors=carpet)
+
+
+def _corners_cut(
+    edges: Float64[np.ndarray, "k 3"], rng: np.random.Generator
+) -> Float64[np.ndarray, "n 3"]:
+    """An outline whose corners are rounded off by two more edges each, some more than others."""
+    cuts = [edges]
+    for one, other in zip(edges, np.roll(edges, -1, axis=0), strict=True):
+        if one[0] * other[1] - one[1] * other[0] < 0.1:
+            continue
+        reach = rng.uniform(0.003, 0.02)
+        # The centre of a circle that touches both edges; the cuts are tangents of it.
+        pair = np.stack([one, other])
+        middle = np.linalg.solve(pair[:, :2], pair[:, 2] - reach)
+        for share in (0.33, 0.67):
+            normal = one[:2] * (1 - share) + other[:2] * share
+            normal /= np.linalg.norm(normal)
+            cuts.append(np.array([[*normal, normal @ middle + reach]]))
+    return np.concatenate(cuts)
 
 
 def any_grounds(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tuple[Ground, ...]:
@@ -206,17 +234,21 @@ def any_grounds(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) ->
 
 
 def room_lights(rng: np.random.Generator) -> tuple[tuple[Light, ...], Vector, Vector]:
-    """Large panels on the ceiling of a bright room: soft shadows, much light from all around."""
+    """Panels of several sizes on the ceiling of a bright room: overlapping shadows, some soft, some
+    less, mostly to one side, and much light from all around."""
     warmth = rng.normal() * 0.05 + 0.04
     white = np.array([1 + warmth, 1.0, 1 - warmth])
+    side, count = rng.random() * 2 * np.pi, int(rng.integers(2, 4))
+    shares = rng.dirichlet(np.full(count, 2.5)) * rng.uniform(0.6, 1.5)
     lights: list[Light] = []
-    for _ in range(int(rng.integers(1, 3))):
-        azimuth, elevation = rng.random() * 2 * np.pi, rng.uniform(0.65, 1.25)
+    for share in shares:
+        azimuth, elevation = side + rng.normal() * 0.6, rng.uniform(0.6, 1.3)
         flat = np.cos(elevation)
         where = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)]) * 2.0
-        lights.append(Light(where, float(rng.uniform(0.12, 0.45)), white * rng.uniform(0.4, 1.0)))
+        radius = float(0.06 * (0.45 / 0.06) ** rng.random())
+        lights.append(Light(where, radius, white * float(share)))
     # Shadows are lit by walls and sky, bluer than the lamps.
-    sky = white * [0.92, 1.0, 1.08] * rng.uniform(0.28, 0.55)
+    sky = white * [0.92, 1.0, 1.08] * rng.uniform(0.20, 0.42)
     return tuple(lights), sky, rng.normal(size=3) * 0.12
 
 

@@ -13,31 +13,12 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, Shaped
 
+from asdfviz.synth.creases import creased
+from asdfviz.synth.fractals import Plane, fractal, unit_axes
+
 Map = Float32[np.ndarray, "n n 4"]
-Plane = Float32[np.ndarray, "n n"]
 Weight = Shaped[np.ndarray, "n n"] | float
 Pattern: TypeAlias = Callable[[np.random.Generator, int], np.ndarray]
-
-
-def fractal(
-    rng: np.random.Generator, n: int, *, base: int, octaves: int, gain: float = 0.55
-) -> Plane:
-    """Periodic fractal noise of mean 0 and deviation 1; `base` is the coarsest grid."""
-    total = np.zeros((n, n), np.float32)
-    for octave in range(octaves):
-        k = min(base * 2**octave, n // 2)
-        grid = np.pad(rng.random((k, k)).astype(np.float32), 4, mode="wrap")
-        side = n * (k + 8) // k
-        large = cv2.resize(grid, (side, side), interpolation=cv2.INTER_CUBIC)
-        cut = (side - n) // 2
-        total += gain**octave * large[cut : cut + n, cut : cut + n]
-    total -= total.mean()
-    return (total / (total.std() + 1e-6)).astype(np.float32)
-
-
-def _axes(n: int) -> tuple[Plane, Plane]:
-    y, x = np.mgrid[0:n, 0:n].astype(np.float32) / n
-    return x, y
 
 
 def _stack(w1: Weight, w2: Weight, shade: Weight, height: Weight) -> Map:
@@ -46,55 +27,8 @@ def _stack(w1: Weight, w2: Weight, shade: Weight, height: Weight) -> Map:
     return np.stack(planes, axis=2).astype(np.float32)
 
 
-def _folds(rng: np.random.Generator, n: int, *, side: float) -> Plane:
-    """Heights (metres) of a sheet `side` metres wide that lay folded to a packet.
-
-    Fold lines alternate between ridge and valley. Slopes grow towards a fold and change their sign on
-    it, so that light shows a bright flank beside a dark one; the panels between are tilted a little,
-    some up, some down. Few weaker lines run across, and faint ones anywhere.
-    """
-    x, y = (axis * side for axis in _axes(n))
-    wobble = fractal(rng, n, base=3, octaves=4)
-    height = np.zeros((n, n), np.float32)
-    for axis, share, apart in ((0, 1.0, 0.088), (1, 0.6, 0.27), (0, 0.35, 0.2), (1, 0.35, 0.3)):
-        pitch = apart * rng.uniform(0.85, 1.2)
-        sign = 1.0
-        for place in np.arange(rng.random() * pitch, 1.1 * side, pitch):
-            angle = axis * np.pi / 2 + rng.normal() * 0.02
-            aside = pitch * rng.normal() * (0.06 if share > 0.5 else 0.5)
-            d = np.cos(angle) * x + np.sin(angle) * y - place - aside + 0.0012 * wobble
-            sharp = np.sqrt(d * d + rng.uniform(0.0004, 0.0010) ** 2)
-            flank = rng.uniform(0.005, 0.016)
-            fading = np.clip(share + 0.6 * fractal(rng, n, base=4, octaves=2), 0.0, 1.7)
-            power = sign * share * fading
-            height += power * rng.uniform(0.18, 0.55) * flank * np.exp(-sharp / flank)
-            height += power.mean() * rng.uniform(0.0, 0.03) * sharp
-            sign *= -1.0 if rng.random() < 0.8 else 1.0
-    return height.astype(np.float32)
-
-
-def _crumples(rng: np.random.Generator, n: int, *, side: float) -> Plane:
-    """Heights (metres) of short pinched wrinkles, mostly along or across the folds."""
-    x, y = (axis * side for axis in _axes(n))
-    wobble = fractal(rng, n, base=5, octaves=4)
-    height = np.zeros((n, n), np.float32)
-    window = n // 7
-    for _ in range(130):
-        row, column = rng.integers(0, n - window, 2)
-        here = (slice(row, row + window), slice(column, column + window))
-        cx, cy = ((k + window / 2) / n * side for k in (column, row))
-        angle = rng.normal() * 0.35 + (np.pi / 2 if rng.random() < 0.4 else 0.0)
-        along = -np.sin(angle) * (x[here] - cx) + np.cos(angle) * (y[here] - cy)
-        d = np.cos(angle) * (x[here] - cx) + np.sin(angle) * (y[here] - cy) + 0.002 * wobble[here]
-        flank, long = rng.uniform(0.0025, 0.009), rng.uniform(0.008, 0.028)
-        ridge = np.exp(-np.sqrt(d * d + 0.0007**2) / flank - (along / long) ** 2)
-        height[here] += rng.normal() * 0.16 * flank * ridge
-    return height
-
-
 def _drape(rng: np.random.Generator, n: int) -> Map:
-    side = 1.0
-    folds = _folds(rng, n, side=side) + _crumples(rng, n, side=side)
+    folds = creased(rng, n, side=1.0)
     broad = fractal(rng, n, base=5, octaves=3, gain=0.45)
     along = cv2.resize(fractal(rng, n, base=6, octaves=3)[:, : n // 3].copy(), (n, n))
     height = folds + 0.0046 * broad + 0.0028 * along
@@ -102,7 +36,8 @@ def _drape(rng: np.random.Generator, n: int) -> Map:
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
     blotches = fractal(rng, n, base=18, octaves=5, gain=0.75)
     shade = 1 + 0.042 * blotches + np.clip(60 * worn, -0.03, 0.05)
-    hue = 0.4 + 0.2 * fractal(rng, n, base=6, octaves=4, gain=0.6)
+    bands = cv2.resize(fractal(rng, n, base=16, octaves=3)[: n // 3].copy(), (n, n))
+    hue = 0.45 + 0.19 * fractal(rng, n, base=7, octaves=5, gain=0.8) + 0.13 * bands
     return _stack(np.clip(hue, 0, 1), _specks(rng, n), shade, height.astype(np.float32))
 
 
@@ -113,7 +48,7 @@ def _specks(rng: np.random.Generator, n: int) -> Plane:
         start = rng.integers(4, n - 8, 2)
         end = start + rng.integers(-3, 4, 2)
         ends = [tuple(int(v) for v in p) for p in (start, end)]
-        cv2.line(plane, ends[0], ends[1], 0.35 * float(rng.random()) ** 2, 1)
+        cv2.line(plane, ends[0], ends[1], 0.5 * float(rng.random()) ** 2, 1)
     return plane
 
 
@@ -124,7 +59,7 @@ def _cloth(rng: np.random.Generator, n: int) -> Map:
 
 
 def _wood(rng: np.random.Generator, n: int) -> Map:
-    _, y = _axes(n)
+    _, y = unit_axes(n)
     boards = np.floor(y * rng.integers(3, 18)) if rng.random() < 0.6 else np.zeros_like(y)
     warp = fractal(rng, n, base=2, octaves=4) * 0.02 + boards * 0.37
     stretched = cv2.resize(
@@ -149,7 +84,7 @@ def _noise(rng: np.random.Generator, n: int) -> Map:
 
 
 def _checker(rng: np.random.Generator, n: int) -> Map:
-    x, y = _axes(n)
+    x, y = unit_axes(n)
     k = int(rng.integers(12, 80))
     squares = (np.floor(x * k) + np.floor(y * k)) % 2
     dirt = fractal(rng, n, base=8, octaves=5)
@@ -158,7 +93,7 @@ def _checker(rng: np.random.Generator, n: int) -> Map:
 
 def _plaid(rng: np.random.Generator, n: int) -> Map:
     weights = np.zeros((2, n, n), np.float32)
-    for i, axis in enumerate(_axes(n)):
+    for i, axis in enumerate(unit_axes(n)):
         for _ in range(3):
             pitch = rng.uniform(0.03, 0.12)
             stripe = ((axis + rng.random()) % pitch) / pitch < rng.uniform(0.05, 0.5)
@@ -169,7 +104,7 @@ def _plaid(rng: np.random.Generator, n: int) -> Map:
 
 
 def _brick(rng: np.random.Generator, n: int) -> Map:
-    x, y = _axes(n)
+    x, y = unit_axes(n)
     k = int(rng.integers(8, 30))
     row = np.floor(y * k * 2)
     u, v = (x * k + 0.5 * (row % 2)) % 1, (y * k * 2) % 1
@@ -185,6 +120,14 @@ def _blobs(rng: np.random.Generator, n: int) -> Map:
     b = fractal(rng, n, base=int(rng.integers(4, 24)), octaves=2)
     flat = np.zeros((n, n), np.float32)
     return _stack(np.clip(a * 6, 0, 1), np.clip(b * 6, 0, 1), 1.0, flat)
+
+
+def _worn(rng: np.random.Generator, n: int) -> Map:
+    """Large stains of the third colour, as on a carpet."""
+    stains = fractal(rng, n, base=8, octaves=4, gain=0.7)
+    soft = fractal(rng, n, base=12, octaves=5, gain=0.8)
+    flat = np.zeros((n, n), np.float32)
+    return _stack(0.0, np.clip(0.5 + 0.4 * stains, 0, 1), 1 + 0.06 * soft, flat)
 
 
 def _plain(rng: np.random.Generator, n: int) -> Map:
@@ -203,7 +146,7 @@ def _board(rng: np.random.Generator, n: int) -> Map:
 
 
 def _weave(rng: np.random.Generator, n: int) -> Map:
-    x, y = _axes(n)
+    x, y = unit_axes(n)
     threads = int(rng.integers(60, 110))
     weave = np.sin(2 * np.pi * x * threads) * np.sin(2 * np.pi * y * threads)
     dirt = fractal(rng, n, base=32, octaves=3)
@@ -212,14 +155,14 @@ def _weave(rng: np.random.Generator, n: int) -> Map:
 
 def _nonwoven(rng: np.random.Generator, n: int) -> Map:
     """Pressed fibres embossed with a fine slanted grid, as in a surgical drape."""
-    x, y = _axes(n)
+    x, y = unit_axes(n)
     clouds = fractal(rng, n, base=5, octaves=3)
     # About as fine as a pixel of the paper's camera: it shows in places only, and as moire.
     first = np.cos(2 * np.pi * (84 * y + 53 * x)) + 0.5 * np.cos(2 * np.pi * (61 * y - 78 * x))
     fibres = fractal(rng, n, base=100, octaves=2, gain=0.9)
     drawn = np.mean([np.roll(fibres, k, axis=1) for k in range(8)], axis=0)
     fibres = 0.6 * drawn / drawn.std() + 0.6 * fractal(rng, n, base=60, octaves=3, gain=0.9)
-    shade = 1 + 0.125 * first * np.clip(0.45 + 0.45 * clouds, 0, 1.3) + 0.034 * fibres
+    shade = 1 + 0.14 * first * np.clip(0.45 + 0.45 * clouds, 0, 1.3) + 0.038 * fibres
     return _stack(0.0, 0.0, shade + 0.006 * clouds, (0.000012 * fibres).astype(np.float32))
 
 
@@ -229,8 +172,21 @@ def _carpet(rng: np.random.Generator, n: int) -> Map:
     strands = cv2.resize(fractal(rng, n, base=64, octaves=3)[:, : n // 3].copy(), (n, n))
     pale = np.clip(1.3 * np.maximum(strands, strands[::-1].T) - 1.5, 0, 1)
     clouds = fractal(rng, n, base=6, octaves=4, gain=0.8)
-    shade = np.clip(1 + 0.24 * tufts + 0.06 * clouds, 0.2, 2)
-    return _stack(np.clip(0.2 + 0.25 * tufts + pale, 0, 1), 0.0, shade, 0.0003 * tufts)
+    shade = np.clip(1 + 0.20 * tufts + 0.13 * clouds, 0.2, 2)
+    fibres = _fibres(rng, n)
+    mixed = np.clip(0.2 + 0.2 * tufts + pale + fibres, 0, 1)
+    return _stack(mixed, 0.0, shade * (1 + 0.25 * fibres), 0.0003 * tufts)
+
+
+def _fibres(rng: np.random.Generator, n: int) -> Plane:
+    """Sparse bright strands of five to twenty millimetres, most of them one way."""
+    plane = np.zeros((n, n), np.float32)
+    for _ in range(n * n // 180):
+        start, turn, long = rng.random(2) * n, rng.normal() * 0.7, n * rng.uniform(0.025, 0.1)
+        end = start + long * np.array([np.cos(turn), np.sin(turn)])
+        ends = [tuple(int(v) for v in p) for p in (start, end)]
+        cv2.line(plane, ends[0], ends[1], float(rng.random()) ** 3, 2)
+    return cv2.GaussianBlur(plane, (0, 0), 1.0)
 
 
 def _grain(rng: np.random.Generator, n: int) -> Map:
@@ -259,6 +215,7 @@ MACRO: Mapping[str, Pattern] = {
     "plaid": _plaid,
     "brick": _brick,
     "blobs": _blobs,
+    "worn": _worn,
 }
 MICRO: Mapping[str, Pattern] = {
     "weave": _weave,

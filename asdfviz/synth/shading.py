@@ -23,6 +23,9 @@ WRAP = (1.1, 0.45, 0.35)
 """How far red, green and blue light go round the edge of what is translucent."""
 LEAK = (0.85, 0.10, 0.06)
 """Share of red, green and blue light that shines through what is translucent."""
+PALE_WRAP = 0.16
+"""How far light goes round edges of plastic, by their albedo: it enters plastic and is thrown back and
+forth in grooves too narrow for shadow maps."""
 LOWEST_OCCLUDED = -0.2
 """Height, metres, below which nothing is occluded by what stands on the table."""
 
@@ -65,6 +68,7 @@ def shade(
     """Radiance at every pixel, linear RGB. `rng` places the samples on the area lights."""
     device = buffer.depth.device
     total = torch.zeros_like(buffer.albedo)
+    wrap = _wrapped(buffer)
     for k in range(max(len(s.lights) for s in scenes)):
         lights = [s.lights[min(k, len(s.lights) - 1)] for s in scenes]
         on = torch.tensor([float(k < len(s.lights)) for s in scenes], device=device)
@@ -73,7 +77,7 @@ def shade(
             _tensor([light.color for light in lights], device)[:, None, None]
             * on[:, None, None, None]
         )
-        total += color * _reflect(buffer, lights) * _through(visible, buffer.translucency)
+        total += color * _reflect(buffer, lights, wrap) * _through(visible, buffer.translucency)
     return total + _ambient(scenes, buffer, config.occlusion)
 
 
@@ -158,24 +162,35 @@ def _light_cameras(
     return _tensor(rows, device)
 
 
-def _reflect(buffer: GBuffer, lights: Sequence[Light]) -> Float32[Tensor, "b h w 3"]:
-    """Lambert plus the GGX lobe of a dielectric, for unit irradiance from each light's centre."""
+def _wrapped(buffer: GBuffer) -> Float32[Tensor, "b h w 3"]:
+    """How far light of each colour goes round edges."""
+    wrap = buffer.translucency[..., None] * buffer.albedo.new_tensor(WRAP)
+    plastic = (buffer.owner >= 0) & (buffer.translucency == 0)
+    return wrap.addcmul_(buffer.albedo, plastic[..., None].float(), value=PALE_WRAP)
+
+
+def _reflect(
+    buffer: GBuffer, lights: Sequence[Light], wrap: Float32[Tensor, "b h w 3"]
+) -> Float32[Tensor, "b h w 3"]:
+    """Lambert plus the GGX lobe of a dielectric, for an irradiance of pi from each light's centre."""
     position = _tensor([light.position for light in lights], buffer.depth.device)
     towards = position[:, None, None] - buffer.position
     distance = length(towards)
     fall = (length(position)[:, None, None] / distance).square()
     direction = towards / distance
     cosine = (buffer.normal * direction).sum(3)
-    wrap = buffer.translucency[..., None] * cosine.new_tensor(WRAP)
     diffuse = ((cosine[..., None] + wrap) / (1 + wrap)).clamp(min=0)
     half = unit(direction + buffer.view)
     n_half = (buffer.normal * half).sum(3).clamp(0, 1)
     l_half = (direction * half).sum(3).clamp(0.1, 1)
-    alpha = buffer.roughness.square().clamp(min=0.03).square()
+    # A wide light widens the lobe (Karis, "Real shading in Unreal Engine 4", 2013).
+    width = _tensor([np.array(light.radius) for light in lights], distance.device)[:, None, None]
+    widened = buffer.roughness.square().clamp(min=0.03) + 0.5 * width / distance[..., 0]
+    alpha = widened.clamp(max=1.0).square()
     lobe = alpha / (np.pi * (n_half.square() * (alpha - 1) + 1).square())
     # Shadowing and masking as in Kelemen and Szirmay-Kalos (2001); Schlick's Fresnel term.
     fresnel = 0.04 + 0.96 * (1 - l_half) ** 5
-    gloss = fresnel * lobe * cosine.clamp(min=0) / (4 * l_half.square())
+    gloss = np.pi * fresnel * lobe * cosine.clamp(min=0) / (4 * l_half.square())
     return (buffer.albedo * diffuse + gloss[..., None]) * fall
 
 

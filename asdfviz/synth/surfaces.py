@@ -24,6 +24,7 @@ def decorate(
     finish: Float32[Tensor, "p 15"],
     local: Float32[Tensor, "p 3"],
     normal: Float32[Tensor, "p 3"],
+    edge: Float32[Tensor, "p"],
     footprint: Float32[Tensor, "p"],
 ) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p 3"]]:
     """Colour and normal at points of meshes.
@@ -32,6 +33,7 @@ def decorate(
         finish: see COLUMNS.
         local: places in the mesh's frame, metres.
         normal: smooth unit normals, world.
+        edge: how near an edge of the shape is, 0 to 1.
         footprint: size of a pixel there, metres.
     """
     noise = (macro_map("plain", 0, str(local.device))[2] - 1) / NOISE_DEVIATION
@@ -39,6 +41,9 @@ def decorate(
     value = _at(noise, (x + 0.71 * z) / 0.25, (y + 0.53 * z - 0.31 * x) / 0.25)
     color = finish[:, :3] * (1 + 0.3 * value * finish[:, 4]).clamp(min=0.3)[:, None]
     color, normal = _printed(finish, local, normal, footprint, color, value, noise)
+    # The outline of a layer is drawn round in its own lines; the one next to the fill stands out.
+    outline = (edge / 0.1).clamp(max=1) - 1.8 * torch.exp(-(((edge - 0.10) / 0.05) ** 2))
+    color = color * (1 + 0.30 * finish[:, 7] * outline)[:, None]
     skin = (finish[:, 8] > 0).nonzero()[:, 0]
     if len(skin) > 0:
         color[skin], normal[skin] = _skin(
@@ -75,12 +80,13 @@ def _printed(
     # Differences of neighbours: strands of one to three millimetres, no broad bands.
     streak = _at(noise, line / 0.03, row) - _at(noise, (line + 0.0015) / 0.03, row)
     streak = 1.1 * streak * (1 + 0.35 * value)
-    color = color * (1 + 0.16 * streak * depth).clamp(min=0.3)[:, None]
+    shown = torch.where(level, 0.10, 0.16) * streak * depth
+    color = color * (1 + shown).clamp(min=0.3)[:, None]
     height = finish[:, 6]
     seen = (height / (2 * footprint) - 0.5).clamp(0, 1)
     ripple = torch.sin(along * (2 * torch.pi) / height) * seen * ~level
     across = torch.where(level[:, None], finish[:, 12:15], finish[:, 9:12])
-    tilt = (ripple + torch.where(level, 0.3, 0.8) * streak) * depth
+    tilt = (ripple + torch.where(level, 0.2, 0.7) * streak) * depth
     return color, unit(normal + across * tilt[:, None])
 
 
@@ -100,7 +106,7 @@ def _skin(
     fine = _at(noise, (x - 0.7 * z) / 0.09, (y + 0.4 * x) / 0.09)
     red = (0.65 * fingers + 0.12 * blotch + 0.06 * fine)[:, None]
     hue = torch.tensor([0.04, -0.5, -0.62], device=color.device)
-    color = color * (1 + red * hue).clamp(0.3, 1.3) * (1 + 0.035 * blotch + 0.03 * fine)[:, None]
+    color = color * (1 + red * hue).clamp(0.3, 1.3) * (1 + 0.05 * blotch + 0.045 * fine)[:, None]
     # A vein's height is the ridge of a stretched noise; its slope across the arm tilts the normal.
     ridge = [
         torch.exp(-((_at(noise, (around + s) / 0.16, y / 0.9 + 0.3 * x) * 1.6) ** 2))
@@ -115,9 +121,14 @@ def _skin(
     # Differences of near neighbours keep the fine part of the noise: single hairs, no patches.
     slant = (around + 0.4 * y) / 0.035
     hair = _at(noise, slant + 0.012, y / 0.22) - _at(noise, slant, y / 0.22)
-    hair = ((hair.abs() - 0.30) * 6).clamp(0, 1)
-    color = color * (1 - 0.05 * crease[0] * (1 - arm) - 0.10 * hair * arm)[:, None]
+    hair = ((hair.abs() - 0.25) * 6).clamp(0, 1)
+    color = color * (1 - 0.05 * crease[0] * (1 - arm) - 0.22 * hair * arm)[:, None]
     color = color * (1 - 0.05 * ridge[0] * arm)[:, None]
+    # Bundles of short lines where the skin folds, brown rather than dark.
+    bundle = (1.4 * _at(noise, x / 0.5 + 0.3, y / 0.16 + 0.4 * z) - 1.0).clamp(0, 1) * (1 - arm)
+    phase = (y + 0.2 * x + 0.5 * z + 0.0024 * fine + 0.004 * blotch) * (2 * torch.pi / 0.0031)
+    line = bundle * (0.5 + 0.5 * torch.cos(phase)).square().square()
+    color = color * (1 - line[:, None] * color.new_tensor([0.14, 0.25, 0.30]))
     forward = _cross(finish[:, 9:12], finish[:, 12:15])
     uneven = (
         finish[:, 12:15] * (1.0 * cord + 0.05 * fine)[:, None]

@@ -39,15 +39,15 @@ REAL_PLACES = (
 )  # fmt: skip
 """Parts, hands, cloth and rims in the real frames, pixels."""
 COLORS = {
-    (20, 90, 170): (40, 71, 168),
-    (132, 132, 132): (186, 168, 156),
-    (25, 25, 28): (38, 31, 30),
-    (235, 235, 232): (250, 243, 232),
+    (20, 90, 170): (33, 62, 150),
+    (132, 132, 132): (186, 168, 153),
+    (25, 25, 28): (32, 26, 24),
+    (235, 235, 232): (230, 216, 198),
 }
 """Colours of the real prints, where the mesh files say otherwise."""
 SENSOR = RgbSensor(
-    vignette=0.13, blur_px=0.42, softness_px=1.1, noise=0.0062, flare=0.014, contrast=1.12,
-    sharpening=0.35, knee=0.97, thin_px=1.6, fringe_px=1.2, jpeg_quality=90,
+    vignette=0.13, blur_px=0.48, softness_px=1.15, noise=0.0076, flare=0.014, contrast=1.12,
+    sharpening=0.22, knee=0.5, thin_px=1.6, fringe_px=1.2, jpeg_quality=90,
 )  # fmt: skip
 """What the real frames look like to have been taken with."""
 
@@ -143,7 +143,7 @@ def _photo(
     radiance = picture.radiance
     for i, thing in enumerate(scene.placed):
         if thing.kind == "hand" and rng.random() < 0.5:
-            dx, dy = rng.normal(size=2) * 7
+            dx, dy = rng.normal(size=2) * 4.5
             radiance = blur_moving(radiance, picture.ids == i, (float(dx), float(dy)))
     radiance = _balanced(radiance, picture, rng)
     sensor = replace(SENSOR, exposure=metered(radiance))
@@ -179,19 +179,26 @@ def _foreign(thing: Placed) -> bool:
 def _real(assets: Assets, thing: Placed, rng: np.random.Generator) -> Placed:
     """The same hand and the same filaments for all."""
     if thing.kind == "hand":
-        tone = linear((216, 166, 147)) * np.exp(rng.normal() * 0.05)
+        tone = linear((192, 148, 123)) * np.exp(rng.normal() * 0.06)
         finish = replace(thing.finish, color=tone, translucency=0.35, roughness=0.5)
     else:
         color = linear(assets.assembly.parts[thing.name].color) * np.exp(rng.normal() * 0.06)
+        dark = bool(color.max() < 0.1)
         finish = replace(
             thing.finish,
             color=np.clip(color, 0.003, 0.95),
-            roughness=float(rng.uniform(0.28, 0.48)),
-            layer_axis=int(np.abs(thing.T_world_mesh[2, :3]).argmax()),
-            layer_height=float(rng.uniform(0.0006, 0.0013)),
-            layer_depth=float(rng.uniform(0.05, 0.14)),
+            roughness=float(rng.uniform(0.42, 0.6)),
+            mottling=float(rng.uniform(0.05, 0.25)),
+            layer_axis=int(rng.integers(3)) if dark and rng.random() < 0.5 else _level_axis(thing),
+            layer_height=float(rng.uniform(0.0006, 0.0018)),
+            layer_depth=float(rng.uniform(0.07, 0.16)),
         )
     return replace(thing, finish=finish)
+
+
+def _level_axis(thing: Placed) -> int:
+    """The mesh's axis that stands upright."""
+    return int(np.abs(thing.T_world_mesh[2, :3]).argmax())
 
 
 def _places(scene: Scene, picture: Picture, rng: np.random.Generator) -> list[np.ndarray]:

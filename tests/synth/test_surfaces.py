@@ -9,7 +9,9 @@ from torch import Tensor
 from asdfviz.synth.surfaces import COLUMNS, decorate
 
 
-def _looks(*, depth: float, translucency: float, local: np.ndarray) -> tuple[Tensor, Tensor]:
+def _looks(
+    *, depth: float, translucency: float, local: np.ndarray, edge: float = 0.0
+) -> tuple[Tensor, Tensor]:
     """Looks of a grey surface that faces +x, its layers along z."""
     finish = torch.zeros(len(local), COLUMNS)
     finish[:, :3] = 0.4
@@ -18,7 +20,8 @@ def _looks(*, depth: float, translucency: float, local: np.ndarray) -> tuple[Ten
     normal = torch.zeros(len(local), 3)
     normal[:, 0] = 1.0
     footprint = torch.full((len(local),), 0.001)
-    return decorate(finish, torch.tensor(local, dtype=torch.float32), normal, footprint)
+    places = torch.tensor(local, dtype=torch.float32)
+    return decorate(finish, places, normal, torch.full_like(footprint, edge), footprint)
 
 
 def _places(axis: int) -> np.ndarray:
@@ -39,6 +42,15 @@ def test_layers_tilt_normals_along_their_axis_only() -> None:
     assert float(across[:, 2].std()) > 0.03
     assert float(across[:, 1].abs().max()) < 1e-6
     assert float(along[:, 2].diff().abs().mean()) < 0.3 * float(across[:, 2].diff().abs().mean())
+
+
+def test_a_line_follows_the_outline_of_printed_faces() -> None:
+    inner, line, rim = (
+        float(_looks(depth=0.2, translucency=0.0, local=_places(1), edge=edge)[0].mean())
+        for edge in (0.0, 0.10, 0.5)
+    )
+    assert line < 0.98 * inner
+    assert rim > 1.02 * inner
 
 
 def test_fingers_are_redder_than_the_arm() -> None:
