@@ -40,6 +40,7 @@ def test_a_wrong_first_pose_is_outlived_by_what_agrees_longer(toy, kept) -> None
     assert first is not None
     assert is_at(first, right)
     assert first.lead > 0
+    later = first
     for _ in range(3):
         # The network now says the wrong one alone; depth has the last word.
         later = kept.step([Proposal(wrong, 1.0, is_fitted=True)], frame, box_xyxy=box)
@@ -53,6 +54,7 @@ def test_a_covered_part_keeps_its_pose_and_a_moved_one_does_not(toy, kept) -> No
     right = true["block"]
     box = toy.detection("block", right).box_xyxy
     seen = toy.frame(1, true)
+    before = None
     for _ in range(4):
         before = kept.step([Proposal(right, 1.0, is_fitted=True)], seen, box_xyxy=box)
     hand = toy.frame(2, true)
@@ -68,6 +70,7 @@ def test_a_covered_part_keeps_its_pose_and_a_moved_one_does_not(toy, kept) -> No
     away[0, 3] += 0.12
     moved = toy.frame(3, {**true, "block": away})
     there = toy.detection("block", away).box_xyxy
+    after = None
     for _ in range(2):
         after = kept.step([Proposal(away, 1.0, is_fitted=True)], moved, box_xyxy=there)
     assert is_at(after, away)
