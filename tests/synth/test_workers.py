@@ -91,7 +91,6 @@ def test_impossible_crews_are_refused(tmp_path: Path, crew: Crew, said: str) -> 
 
 
 def test_joblib_does_the_same(tmp_path: Path) -> None:
-    pytest.importorskip("joblib")
     assert do_all(Marks(tmp_path), range(4), crew=Crew(2, "loky"))
     assert {p.name for p in tmp_path.iterdir()} == set("0123")
     assert str(os.getpid()) not in {p.read_text() for p in tmp_path.iterdir()}
