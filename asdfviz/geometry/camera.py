@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels, Points
+from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels, Points, Scores
 
 
 def project(points_camera: Points, K: Intrinsics) -> Pixels:
@@ -29,6 +29,22 @@ def points_from_depth(depth: Depth, K: Intrinsics, *, stride: int = 1) -> tuple[
     pixels = np.stack([u, v], axis=1).astype(np.float64) * stride
     z = depth[v * stride, u * stride].astype(np.float64)
     return back_project(pixels, z, K), pixels
+
+
+def depth_gaps(points_camera: Points, depth: Depth, K: Intrinsics) -> Scores:
+    """How far the readings at projected points lie behind these, metres; only where there is one.
+
+    Args:
+        points_camera: in front of the camera, metres.
+        depth: planar depth in metres, 0 = none.
+        K: intrinsics of the depth image.
+    """
+    pixels = np.rint(project(points_camera, K))
+    height, width = depth.shape
+    inside = np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=1)
+    u, v = pixels[inside].astype(np.intp).T
+    measured = depth[v, u].astype(np.float64)
+    return (measured - points_camera[inside, 2])[measured > 0]
 
 
 def scaled_intrinsics(K: Intrinsics, scale_x: float, scale_y: float) -> Intrinsics:

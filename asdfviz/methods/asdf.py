@@ -145,6 +145,11 @@ class Asdf:
             group=GroupPoses(assembly, shapes, config=config.group),
         )
 
+    @property
+    def shapes(self) -> Mapping[str, PartShape]:
+        """Of the parts, once reset() was called."""
+        return self._started().shapes
+
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
         config, scene, timed = self._config, self._started(), StageTimer()

@@ -31,12 +31,10 @@ from asdfviz.methods.part_hypotheses import (
     PartHypotheses,
     Proposal,
 )
-from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.confidence import ConfidenceConfig, confidence
-from asdfviz.state.appearance import appearance_probabilities
 from asdfviz.state.relative_pose import (
     RelativePoseConfig,
     relative_pose_probabilities,
@@ -108,7 +106,7 @@ class AsdfPlus:
         """
         config = self._config
         self._asdf.reset(assembly, camera, None)
-        shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
+        shapes = self._asdf.shapes
         self._boxes = {}
         self._scene = _Scene(
             assembly,
@@ -134,9 +132,7 @@ class AsdfPlus:
         with timed("register"):
             poses = self._followed(proposed, frame, scene)
         with timed("follow"):
-            looks = appearance_probabilities(
-                proposed.detections, scene.assembly, config=config.appearance
-            )
+            looks = None if proposed.state is None else proposed.state.terms.get("appearance")
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
             state = _estimate(scene.states.step(looks, places), looks, places)
         if config.joined.enabled:

@@ -7,7 +7,6 @@ with the freedoms of their joints. States are fused as ASDF does, from the track
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -23,7 +22,6 @@ from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
-from asdfviz.state.appearance import appearance_probabilities
 from asdfviz.state.fusion import Pose2State
 from asdfviz.state.joints import deviation
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
@@ -115,9 +113,7 @@ class AsdfTrack:
             parts.tracker.move(frame)
             poses = parts.settle(frame, joined)
         with timed("fuse"):
-            looks = appearance_probabilities(
-                proposed.detections, assembly, config=config.appearance
-            )
+            looks = None if proposed.state is None else proposed.state.terms.get("appearance")
             places = relative_pose_probabilities(poses, assembly, config=config.relative_pose)
             scene.state = scene.pose2state.step(looks, places)
         runtime = {**proposed.runtime, **timed.seconds}
@@ -153,7 +149,7 @@ class AsdfTrack:
             symmetries=scene.assembly.parts[name].symmetries,
             joint=state.joints.get(name),
         )
-        near = off.distance < config.distance and off.angle < math.radians(config.angle_deg)
+        near = off.within(config.distance, config.angle_deg)
         return near or scene.parts.tracks[name].unsure > config.patience
 
 

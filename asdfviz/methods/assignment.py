@@ -58,7 +58,7 @@ def _best_apart(candidates: Sequence[Detection], count: int) -> list[Detection]:
     for candidate in candidates:
         if len(kept) == count:
             break
-        if all(_overlap(candidate.box_xyxy, other.box_xyxy) <= MAX_OVERLAP for other in kept):
+        if all(overlap(candidate.box_xyxy, other.box_xyxy) <= MAX_OVERLAP for other in kept):
             kept.append(candidate)
     return kept
 
@@ -89,7 +89,8 @@ def _center(box_xyxy: Box) -> np.ndarray:
     return (box_xyxy[:2] + box_xyxy[2:]) / 2
 
 
-def _overlap(a: Box, b: Box) -> float:
+def overlap(a: Box, b: Box) -> float:
+    """Intersection over union of two boxes, 0 to 1."""
     extent = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
     if (extent <= 0).any():
         return 0.0

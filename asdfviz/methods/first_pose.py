@@ -21,7 +21,7 @@ from asdfviz.geometry.rotation_grid import rotation_of
 from asdfviz.geometry.sampling import oriented_surface_points, surface_middle
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Rgb, Transform
 from asdfviz.methods.network import shipped_weights
-from asdfviz.pose.box_fit import hull_corners
+from asdfviz.pose.box_fit import hull_corners, is_cut_off
 from asdfviz.pose.hypotheses import (
     Candidate,
     HypothesisConfig,
@@ -195,7 +195,7 @@ class CropPoses:
     ) -> list[Candidate]:
         """The network's rotations; where the box is cut off, with the distance that it guesses."""
         guess: float | None = None
-        if _is_cut_off(box_xyxy, frame):
+        if is_cut_off(box_xyxy, (frame.camera.width, frame.camera.height), BORDER_PX):
             guess = answer.distance(self.assembly.parts[name].diameter)
         candidates: list[Candidate] = []
         for quaternion, probability in zip(answer.rotations, answer.probabilities, strict=True):
@@ -245,11 +245,6 @@ def best_settled(
 
 def _class_name(assembly: Assembly, name: str) -> str:
     return f"{assembly.name}/{assembly.parts[name].detector_class}"
-
-
-def _is_cut_off(box_xyxy: Box, frame: Frame) -> bool:
-    limit = np.array([frame.camera.width, frame.camera.height]) - 1 - BORDER_PX
-    return bool((box_xyxy[:2] < BORDER_PX).any() or (box_xyxy[2:] > limit).any())
 
 
 def _view(answer: CropAnswer, box_xyxy: Box, frame: Frame, *, use_depth: bool) -> PartView:

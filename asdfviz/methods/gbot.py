@@ -7,7 +7,6 @@ joints.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,9 +111,7 @@ class Gbot:
                 symmetries=part.symmetries,
                 joint=following.joints.get(name),
             )
-            if off.distance >= self._config.near or off.angle >= math.radians(
-                self._config.angle_deg
-            ):
+            if not off.within(self._config.near, self._config.angle_deg):
                 return False
         return True
 

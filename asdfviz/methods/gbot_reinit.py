@@ -7,17 +7,12 @@ does what it does.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-
-import numpy as np
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, Part
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Transform
-from asdfviz.geometry.symmetry import nearest_symmetric
-from asdfviz.geometry.transforms import rotation_angle
 from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.gbot import Gbot, GbotConfig
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
@@ -25,6 +20,7 @@ from asdfviz.methods.part_poses import poses_from_keypoints
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.pnp import PnpConfig
+from asdfviz.state.joints import deviation
 from asdfviz.track.tracker import Tracker
 
 
@@ -111,13 +107,9 @@ class GbotReinit(Gbot):
         }
 
     def _near(self, T_tracked: Transform, T_seen: Transform, part: Part) -> bool:
-        T = nearest_symmetric(T_seen, T_tracked, part.symmetries)
         centre = (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0)) / 2
-        apart = float(np.linalg.norm((T - T_tracked)[:3] @ np.append(centre, 1.0)))
-        angle = rotation_angle(T[:3, :3].T @ T_tracked[:3, :3])
-        return apart < self._options.keep_near and angle < math.radians(
-            self._options.keep_angle_deg
-        )
+        off = deviation(T_seen, T_tracked, center_part=centre, symmetries=part.symmetries)
+        return off.within(self._options.keep_near, self._options.keep_angle_deg)
 
 
 SPEC = MethodSpec(

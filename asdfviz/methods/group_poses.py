@@ -60,6 +60,19 @@ class GroupPoses:
             name: (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0)) / 2
             for name, part in assembly.parts.items()
         }
+        states = assembly.states
+        self._alike = [
+            {
+                name: [
+                    other.index
+                    for other in states
+                    if name in other.T_base_part and np.allclose(other.T_base_part[name], T)
+                ]
+                for name, T in state.T_base_part.items()
+            }
+            for state in states
+        ]
+        """By state and part, the states that have the part at the same place."""
         self._seen: dict[tuple[int, str], Transform] = {}
         """T_base_part by state and part, where a joint leaves them open."""
 
@@ -81,28 +94,22 @@ class GroupPoses:
         for name in (self._assembly.base, *joined):
             placed = self._placed(name, T_camera_base, poses.get(name), named)
             own = poses.get(name)
-            if own is None or (
-                own.score < trust + self._config.surer
-                and self._is_better(name, placed, own, T_camera_base, named, frame)
-            ):
-                fit = self._fit(name, placed, frame)
-                if fit < self._config.least_fit:
-                    continue
+            if own is not None and own.score >= trust + self._config.surer:
+                continue
+            fit = self._fit(name, placed, frame)
+            if fit < self._config.least_fit:
+                continue
+            if own is None or fit > self._least_to_replace(name, own, T_camera_base, named, frame):
                 score = trust * sure.get(name, 1.0) * fit
                 result[name] = PoseEstimate(name, placed, score, "group")
         return result
 
     def _joined(self, state: StateEstimate) -> tuple[list[str], dict[str, float]]:
         """Parts that are certainly where the most probable state has them, and how certainly."""
-        named = self._assembly.states[state.index]
-        sure: dict[str, float] = {}
-        for name, T_base_part in named.T_base_part.items():
-            same = [
-                other.index
-                for other in self._assembly.states
-                if name in other.T_base_part and np.allclose(other.T_base_part[name], T_base_part)
-            ]
-            sure[name] = float(state.probabilities[same].sum())
+        sure = {
+            name: float(state.probabilities[alike].sum())
+            for name, alike in self._alike[state.index].items()
+        }
         joined = [
             name
             for name, probability in sure.items()
@@ -156,20 +163,14 @@ class GroupPoses:
                 self._seen[state.index, name] = T_base_part
         return T_camera_base @ T_base_part
 
-    def _is_better(
-        self,
-        name: str,
-        placed: Transform,
-        own: PoseEstimate,
-        T_camera_base: Transform,
-        state: State,
-        frame: Frame,
-    ) -> bool:
-        """Whether the group's pose is to replace the part's own."""
+    def _least_to_replace(
+        self, name: str, own: PoseEstimate, T_camera_base: Transform, state: State, frame: Frame
+    ) -> float:
+        """The fit above which the group's pose is to replace the part's own."""
         T_own = inverse(T_camera_base) @ own.T_camera_part
         is_joined = self._agrees(self._off_of(name, T_own, state))
         gain = self._config.gain if is_joined else -self._config.doubt
-        return self._fit(name, placed, frame) > self._fit(name, own.T_camera_part, frame) + gain
+        return self._fit(name, own.T_camera_part, frame) + gain
 
     def _off(
         self,
@@ -190,8 +191,7 @@ class GroupPoses:
         )
 
     def _agrees(self, off: Deviation) -> bool:
-        config = self._config
-        return off.distance < config.distance and off.angle < math.radians(config.angle_deg)
+        return off.within(self._config.distance, self._config.angle_deg)
 
     def _bell(self, off: Deviation) -> float:
         angle = off.angle / math.radians(self._config.angle_deg)

@@ -97,7 +97,8 @@ class PartTracks:
             frame: the frame that the tracker moved to.
             joined: parts that the base holds; they are where it has them, also where not seen.
         """
-        sure, evidence = self.tracker.confidence(frame), self.tracker.evidence(frame)
+        evidence = self.tracker.evidence(frame)
+        sure = {name: self.tracker.judged(seen) for name, seen in evidence.items()}
         least = self.tracker.config.confidence.lost_below
         said: dict[str, PoseEstimate] = {}
         back: dict[str, Transform] = {}

@@ -11,6 +11,7 @@ from asdfviz.datatypes import Frame
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.geometry.transforms import apply
+from asdfviz.methods.assignment import overlap
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.pose.depth_fit import depth_fit
 from asdfviz.pose.icp import IcpConfig, register
@@ -81,7 +82,7 @@ def evidence(
     )
     outline = 0.0
     if box_xyxy is not None:
-        outline = _overlap(projected_box(T_camera_part, shape, frame), box_xyxy)
+        outline = overlap(projected_box(T_camera_part, shape, frame), box_xyxy)
     depth = (0.0, 0.0, 0.0) if fit is None else (fit.share, fit.visible, fit.agreeing)
     return Evidence(*depth, outline)
 
@@ -111,10 +112,3 @@ def projected_box(T_camera_part: Transform, shape: PartShape, frame: Frame) -> B
     points[:, 2] = np.maximum(points[:, 2], 0.01)
     pixels = project(points, frame.camera.K)
     return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
-
-
-def _overlap(a: Box, b: Box) -> float:
-    """Intersection over union."""
-    extent = np.clip(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0, None)
-    both = float(extent.prod())
-    return both / max(float((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod()) - both, 1e-9)

@@ -11,8 +11,8 @@ from asdfviz.methods.asdf import AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlusConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.part_poses import PAPER_ICP
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
-from asdfviz.pose.icp import IcpConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ def first_poses(config: Any, assembly: Assembly) -> list[FirstPose]:
 def refinement_variants(assembly: Assembly) -> list[Variant]:
     """Table 2: nothing, the paper's ICP and the other direction, the shift, and the whole methods."""
     base = Yolov8PoseConfig()
-    other = IcpConfig(direction="scan_to_model", reach=0.05, largest_move=0.2)
+    other = replace(PAPER_ICP, direction="scan_to_model")
     rows = [
         Variant("none", "yolov8pose", base, "none"),
         Variant("ICP, model to scan", "yolov8pose", replace(base, refinement="icp"), "icp"),

@@ -97,7 +97,8 @@ class Yolov8Pose:
             config.first_pose, config.crops, assembly, looker=self._given_looker
         )
         self._assembly = assembly
-        self._shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
+        if config.refinement != "none":
+            self._shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
         self._boxes = {}
 
     def step(self, frame: Frame) -> FramePrediction:

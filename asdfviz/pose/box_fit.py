@@ -53,7 +53,7 @@ def fit_to_box(
     Returns:
         The same pose where the sizes agree within the tolerance or the box is cut off.
     """
-    if not config.enabled or _is_cut_off(box_xyxy, size_wh, config.border_px):
+    if not config.enabled or is_cut_off(box_xyxy, size_wh, config.border_px):
         return T_camera_part
     ratio = _size_ratio(T_camera_part, corners_part, box_xyxy, K)
     if ratio is None or abs(np.log(ratio)) <= np.log1p(config.tolerance):
@@ -82,7 +82,8 @@ def hull_corners(vertices: Points) -> Float64[np.ndarray, "corners 3"]:
     return vertices[np.unique((vertices @ directions).argmax(axis=0))]
 
 
-def _is_cut_off(box_xyxy: Box, size_wh: tuple[int, int], border_px: float) -> bool:
+def is_cut_off(box_xyxy: Box, size_wh: tuple[int, int], border_px: float) -> bool:
+    """Whether a box comes so near to the image's border that it may hide some of the object."""
     x0, y0, x1, y1 = box_xyxy
     width, height = size_wh
     near_start = min(x0, y0) < border_px

@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from asdfviz.geometry.camera import project
+from asdfviz.geometry.camera import depth_gaps
 from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Transform
 from asdfviz.geometry.transforms import apply
 
@@ -52,12 +50,7 @@ def ruled_out(
         return False
     points_camera = apply(T_camera_part, points_part)
     points_camera = points_camera[points_camera[:, 2] > 1e-6]
-    pixels = np.rint(project(points_camera, K))
-    height, width = depth.shape
-    inside = np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=1)
-    u, v = pixels[inside].astype(np.intp).T
-    measured = depth[v, u].astype(np.float64)
-    gap = (measured - points_camera[inside, 2])[measured > 0]
+    gap = depth_gaps(points_camera, depth, K)
     if len(gap) < config.min_points:
         return False
     # The far side of the part is hidden by the near one: only its front must not be seen through.

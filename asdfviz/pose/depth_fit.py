@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from asdfviz.geometry.camera import project
+from asdfviz.geometry.camera import depth_gaps
 from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Transform
 from asdfviz.geometry.transforms import apply
 
@@ -54,13 +54,7 @@ def depth_fit(
     points = apply(T_camera_part, points_part)
     normals = normals_part @ T_camera_part[:3, :3].T
     front = ((points * normals).sum(axis=1) < 0) & (points[:, 2] > 1e-3)
-    points = points[front]
-    pixels = np.rint(project(points, K))
-    height, width = depth.shape
-    inside = np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=1)
-    u, v = pixels[inside].astype(np.intp).T
-    measured = depth[v, u].astype(np.float64)
-    gap = (measured - points[inside, 2])[measured > 0]
+    gap = depth_gaps(points[front], depth, K)
     if len(gap) < LEAST_READINGS:
         return None
     on = int((np.abs(gap) <= margin).sum())

@@ -131,8 +131,9 @@ def settle(
     best = np.argsort(-score)[: config.refined]
     refined = np.stack([_refined(Ts[i], surface, view, config) for i in best])
     both = np.concatenate([refined, Ts[best]])
-    found = _agreement(both, surface, view, config)
-    score = _scores(found, config) + config.prior_weight * np.tile(prior[best], 2)
+    found = np.concatenate([_agreement(refined, surface, view, config), found[best]])
+    agreed = _scores(found, config)
+    score = agreed + config.prior_weight * np.tile(prior[best], 2)
     T_camera_view = transform_from(view.R_camera_view, np.zeros(3))
     settled: list[Settled] = []
     for place in np.argsort(-score, kind="stable"):
@@ -141,7 +142,7 @@ def settle(
                 return []  # nothing agrees where even the best does not
             continue
         has_depth = bool(found[place, 2] >= config.min_readings)
-        reached = float(_scores(found, config)[place]) / _most(config, has_depth)
+        reached = float(agreed[place]) / _most(config, has_depth)
         T_camera_part = orthonormalized(T_camera_view @ both[place])
         likely = float(prior[best][place % len(best)])
         settled.append(Settled(T_camera_part, float(np.clip(reached, 0, 1)), has_depth, likely))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,10 @@ class Deviation(NamedTuple):
     """Between the part's centres, metres."""
     angle: float
     """Between the rotations, radians."""
+
+    def within(self, distance: float, angle_deg: float) -> bool:
+        """Whether both are less than this, metres and degrees."""
+        return self.distance < distance and self.angle < math.radians(angle_deg)
 
 
 def deviation(

@@ -181,7 +181,7 @@ class Tracker:
 
     def confidence(self, frame: Frame) -> dict[str, float]:
         """Probability, 0 to 1, that each pose as it is now is near the truth of the frame."""
-        return {name: self._sure(seen) for name, seen in self.evidence(frame).items()}
+        return {name: self.judged(seen) for name, seen in self.evidence(frame).items()}
 
     def trials(
         self, frame: Frame, name: str, starts: Sequence[Transform], *, rounds: int | None = None
@@ -208,7 +208,7 @@ class Tracker:
                 rounds=rounds or self.config.correspondence_iterations,
             )
             seen = self._seen(rgb, depth, i, T, NO_SILHOUETTES)
-            found.append(Trial(T @ _shift(-centre), seen, self._sure(seen)))
+            found.append(Trial(T @ _shift(-centre), seen, self.judged(seen)))
         return found
 
     def _seen(
@@ -228,7 +228,8 @@ class Tracker:
             number=i,
         )
 
-    def _sure(self, seen: Evidence) -> float:
+    def judged(self, seen: Evidence) -> float:
+        """Probability, 0 to 1, that a pose with this evidence is near the truth."""
         return confidence(
             seen,
             self.config.confidence,
