@@ -31,6 +31,11 @@ _KINDS: dict[type, Kind] = {
 }
 
 
+def label_of(name: str) -> str:
+    """The last part of an option's dotted name, in words."""
+    return name.rpartition(".")[2].replace("_", " ")
+
+
 @dataclass(frozen=True, slots=True)
 class Option:
     """One line of the form."""
@@ -46,7 +51,7 @@ class Option:
     @property
     def label(self) -> str:
         """The last part of the name, in words."""
-        return self.name.rpartition(".")[2].replace("_", " ")
+        return label_of(self.name)
 
 
 @dataclass(frozen=True, slots=True)

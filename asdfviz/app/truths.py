@@ -19,7 +19,7 @@ def truth_of(workspace: Workspace) -> dict[int, FrameTruth]:
     """
     truth = corrected_truth(
         workspace.store,
-        {t.frame_index: t for t in workspace.truths if t is not None},
+        _own_truth(workspace),
         assembly=workspace.assembly,
         frames=workspace.indices,
     )
@@ -38,7 +38,12 @@ def drawn_truth(workspace: Workspace, base: str | None) -> dict[int, FrameTruth]
     if run is not None:
         start = run.run
     elif chosen == TRUTH:
-        start = {t.frame_index: t for t in workspace.truths if t is not None}
+        start = _own_truth(workspace)
     return corrected_truth(
         workspace.store, start, assembly=workspace.assembly, frames=workspace.indices
     )
+
+
+def _own_truth(workspace: Workspace) -> dict[int, FrameTruth]:
+    """What the dataset itself says, by frame number."""
+    return {t.frame_index: t for t in workspace.truths if t is not None}

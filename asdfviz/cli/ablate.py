@@ -14,7 +14,10 @@ from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 from asdfviz.errors import InputError, Stopped
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from asdfviz.data.folder_sequence import FolderSequence
+    from asdfviz.datatypes import Assembly
     from asdfviz.evaluate.paper_ablations import Backbone, JudgedVariant
     from asdfviz.evaluate.paper_layout import Layout
     from asdfviz.methods.variants import Variant
@@ -83,23 +86,13 @@ class Ablate:
         from asdfviz.evaluate.paper_ablations import refinement_table
         from asdfviz.methods.variants import refinement_variants
 
-        found = [
-            _judged_variant(variant, scene)
-            for scene in scenes
-            for variant in refinement_variants(known_assembly(scene, "--assembly"))
-        ]
-        return refinement_table(found, layout=layout)
+        return refinement_table(_all_judged(scenes, refinement_variants), layout=layout)
 
     def _group(self, scenes: list[FolderSequence], layout: Layout) -> str:
         from asdfviz.evaluate.paper_ablations import plain_table
         from asdfviz.methods.variants import group_variants
 
-        found = [
-            _judged_variant(variant, scene)
-            for scene in scenes
-            for variant in group_variants(known_assembly(scene, "--assembly"))
-        ]
-        return plain_table(found, poses=True, layout=layout)
+        return plain_table(_all_judged(scenes, group_variants), poses=True, layout=layout)
 
     def _fusion(self, scenes: list[FolderSequence], layout: Layout) -> str:
         from asdfviz.evaluate.fusion_study import StudiedRun, fusion_study
@@ -152,6 +145,17 @@ class Ablate:
                 )
                 report(place + 1, len(SCALES), scale)
         return backbone_table(rows, layout=layout)
+
+
+def _all_judged(
+    scenes: list[FolderSequence], variants_of: Callable[[Assembly], Sequence[Variant]]
+) -> list[JudgedVariant]:
+    """Every variant of every scene's assembly, judged on that scene."""
+    return [
+        _judged_variant(variant, scene)
+        for scene in scenes
+        for variant in variants_of(known_assembly(scene, "--assembly"))
+    ]
 
 
 def _judged_variant(variant: Variant, scene: FolderSequence) -> JudgedVariant:

@@ -35,9 +35,9 @@ def known_truth(sequence: FolderSequence, assembly: Assembly) -> dict[int, Frame
     Raises:
         InputError: there is none.
     """
-    from asdfviz.data.truth import read_truth
+    from asdfviz.data.sequences import read_folder_truth
 
-    truth = read_truth(Path(sequence.path), assembly)
+    truth = read_folder_truth(Path(sequence.path), assembly)
     if not truth:
         raise InputError(f"{sequence.path} has no truth (scene_gt.json) to be judged by")
     return truth
@@ -80,9 +80,9 @@ def kept_run(folder: Path, sequence: FolderSequence, config: object) -> Run | No
     except RunError:  # none, or one that cannot be read: it is made anew
         return None
     wanted = dataclasses.asdict(resolved_config(config, assembly))
-    is_same = kept.hashes == input_hashes(sequence, assembly, config)
-    is_same = is_same and _plain(kept.config) == _plain(wanted)
-    return kept if is_same and len(kept.predictions) == len(sequence) else None
+    if len(kept.predictions) != len(sequence) or _plain(kept.config) != _plain(wanted):
+        return None
+    return kept if kept.hashes == input_hashes(sequence, assembly, config) else None
 
 
 def judged(run: Run, sequence: FolderSequence, *, option: str) -> Judgement:

@@ -73,30 +73,31 @@ class RunMethod:
         except (AsdfvizError, OSError, KeyboardInterrupt) as error:
             if not kept:
                 raise
-            saved = _saved(kept[0], sequence, out)
+            _, saved = _saved(kept[0], sequence, out)
             if isinstance(error, KeyboardInterrupt):
                 raise Stopped(saved) from error
             raise InputError(f"{error}; {saved}") from error
         if not result.predictions:
             raise Stopped("no frame was done, nothing is saved")
-        saved = _saved(result, sequence, out)
-        print(out)
+        folder, saved = _saved(result, sequence, out)
+        print(folder)
         if len(result.predictions) < len(sequence):
             raise Stopped(saved)
 
 
-def _saved(run: Run, sequence: Sequence, out: Path) -> str:
-    """Save a run, and say how much of the sequence it is; a part never replaces more than it has."""
+def _saved(run: Run, sequence: Sequence, out: Path) -> tuple[Path, str]:
+    """Save a run; a part never replaces more than it has. Returns where, and what there is to say."""
     from asdfviz.data.run_files import load_run, save_run
 
-    try:
-        before = len(load_run(out).predictions)
-    except RunError:
-        before = 0  # none, or none that anyone could read
-    if len(run.predictions) < min(before, len(sequence)):
-        out = out.with_name(f"{out.name}-partial")
+    if len(run.predictions) < len(sequence):
+        try:
+            before = len(load_run(out).predictions)
+        except RunError:
+            before = 0  # none, or none that anyone could read
+        if len(run.predictions) < min(before, len(sequence)):
+            out = out.with_name(f"{out.name}-partial")
     save_run(run, out)
-    return f"{len(run.predictions)} of {len(sequence)} frames are saved in {out}"
+    return out, f"{len(run.predictions)} of {len(sequence)} frames are saved in {out}"
 
 
 def method_config(spec: MethodSpec, arguments: list[str]) -> object:

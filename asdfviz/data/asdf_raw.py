@@ -18,7 +18,7 @@ import numpy as np
 
 from asdfviz.data.asdf_states import NO_BOX, state_truth
 from asdfviz.data.folder_sequence import SceneReaders
-from asdfviz.data.images import RawDepth, read_stored
+from asdfviz.data.images import RawDepth, kind_of, read_stored
 from asdfviz.data.json_files import Json, read_json
 from asdfviz.data.scene_files import SceneFiles, numbered_files
 from asdfviz.data.truth import STATES, StateTruth, read_truth
@@ -91,12 +91,6 @@ def read_raw_millimetres(path: Path) -> RawDepth:
             "ones), in millimetres"
         )
     return np.ascontiguousarray(image if image.ndim == 2 else image[..., 0])
-
-
-def kind_of(image: np.ndarray) -> str:
-    """Bit depth and channels in words, for messages."""
-    channels = 1 if image.ndim == 2 else image.shape[2]
-    return f"{image.dtype.itemsize * 8} bit with {channels} channel(s)"
 
 
 def read_raw_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:

@@ -19,10 +19,9 @@ import cv2
 import numpy as np
 import yaml
 
-from asdfviz.data.asdf_raw import kind_of
 from asdfviz.data.asdf_states import NO_BOX, STATE_LABEL, state_truth
 from asdfviz.data.folder_sequence import SceneReaders
-from asdfviz.data.images import RawDepth, read_stored
+from asdfviz.data.images import RawDepth, kind_of, read_stored
 from asdfviz.data.scene_files import SceneFiles, numbered_files
 from asdfviz.data.truth import StateTruth
 from asdfviz.datatypes import KEYPOINTS, Assembly, FrameTruth

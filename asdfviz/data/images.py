@@ -40,6 +40,12 @@ def read_stored(path: Path) -> np.ndarray:
     return _decode(path, cv2.IMREAD_UNCHANGED)
 
 
+def kind_of(image: np.ndarray) -> str:
+    """Bit depth and channels in words, for messages."""
+    channels = 1 if image.ndim == 2 else image.shape[2]
+    return f"{image.dtype.itemsize * 8} bit with {channels} channel(s)"
+
+
 def read_raw_depth(path: Path) -> RawDepth:
     """Read a 16-bit depth image in the file's own unit.
 
@@ -48,9 +54,8 @@ def read_raw_depth(path: Path) -> RawDepth:
     """
     image = read_stored(path)
     if image.dtype != np.uint16 or image.ndim != 2:
-        channels = 1 if image.ndim == 2 else image.shape[2]
         raise SequenceError(
-            f"{path} is {image.dtype.itemsize * 8} bit with {channels} channel(s); depth must be "
+            f"{path} is {kind_of(image)}; depth must be "
             "a 16-bit PNG with one channel (an 8-bit copy has lost its depth)"
         )
     return image

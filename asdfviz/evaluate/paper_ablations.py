@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from asdfviz.evaluate.paper_layout import Layout, figure, laid_out
+from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.protocols import mean
+from asdfviz.evaluate.tables import number
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +133,7 @@ def backbone_table(backbones: Sequence[Backbone], *, layout: Layout = "markdown"
             ours = _ours(one.judged, POSE_COLUMNS)
         trained = ", ".join(dict.fromkeys(v.title for v in one.judged)) or "random, for time alone"
         theirs = _paper_cells(PAPER_BACKBONES.get(one.scale))
-        time = [figure(one.ms), figure(one.million_weights)]
+        time = [number(one.ms), number(one.million_weights)]
         rows.append([one.scale, trained, *theirs, *time, *ours])
     return laid_out(headings, rows, texts=2, layout=layout)
 
@@ -146,10 +147,10 @@ def _by_title(judged: Sequence[JudgedVariant]) -> dict[str, list[JudgedVariant]]
 
 def _ours(variants: Sequence[JudgedVariant], columns: Sequence[tuple[str, str, str]]) -> list[str]:
     """Plain means over scenes."""
-    return [figure(mean(v.report[group].get(key) for v in variants)) for group, key, _ in columns]
+    return [number(mean(v.report[group].get(key) for v in variants)) for group, key, _ in columns]
 
 
 def _paper_cells(paper: PaperAblation | None) -> list[str]:
     if paper is None:
         return ["-"] * 3
-    return [figure(paper.ms), figure(paper.e_t_mm), figure(paper.e_r_deg)]
+    return [number(paper.ms), number(paper.e_t_mm), number(paper.e_r_deg)]

@@ -28,11 +28,6 @@ def layout_of(out: Path | None) -> Layout:
     return LAYOUTS[out.suffix]
 
 
-def figure(value: float | None, digits: int = 1) -> str:
-    """A figure, or a dash where there is none."""
-    return "-" if value is None else f"{value:.{digits}f}"
-
-
 def laid_out(
     headings: Sequence[str], rows: Sequence[Sequence[str]], *, texts: int, layout: Layout
 ) -> str:

@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from asdfviz.evaluate.paper_layout import Layout, figure, laid_out
+from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.paper_table1 import CALIPER, CORNER_CLAMP, SCREW_CLAMP, VISE, counterpart
 from asdfviz.evaluate.protocols import mean
+from asdfviz.evaluate.tables import number
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,4 +108,4 @@ def _row(
         mean(report[protocol][group].get(key) for report in reports)
         for protocol, group, key, _ in COLUMNS
     ]
-    return [method, first_pose, assembly, *map(figure, (*theirs, *ours))]
+    return [method, first_pose, assembly, *map(number, (*theirs, *ours))]

@@ -11,8 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from asdfviz.evaluate.paper_layout import Layout, figure, laid_out
+from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.protocols import mean
+from asdfviz.evaluate.tables import number
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,5 +102,5 @@ def _row(method: str, sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
         method if paper is None else paper.title,
         "truth" if from_truth else "none",
         sequences,
-        *map(figure, (*theirs, *gbot, *strict, ms)),
+        *map(number, (*theirs, *gbot, *strict, ms)),
     ]

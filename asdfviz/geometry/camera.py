@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels, Points, Scores
+from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels, Points
 
 
 def project(points_camera: Points, K: Intrinsics) -> Pixels:
@@ -31,7 +32,9 @@ def points_from_depth(depth: Depth, K: Intrinsics, *, stride: int = 1) -> tuple[
     return back_project(pixels, z, K), pixels
 
 
-def depth_gaps(points_camera: Points, depth: Depth, K: Intrinsics) -> Scores:
+def depth_gaps(
+    points_camera: Points, depth: Depth, K: Intrinsics
+) -> Float64[np.ndarray, "readings"]:
     """How far the readings at projected points lie behind these, metres; only where there is one.
 
     Args:

@@ -16,6 +16,7 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
 from asdfviz.detector.crop_answer import CropAnswer
+from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError, WeightsError
 from asdfviz.geometry.rotation_grid import rotation_of
 from asdfviz.geometry.sampling import oriented_surface_points, surface_middle
@@ -112,7 +113,7 @@ def load_looker(config: CropPoseConfig, assembly: Assembly) -> LooksAtParts:
         path,
         config=CropLookerConfig(config.hypotheses.count, config.device, config.bfloat16),
     )
-    wanted = {_class_name(assembly, name) for name in assembly.parts}
+    wanted = {class_name(assembly, assembly.parts[name]) for name in assembly.parts}
     if not wanted & set(looker.classes):
         raise WeightsError(
             f"{path} knows none of the parts of '{assembly.name}': it has "
@@ -175,7 +176,10 @@ class CropPoses:
         previous: Mapping[str, Transform] | None = None,
     ) -> dict[str, list[Settled]]:
         """As `poses`, with the runners-up of every part that has a pose, best first."""
-        boxes = {name: (_class_name(self.assembly, name), d.box_xyxy) for name, d in found.items()}
+        boxes = {
+            name: (class_name(self.assembly, self.assembly.parts[name]), d.box_xyxy)
+            for name, d in found.items()
+        }
         answers = self.looker.look(frame.rgb, frame.camera.K, boxes)
         kept: dict[str, list[Settled]] = {}
         for name, answer in answers.items():
@@ -241,10 +245,6 @@ def best_settled(
         name: PoseEstimate(name, s[0].T_camera_part, found[name].score * s[0].agreement, "crop")
         for name, s in settled.items()
     }
-
-
-def _class_name(assembly: Assembly, name: str) -> str:
-    return f"{assembly.name}/{assembly.parts[name].detector_class}"
 
 
 def _view(answer: CropAnswer, box_xyxy: Box, frame: Frame, *, use_depth: bool) -> PartView:

@@ -73,10 +73,10 @@ def fit_to_box(
     return moved
 
 
-def hull_corners(vertices: Points) -> Float64[np.ndarray, "corners 3"]:
-    """The vertices that lie farthest out in 512 even directions: enough for a part's extent."""
-    place = np.arange(512) + 0.5
-    polar, azimuth = np.arccos(1 - place / 256), np.pi * (1 + 5**0.5) * place
+def hull_corners(vertices: Points, count: int = 512) -> Float64[np.ndarray, "corners 3"]:
+    """The vertices that lie farthest out in so many even directions: enough for a part's extent."""
+    place = np.arange(count) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * place / count), np.pi * (1 + 5**0.5) * place
     ring = np.sin(polar)
     directions = np.stack([np.cos(azimuth) * ring, np.sin(azimuth) * ring, np.cos(polar)])
     return vertices[np.unique((vertices @ directions).argmax(axis=0))]

@@ -129,11 +129,11 @@ def build_gbuffer(scenes: Sequence[Scene], triangles: Triangles, views: Views) -
 
 
 def exact_depth(
-    scenes: Sequence[Scene], triangles: Triangles, views: Views
+    scenes: Sequence[Scene], triangles: Triangles, views: Views, projected: Projected
 ) -> tuple[Float32[Tensor, "b h w"], Int64[Tensor, "b h w"]]:
-    """Depth and owner (see GBuffer) without any looks."""
+    """Depth and owner (see GBuffer) without any looks; `projected` are the triangles in the views."""
     depth, _ = ground_depth(scenes, views.rays(), views.centers())
-    return depth, _nearest(triangles, views.project(triangles), depth)[1]
+    return depth, _nearest(triangles, projected, depth)[1]
 
 
 def _nearest(

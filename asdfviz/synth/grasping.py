@@ -117,7 +117,8 @@ def _candidates(
     return np.concatenate(poses), np.array(grasps), np.array(worth)
 
 
-def _mirrored(v: Vector, outfit: Outfit) -> Vector:
+def _mirrored(v: Float64[np.ndarray, "*n 3"], outfit: Outfit) -> Float64[np.ndarray, "*n 3"]:
+    """A vector or several of the right hand as the worn hand has them."""
     return v * [-1.0, 1.0, 1.0] if outfit.mirrored else v
 
 
@@ -201,7 +202,7 @@ def _comfort(
         arm = R[mine] @ _mirrored(np.array([0.0, -np.cos(wrist), np.sin(wrist)]), outfit)
         wish = shoulder - t[mine]
         straight = (arm * wish).sum(axis=1) / np.linalg.norm(wish, axis=1)
-        outline = arm_outline(grasp) * ([-1.0, 1.0, 1.0] if outfit.mirrored else [1.0, 1.0, 1.0])
+        outline = _mirrored(arm_outline(grasp), outfit)
         low = (R[mine, 2] @ outline.T * outfit.size).min(axis=1) + t[mine, 2] - LOWEST
         back_of_hand = np.minimum(R[mine, 2, 2], 0.6)
         worth[mine] = straight + 0.4 * back_of_hand + np.minimum(low, 0.0) * 100

@@ -13,7 +13,7 @@ from manifold3d import CrossSection, Manifold
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.synth.own_design import ABOUT_Z, Design, Piece, Step, freedom
-from asdfviz.synth.own_shapes import Length, axes, box, cylinder, prism
+from asdfviz.synth.own_shapes import Length, axes, box, cylinder, polar_prism, prism
 
 PLATE = 8.0
 """Thickness of the base plate."""
@@ -116,8 +116,7 @@ def bolt_solid() -> Manifold:
     tip = Manifold.cylinder(1.5, 2.8, 4, 20) + cylinder(4, 1.5, 9)
     shaft = _thread(THREAD_RADIUS, start=8, length=43)
     angle = np.linspace(0, 2 * np.pi, 96, endpoint=False)
-    radius = 15.0 + 0.5 * np.sign(np.sin(24 * angle + 0.1))
-    knurl = prism(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1), 11)
+    knurl = polar_prism(15.0 + 0.5 * np.sign(np.sin(24 * angle + 0.1)), 11)
     chamfer = Manifold.cylinder(2.5, 12, 16, 32) + cylinder(16, 2.5, 11)
     head = Manifold.cylinder(9, 8.4, 8.4, 6).translate((0, 0, 66))
     return tip + shaft + cylinder(9, 50, 57) + (knurl ^ chamfer).translate((0, 0, 56)) + head

@@ -10,14 +10,14 @@ import numpy as np
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import apply, rotation_about, transform_from
+from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Ground, Light, Placed
 from asdfviz.synth.film import Moment, film
 from asdfviz.synth.fixture import find_fixture
 from asdfviz.synth.grasping import Hold, dressed, find_grip, hand_points, scaled
 from asdfviz.synth.hands import OPEN_HAND
-from asdfviz.synth.layout import Outfit, Table, dress
+from asdfviz.synth.layout import Outfit, Table, dress, turn_z
 from asdfviz.synth.looks import any_grounds, random_lights, theatre
 from asdfviz.synth.motion import moved
 from asdfviz.synth.penetration import Solid, solid_of
@@ -172,10 +172,10 @@ def _free_shift(
     for _ in range(12):
         angle, turn = rng.random() * 2 * np.pi, float(rng.choice([-1, 1]) * rng.uniform(0.3, 0.7))
         shift = rng.uniform(0.02, 0.05) * np.array([np.cos(angle), np.sin(angle), 0.0])
-        R = rotation_about(np.array([0.0, 0.0, 1.0]), turn)
+        R = turn_z(turn)
         center = apply(base, director.solids[director.assembly.base].samples).mean(axis=0)
         swept = [
-            footprint((points - center) @ rotation_about(np.array([0.0, 0.0, 1.0]), s * turn).T + center + s * shift)
+            footprint((points - center) @ turn_z(s * turn).T + center + s * shift)
             for s in (0.35, 0.7, 1.0)
         ]  # fmt: skip
         if not any(overlap(a, b, gap=0.006) for a in swept for b in still):
@@ -229,7 +229,7 @@ def _occupied(
 def _other_shoulder(stand: Stand, outfit: Outfit) -> Vector:
     """Where a person's other arm comes from."""
     middle = stand.T_world_base[:3, 3]
-    turn = rotation_about(np.array([0.0, 0.0, 1.0]), 1.2 if outfit.mirrored else -1.2)
+    turn = turn_z(1.2 if outfit.mirrored else -1.2)
     return middle + turn @ (stand.shoulder - middle)
 
 

@@ -84,7 +84,7 @@ def _pictures(
     """Add what is measured at the image's own pixels; `exact` if that is known already."""
     views = Views.of(scenes, scale=1.0, device=device)
     projected = views.project(triangles)
-    depth, owner = exact or exact_depth(scenes, triangles, views)
+    depth, owner = exact or exact_depth(scenes, triangles, views, projected)
     depth = torch.where(depth < FAR, depth, 0.0)
     counts, boxes = silhouettes(scenes, triangles, projected)
     pictures: list[Picture] = []

@@ -20,7 +20,7 @@ from asdfviz.geometry.transforms import (
 from asdfviz.synth.assets import Cloud
 from asdfviz.synth.grasping import Grip, arm_outline, hand_points, scaled
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
-from asdfviz.synth.layout import Outfit
+from asdfviz.synth.layout import Outfit, turn_z
 from asdfviz.synth.motion import blend, moved
 from asdfviz.synth.penetration import Solid
 from asdfviz.synth.resting import RestingFace, footprint, overlap
@@ -95,7 +95,7 @@ def rests_between(
     """
     samples = solids[name].samples
     middle = (a := apply(spot, samples)).min(axis=0) / 2 + a.max(axis=0) / 2
-    turns = [rotation_about(np.array([0.0, 0.0, 1.0]), k * np.pi / 4) for k in range(8)]
+    turns = [turn_z(k * np.pi / 4) for k in range(8)]
     every = [spin @ face.R_world_part for face in faces if face.margin > 0.001 for spin in turns]
     ends = (poses[name][:3, :3], goal[:3, :3])
     every.sort(key=lambda R: max(rotation_angle(R.T @ end) for end in ends))
@@ -107,7 +107,9 @@ def rests_between(
         t = np.array([*(middle - (low + high) / 2)[:2], -low[2]])
         if not any(overlap(footprint(turned + t), other, gap=0.004) for other in others):
             found.append(transform_from(R, t))
-    return found[:_STOPOVERS]
+            if len(found) == _STOPOVERS:
+                break
+    return found
 
 
 def _raised(
@@ -148,13 +150,13 @@ def free_targets(
     The travel is narrowed until joined parts stand in one another no deeper than in their nominal
     poses, but for a fraction of a millimetre (threads that slide unturned).
     """
-    nominal = _depths(assembly, solids, {s.index: s.T_base_part for s in assembly.states}, {})
+    nominal = _depths(assembly, solids, {s.index: s.T_base_part for s in assembly.states})
     for spread in (0.8, 0.5, 0.25, 0.1):
         targets = {
             s.index: joined_poses(s, np.random.default_rng([seed, 5]), spread=spread)
             for s in assembly.states
         }
-        found = _depths(assembly, solids, targets, {})
+        found = _depths(assembly, solids, targets)
         if all(found[key] <= nominal[key] + TOLERANCE for key in found):
             return targets
     return {s.index: s.T_base_part for s in assembly.states}
@@ -164,9 +166,9 @@ def _depths(
     assembly: Assembly,
     solids: Mapping[str, Solid],
     targets: Mapping[int, Mapping[str, Transform]],
-    known: dict[tuple[str, str, bytes], float],
 ) -> dict[tuple[int, str, str], float]:
     """How deep every two joined parts stand in each other, by state and names, metres."""
+    known: dict[tuple[str, str, bytes], float] = {}
     found: dict[tuple[int, str, str], float] = {}
     for state in assembly.states:
         poses = targets[state.index]

@@ -14,7 +14,7 @@ import numpy as np
 from asdfviz.datatypes import Camera, State
 from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.geometry.shapes import Points, Transform, Vector
-from asdfviz.geometry.transforms import apply, rotation_about, transform_from
+from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Ground, Placed, Scene
 from asdfviz.synth.joint_motion import joined_poses
@@ -27,6 +27,7 @@ from asdfviz.synth.layout import (
     place_group,
     place_loose,
     stand,
+    turn_z,
 )
 from asdfviz.synth.looks import any_grounds, part_colors, plastic, random_lights, theatre
 from asdfviz.synth.shading import look_at
@@ -109,7 +110,7 @@ def random_view(
     flat = np.sin(angle)
     back = np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.cos(angle)])
     T = look_at(target + far * back, target)
-    roll = rotation_about(np.array([0.0, 0.0, 1.0]), rng.random() * 2 * np.pi)
+    roll = turn_z(rng.random() * 2 * np.pi)
     return transform_from(roll, np.zeros(3)) @ T
 
 
@@ -216,8 +217,3 @@ def _around(
     if hands and rng.random() < config.passing_hand:
         placed += passing_hand(assets, table, rng)
     return placed
-
-
-def T_camera_parts(scene: Scene) -> Mapping[int, Transform]:
-    """Pose in the camera's frame of every placed thing that belongs to the truth, by place."""
-    return {i: scene.T_camera_world @ p.T_world_mesh for i, p in enumerate(scene.placed) if p.truth}

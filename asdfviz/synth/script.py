@@ -13,11 +13,11 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, State
 from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
+from asdfviz.geometry.transforms import apply, inverse, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.film import Act
 from asdfviz.synth.grasping import Grip, Hold, backed, find_grip
-from asdfviz.synth.layout import Outfit
+from asdfviz.synth.layout import Outfit, turn_z
 from asdfviz.synth.motion import Limits, Pace, blend, frames_needed, moved
 from asdfviz.synth.penetration import Solid
 from asdfviz.synth.routes import Obstacle, over, over_with_hand, rests_between, wrong_place
@@ -102,7 +102,7 @@ class Director:
         base = self.assembly.base
         start = self.poses[base]
         center = apply(start, self.solids[base].middle[None])[0]
-        R = rotation_about(np.array([0.0, 0.0, 1.0]), turn)
+        R = turn_z(turn)
         goal = transform_from(R @ start[:3, :3], R @ (start[:3, 3] - center) + center + shift)
         riders = {n: T for n, T in self.joined.items() if n != base}
         grip = self._grip(base, [start, goal], skip=set(self.joined))

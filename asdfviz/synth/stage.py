@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, State
+from asdfviz.datatypes import Assembly
 from asdfviz.geometry.shapes import Points, Rotation, Transform, Vector
-from asdfviz.geometry.transforms import apply, inverse, rotation_angle, transform_from
+from asdfviz.geometry.transforms import apply, rotation_angle, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Placed
 from asdfviz.synth.layout import Table, group_points, lowered, place_distractor, turn_z
-from asdfviz.synth.penetration import Solid
 from asdfviz.synth.resting import RestingFace, center_of_mass, footprint, support_margin
 from asdfviz.synth.ways import Way
 
@@ -115,10 +114,16 @@ def _base_rotation(assets: Assets, rng: np.random.Generator) -> tuple[Rotation, 
     spin = turn_z(rng.random() * 2 * np.pi)
     base_points = assembly.parts[assembly.base].mesh.vertices
     usable: list[RestingFace] = []
+    groups = [
+        (group_points(assembly, s.T_base_part), group_center(assembly, s.T_base_part))
+        for s in assembly.states
+    ]
     for face in assets.resting[assembly.base]:
-        floor = float((base_points @ face.R_world_part.T)[:, 2].min())
-        low = min(_lowest(assembly, s, face.R_world_part) for s in assembly.states)
-        steady = min(_margin(assembly, s, face.R_world_part) for s in assembly.states)
+        R = face.R_world_part
+        floor = float((base_points @ R.T)[:, 2].min())
+        low = min(float((points @ R.T)[:, 2].min()) for points, _ in groups)
+        # How far the centre of mass of what is joined stays within what touches the table.
+        steady = min(support_margin(points - center, -R[2]) for points, center in groups)
         if low > floor - 0.0005 and steady > STEADY:
             usable.append(face)
     if not usable:
@@ -126,16 +131,6 @@ def _base_rotation(assets: Assets, rng: np.random.Generator) -> tuple[Rotation, 
     weights = np.array([f.probability for f in usable])
     chosen = usable[int(rng.choice(len(usable), p=weights / weights.sum()))]
     return spin @ chosen.R_world_part, False
-
-
-def _lowest(assembly: Assembly, state: State, R: Rotation) -> float:
-    return float((group_points(assembly, state.T_base_part) @ R.T)[:, 2].min())
-
-
-def _margin(assembly: Assembly, state: State, R: Rotation) -> float:
-    """How far the centre of mass of what is joined stays within what touches the table."""
-    middle = group_center(assembly, state.T_base_part)
-    return support_margin(group_points(assembly, state.T_base_part) - middle, -R[2])
 
 
 def group_center(assembly: Assembly, T_base_part: Mapping[str, Transform]) -> Vector:
@@ -199,13 +194,3 @@ def _alignment(R_rest: Rotation, R_goal: Rotation) -> tuple[float, float]:
     M = R_goal @ R_rest.T
     turn = float(np.arctan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1]))
     return turn, rotation_angle(turn_z(turn).T @ M)
-
-
-def solids_top(solid: Solid, T_world_part: Transform) -> float:
-    """Height of a part's highest point over the table, metres."""
-    return float(apply(T_world_part, solid.samples)[:, 2].max())
-
-
-def base_frame(stand: Stand, T_world_part: Transform) -> Transform:
-    """T_base_part of a part that is somewhere in the world."""
-    return inverse(stand.T_world_base) @ T_world_part

@@ -14,6 +14,7 @@ from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Finish, Light, Placed, Scene
 from asdfviz.synth.film import Moment
 from asdfviz.synth.grasping import dressed, scaled
+from asdfviz.synth.layout import turn_z
 from asdfviz.synth.looks import linear, plastic
 from asdfviz.synth.motion import blend
 from asdfviz.synth.play import Play
@@ -104,7 +105,7 @@ class Studio:
         if self.config.light_speed == 0:
             return light
         angle = self.config.light_speed * time / self.config.fps
-        R = rotation_about(np.array([0.0, 0.0, 1.0]), angle)
+        R = turn_z(angle)
         strength = 1 + 0.35 * np.sin(1.7 * angle + light.radius * 40)
         return replace(light, position=R @ light.position, color=light.color * strength)
 

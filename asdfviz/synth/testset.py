@@ -21,12 +21,11 @@ from typing import Any, Literal, TypeAlias
 from asdfviz import __version__
 from asdfviz.data.atomic import write_text
 from asdfviz.data.hashes import assembly_sha256
-from asdfviz.data.json_files import read_json
 from asdfviz.data.scene_objects import SCENE_GT
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.synth.assets import load_assets
-from asdfviz.synth.bop_writer import SceneFolder, require_size
+from asdfviz.synth.bop_writer import SceneFolder, require_equal, require_size
 from asdfviz.synth.images import TEST_SEEDS
 from asdfviz.synth.rerender import rerender
 from asdfviz.synth.sequences import (
@@ -237,13 +236,7 @@ def _begin(home: Path, assembly: Assembly, config: SetsConfig) -> None:
             )
         write_text(file, json.dumps({**about, "sets": {}}, indent=1) + "\n")
         return
-    begun = read_json(file, error=InputError).items()
-    for key, value in about.items():
-        there = begun[key].value if key in begun else None
-        if there != value:
-            raise InputError(
-                f"{file} was begun with {key} {there}, not {value}: take another folder"
-            )
+    require_equal(file, about)
 
 
 def _note(home: Path, config: SetsConfig, name: str, command: str) -> None:

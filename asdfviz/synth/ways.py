@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, State
+from asdfviz.datatypes import Assembly
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse
 from asdfviz.synth.motion import moved
@@ -218,10 +218,3 @@ def _candidates(
         if all(float(axis @ other) < 0.999 for other in unique):
             unique.append(axis)
     return unique
-
-
-def state_bodies(
-    state: State, solids: Mapping[str, Solid], poses: Mapping[str, Transform]
-) -> list[Body]:
-    """The joined parts of a state as bodies in the base frame."""
-    return [Body(solids[name], poses[name]) for name in state.attached]

@@ -17,14 +17,17 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly, Mesh, State
 from asdfviz.detector.crop_classes import part_classes
 from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
-from asdfviz.geometry.shapes import Points, Rotation, Transform, Vector
+from asdfviz.geometry.shapes import Rotation, Transform, Vector
 from asdfviz.geometry.transforms import inverse, rotation_about, transform_from
+from asdfviz.pose.box_fit import hull_corners
 from asdfviz.synth.hands import GRASPS, hand_mesh
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
 from asdfviz.synth.looks import part_colors, random_hue, skin
 from asdfviz.synth.mesh_bank import MeshBank
 from asdfviz.synth.primitives import distractor_meshes
 
+CORNERS = 96
+"""Of a part, from which boxes and lowest points are taken."""
 STORED_PIXELS = 128
 """Side of a stored crop; it is cut to the network's input with any roll while training."""
 PART_FACES, HAND_FACES = 700, 1200
@@ -101,7 +104,7 @@ class CropDrawer:
         meshes += distractor_meshes()
         self._hands = range(len(meshes), len(meshes) + len(GRASPS))
         meshes += [_light(hand_mesh(i).mesh, HAND_FACES) for i in range(len(GRASPS))]
-        self._corners = [far_corners(m.vertices) for m in meshes]
+        self._corners = [hull_corners(m.vertices, CORNERS) for m in meshes]
         self.bank = MeshBank.of(meshes, device=device)
         self._states = [
             [[s for s in assemblies[c.assembly].states if _joins(s, name)] for name in c.parts]
@@ -214,15 +217,6 @@ def _joins(state: State, name: str) -> bool:
 def _direction(rng: np.random.Generator) -> Vector:
     angle = rng.random() * 2 * np.pi
     return np.array([np.cos(angle), np.sin(angle), 0.0])
-
-
-def far_corners(vertices: Points, count: int = 96) -> Float64[np.ndarray, "_ 3"]:
-    """Vertices farthest out in even directions: enough for boxes and lowest points."""
-    place = np.arange(count) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * place / count), np.pi * (1 + 5**0.5) * place
-    ring = np.sin(polar)
-    directions = np.stack([np.cos(azimuth) * ring, np.sin(azimuth) * ring, np.cos(polar)])
-    return vertices[np.unique((vertices @ directions).argmax(axis=0))]
 
 
 def _moved(T: Transform, points: Float64[np.ndarray, "_ 3"]) -> Float64[np.ndarray, "_ 3"]:

@@ -36,6 +36,7 @@ from asdfviz.train.crop_pool import CropPool, ShardFolder, await_shards, generat
 from asdfviz.train.crop_validation import CropValidation, scene_views, validate_crops
 from asdfviz.train.crop_views import ViewMaker, Views
 from asdfviz.train.log import CsvLog, Meter, write_curve
+from asdfviz.train.schedule import make_optimizer
 
 LOSSES = ("rotation", "place", "outline")
 LOG_SECONDS = 20.0
@@ -77,7 +78,9 @@ class CropSession:
         network = CropNetwork(classes=len(self.classes), grid=config.grid).to(config.device)
         self.network = network
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
-        self.optimizer = _optimizer(network, config)
+        self.optimizer = make_optimizer(
+            (network,), learning_rate=config.learning_rate, weight_decay=config.weight_decay
+        )
         self.average = Average(network, decay=config.ema)
         self.progress = Progress()
         self._before, self._began = 0.0, time.monotonic()
@@ -280,16 +283,6 @@ class CropSession:
         losses: dict[str, float] = dict(zip(LOSSES, meter.means(), strict=False))
         share = min(self.share, 1.0)
         return CropReport(self.progress.step, share, losses, meter.inputs_per_s, shards)
-
-
-def _optimizer(network: nn.Module, config: CropTrainConfig) -> torch.optim.AdamW:
-    decayed = [p for p in network.parameters() if p.ndim > 1]
-    others = [p for p in network.parameters() if p.ndim <= 1]
-    groups = [
-        {"params": decayed, "weight_decay": config.weight_decay},
-        {"params": others, "weight_decay": 0.0},
-    ]
-    return torch.optim.AdamW(groups, lr=config.learning_rate, betas=(0.9, 0.99))
 
 
 def _on(rows: _Rows, device: str) -> _Rows:

@@ -20,9 +20,10 @@ from asdfviz.detector.crop_classes import PartClass
 from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
 from asdfviz.detector.crop_network import STRIDE
 from asdfviz.geometry.rotation_grid import Quaternions, even_rotations
+from asdfviz.pose.box_fit import hull_corners
 from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_data import Crops
-from asdfviz.train.crop_scenes import far_corners
+from asdfviz.train.crop_scenes import CORNERS
 
 SOFTNESS = 0.22
 """Radians by which the target distribution spreads about the true rotation."""
@@ -58,7 +59,8 @@ class ViewMaker:
     ) -> None:
         self.device = device
         corners = [
-            far_corners(assemblies[c.assembly].parts[c.parts[0]].mesh.vertices) for c in classes
+            hull_corners(assemblies[c.assembly].parts[c.parts[0]].mesh.vertices, CORNERS)
+            for c in classes
         ]
         most = max(len(c) for c in corners)
         padded = np.stack([c[np.arange(most) % len(c)] for c in corners])

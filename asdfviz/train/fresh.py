@@ -12,8 +12,8 @@ import numpy as np
 from asdfviz.datatypes import Assembly
 from asdfviz.pose.labels import Subject
 from asdfviz.synth.assets import Assets, load_assets
-from asdfviz.synth.bop_writer import truth_order
 from asdfviz.synth.frame_labels import picture_labels
+from asdfviz.synth.frame_truth import truth_order
 from asdfviz.synth.images import draw_picture
 from asdfviz.synth.packs import PackConfig
 from asdfviz.synth.sensor import photograph, random_rgb_sensor

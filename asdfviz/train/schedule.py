@@ -11,7 +11,9 @@ from torch import nn
 from asdfviz.train.config import Stage, TrainConfig
 
 
-def make_optimizer(modules: Iterable[nn.Module], config: TrainConfig) -> torch.optim.AdamW:
+def make_optimizer(
+    modules: Iterable[nn.Module], *, learning_rate: float, weight_decay: float
+) -> torch.optim.AdamW:
     """Return AdamW with decay on weights of convolutions, none on biases and norms."""
     decayed: list[nn.Parameter] = []
     others: list[nn.Parameter] = []
@@ -20,10 +22,10 @@ def make_optimizer(modules: Iterable[nn.Module], config: TrainConfig) -> torch.o
             if parameter.requires_grad:
                 (decayed if parameter.ndim > 1 else others).append(parameter)
     groups = [
-        {"params": decayed, "weight_decay": config.weight_decay},
+        {"params": decayed, "weight_decay": weight_decay},
         {"params": others, "weight_decay": 0.0},
     ]
-    return torch.optim.AdamW(groups, lr=config.learning_rate, betas=(0.9, 0.99))
+    return torch.optim.AdamW(groups, lr=learning_rate, betas=(0.9, 0.99))
 
 
 def rate_at(config: TrainConfig, step: int, share: float) -> float:

@@ -77,7 +77,11 @@ class Session:
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
         self.hint = hint.to(self.world.device)
         self.loss: LossConfig = LOSSES[config.loss]
-        self.optimizer = make_optimizer((self.network, self.hint), config)
+        self.optimizer = make_optimizer(
+            (self.network, self.hint),
+            learning_rate=config.learning_rate,
+            weight_decay=config.weight_decay,
+        )
         self.average = Average(self.network, decay=config.ema)
         self.progress = Progress()
         self._began = time.monotonic()

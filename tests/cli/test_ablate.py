@@ -8,21 +8,14 @@ import shutil
 from pathlib import Path
 
 import pytest
+from exits import exit_code
 
-from asdfviz.cli import main
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import sample_folder
 from asdfviz.methods.registry import find_method
 from asdfviz.methods.variants import first_poses, group_variants, refinement_variants
 
 FRAMES = 3
-
-
-def call(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as caught:
-        main(arguments)
-    assert isinstance(caught.value.code, int)
-    return caught.value.code
 
 
 @pytest.fixture
@@ -54,7 +47,7 @@ def scene(tmp_path: Path) -> Path:
 def test_wrong_input_is_told(
     options: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call("ablate", "group", *options) == 2
+    assert exit_code("ablate", "group", *options) == 2
     assert said in capsys.readouterr().err
 
 
@@ -63,7 +56,7 @@ def test_a_scene_without_truth_is_told_before_anything_runs(
 ) -> None:
     for name in ("scene_gt.json", "states.json"):
         (scene / name).unlink()
-    assert call("ablate", "fusion", "--data", str(scene)) == 2
+    assert exit_code("ablate", "fusion", "--data", str(scene)) == 2
     assert "scene_gt.json" in capsys.readouterr().err
 
 
@@ -89,7 +82,7 @@ def test_hypotheses_are_compared_where_crop_weights_are(tmp_path: Path) -> None:
 
 def test_fusion_writes_a_table(scene: Path, tmp_path: Path) -> None:
     out = tmp_path / "fusion.csv"
-    assert call("ablate", "fusion", "--data", str(scene), "--out", str(out)) == 0
+    assert exit_code("ablate", "fusion", "--data", str(scene), "--out", str(out)) == 0
     lines = out.read_text().splitlines()
     assert lines[0].startswith("Variant,Scenes,state")
     assert any(line.startswith("best of 120") or "best of 120" in line for line in lines)

@@ -10,8 +10,8 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from exits import exit_code
 
-from asdfviz.cli import main
 from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import check_run_folder, load_run
 from asdfviz.errors import RenderError
@@ -35,13 +35,6 @@ COMMANDS = (
 )
 FIRST_OF = {"synth": "images", "bench": "track"}
 """Commands with a level below them."""
-
-
-def exit_code(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as caught:
-        main(arguments)
-    assert isinstance(caught.value.code, int)
-    return caught.value.code
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -7,19 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from exits import exit_code
 
-from asdfviz.cli import main
 from asdfviz.data.resources import sample_folder
 
 POSED = 12
 """Frames of the sample that the csv has poses for: as many as show that it is read."""
-
-
-def call(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as caught:
-        main(arguments)
-    assert isinstance(caught.value.code, int)
-    return caught.value.code
 
 
 @pytest.fixture
@@ -39,7 +32,7 @@ def csv(tmp_path: Path) -> Path:
 
 
 def test_a_csv_is_judged_like_a_run(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("evaluate", str(csv), "--sequence", "sample", "--json") == 0
+    assert exit_code("evaluate", str(csv), "--sequence", "sample", "--json") == 0
     said = json.loads(capsys.readouterr().out)
     assert (said["method"], said["sequence"], said["protocol"]) == ("theirs", "sample", "strict")
     frames = len(json.loads((sample_folder() / "scene_gt.json").read_text()))
@@ -54,7 +47,7 @@ def test_a_csv_is_judged_like_a_run(csv: Path, capsys: pytest.CaptureFixture[str
 
 def test_several_runs_and_their_means(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
     both = ("evaluate", str(csv), str(csv), "--sequence", "sample", "--protocol", "gbot")
-    assert call(*both, "--summary") == 0
+    assert exit_code(*both, "--summary") == 0
     said = capsys.readouterr()
     assert list(summary := json.loads(said.out)) == ["runs", "means"]
     assert len(summary["runs"]) == summary["means"][0]["n_runs"] == 2
@@ -69,20 +62,20 @@ def test_several_runs_and_their_means(csv: Path, capsys: pytest.CaptureFixture[s
 def test_a_csv_that_lacks_something(
     options: tuple[str, ...], said: str, csv: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert call("evaluate", str(csv), *options) == 2
+    assert exit_code("evaluate", str(csv), *options) == 2
     assert said in capsys.readouterr().err
 
 
 def test_report(csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert call("report", "--help") == 0
+    assert exit_code("report", "--help") == 0
     assert "Example: asdfviz report" in capsys.readouterr().out
     out = tmp_path / "new" / "report.html"
     options = ("--sequence", "sample", "--pictures", "1")
-    assert call("report", str(csv), "-o", str(out), *options) == 0
+    assert exit_code("report", str(csv), "-o", str(out), *options) == 0
     assert capsys.readouterr().out == f"{out}\n"
     page = out.read_text()
     assert "theirs on sample" in page
     assert page.count("data:image/jpeg") == 1
     assert len(page) < 3_000_000
-    assert call("report", str(tmp_path / "nowhere")) == 2
+    assert exit_code("report", str(tmp_path / "nowhere")) == 2
     assert "nowhere" in capsys.readouterr().err

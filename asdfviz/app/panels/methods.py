@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from asdfviz.app import theme
 from asdfviz.app.items import JobStatus, LoadedRun
 from asdfviz.app.markup import EYE, act, button, chip, empty, heading, number, text
-from asdfviz.app.options import differences
+from asdfviz.app.options import differences, label_of
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import TRUTH, View
 from asdfviz.datatypes import Assembly
@@ -60,9 +60,7 @@ def _changed(run: LoadedRun, assembly: Assembly, spec: MethodSpec | None) -> str
     if spec is None:
         return ""
     changed = differences(resolved_config(spec.config(), assembly), run.run.config)
-    return "".join(
-        f"; {name.rpartition('.')[2].replace('_', ' ')} {value}" for name, value in changed.items()
-    )
+    return "".join(f"; {label_of(name)} {value}" for name, value in changed.items())
 
 
 def _truth(place: int, view: View) -> str:
