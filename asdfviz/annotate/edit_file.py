@@ -21,6 +21,15 @@ SCHEMA_VERSION = 1
 BUSY_SECONDS = 10.0
 """How long a write waits for another process's write."""
 
+COLUMNS = "id, time, author, kind, step, frame, last_frame, part, payload, undone"
+POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify', 'drop_pose') AND undone = 0"
+STATE_KIND = "kind = 'state' AND undone = 0"
+LAST_STEP = """SELECT max(step) FROM edits
+WHERE author = ? AND undone = 0 AND kind NOT IN ('undo', 'redo')"""
+LAST_UNDONE_STEP = """SELECT step FROM edits AS u WHERE author = ?1 AND kind = 'undo' AND id >
+(SELECT coalesce(max(id), 0) FROM edits WHERE author = ?1 AND kind NOT IN ('undo', 'redo'))
+AND (SELECT undone FROM edits WHERE id = u.step) = 1 ORDER BY id DESC LIMIT 1"""
+
 _SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {SCHEMA_VERSION};
@@ -69,13 +78,13 @@ def open_edit_file(path: Path, about: About) -> sqlite3.Connection:
         connection = sqlite3.connect(
             path, timeout=BUSY_SECONDS, isolation_level=None, check_same_thread=False
         )
+        connection.execute("PRAGMA synchronous = FULL")
+        if about.identity is not None:
+            # One from before identities were written becomes that of the first sequence to open it.
+            row = ("identity", about.identity)
+            connection.execute("INSERT OR IGNORE INTO about VALUES (?, ?)", row)
     except (sqlite3.Error, OSError) as error:
         raise AnnotationError(f"annotation {path} cannot be opened: {error}") from error
-    connection.execute("PRAGMA synchronous = FULL")
-    if about.identity is not None:
-        # A file from before identities were written becomes that of the first sequence to open it.
-        row = ("identity", about.identity)
-        connection.execute("INSERT OR IGNORE INTO about VALUES (?, ?)", row)
     return connection
 
 

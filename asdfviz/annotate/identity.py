@@ -13,6 +13,7 @@ from pathlib import Path
 from asdfviz.annotate.edit_file import read_identity
 from asdfviz.annotate.paths import annotation_file
 from asdfviz.annotate.store import AnnotationStore
+from asdfviz.data.scene_files import COLOUR_FOLDERS
 from asdfviz.datatypes import Assembly, Sequence
 from asdfviz.errors import AnnotationError
 
@@ -23,13 +24,21 @@ PICTURES = 8
 def sequence_identity(sequence: Sequence) -> str:
     """SHA-256 over names and contents of the first colour images; of the frame numbers without any."""
     digest = hashlib.sha256()
-    images = sorted((Path(sequence.path) / "rgb").glob("*.*"))[:PICTURES]
+    images = _first_images(Path(sequence.path))
     for image in images:
         digest.update(f"{image.name}\0".encode())
         digest.update(image.read_bytes())
     if not images:
         digest.update(repr(sequence.frame_indices).encode())
     return digest.hexdigest()
+
+
+def _first_images(scene: Path) -> list[Path]:
+    for name in COLOUR_FOLDERS:
+        images = sorted((scene / name).glob("*.*"))
+        if images:
+            return images[:PICTURES]
+    return []
 
 
 def own_annotation_file(sequence: Sequence, *, folder: Path | None = None) -> Path:

@@ -9,6 +9,8 @@ from asdfviz.errors import SequenceError
 
 RGB_SUFFIXES = (".png", ".jpg", ".jpeg")
 DEPTH_SUFFIXES = (".png",)
+COLOUR_FOLDERS = ("rgb", "Images", "images")
+"""Where formats keep colour: ours and BOP's, the ASDF authors' renderings, their training export."""
 
 
 @dataclass(frozen=True, slots=True)

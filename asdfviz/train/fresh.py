@@ -21,7 +21,7 @@ from asdfviz.train.dataset import LabelledImage
 from asdfviz.train.packing import AugmentConfig, Packer
 
 RENEW_EVERY = 16
-"""New pictures after which the training draws from them."""
+"""New pictures after which the training draws from them; a smaller pool is renewed as a whole."""
 
 
 class FreshPacks:
@@ -54,6 +54,7 @@ class FreshPacks:
             self._makers.append((load_assets(assembly, device=device), subject))
             first += len(assembly.detector_classes)
         self._pool: deque[LabelledImage] = deque(maxlen=capacity)
+        self._renewal = min(RENEW_EVERY, capacity)
         self._changed = threading.Condition()
         self._error: Exception | None = None
 
@@ -99,17 +100,30 @@ class FreshPacks:
             closed.set()
             worker.join(timeout=60)
 
-    def latest(self, *, least: int = 1) -> tuple[LabelledImage, ...]:
-        """Return the pool, once it holds `least` pictures.
+    def is_renewed(self, since: int) -> bool:
+        """Whether enough pictures were made since `since` to draw from them.
 
         Raises:
             Exception: what ended the rendering.
         """
         with self._changed:
-            self._changed.wait_for(lambda: self._error is not None or len(self._pool) >= least)
-            if self._error is not None:
-                raise self._error
+            self._require_rendering()
+            return self.made - since >= self._renewal
+
+    def latest(self) -> tuple[LabelledImage, ...]:
+        """Return the pool, once there is something to draw from.
+
+        Raises:
+            Exception: what ended the rendering.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._error or len(self._pool) >= self._renewal)
+            self._require_rendering()
             return tuple(self._pool)
+
+    def _require_rendering(self) -> None:
+        if self._error is not None:
+            raise self._error
 
 
 def renewed_packers(
@@ -135,8 +149,8 @@ def renewed_packers(
 
     def give() -> Packer:
         nonlocal current, made
-        if current is None or fresh.made - made >= RENEW_EVERY:
-            images = fresh.latest(least=RENEW_EVERY)
+        if current is None or fresh.is_renewed(made):
+            images = fresh.latest()
             made = fresh.made
             current = Packer([*stored, *images], scale=scale, config=config)
         return current

@@ -38,6 +38,34 @@ def names(folder: Path) -> list[str]:
     return sorted(file.name for file in folder.glob("*.db"))
 
 
+def authors_capture(folder: Path, kind: str, assembly: Assembly, *, light: int) -> Sequence:
+    """One frame as the authors' renderer wrote it, or as they exported it for training."""
+    rooms = ("Images", "depth_images") if kind == "renderer" else ("images", "labels")
+    for room in rooms:
+        (folder / "take" / room).mkdir(parents=True)
+    write_camera(folder / "take", focal=9.0)
+    if kind == "renderer":
+        cv2.imwrite(str(folder / "take/Images/000000.png"), np.full((6, 8, 3), light, np.uint8))
+        depth = np.full((6, 8), 500, np.uint16)
+        cv2.imwrite(str(folder / "take/depth_images/000000.png"), depth)
+    else:
+        both = np.full((6, 8, 4), light * 256, np.uint16)
+        cv2.imwrite(str(folder / "take/images/000000.png"), both)
+        (folder / "take/labels/000000.txt").write_text("")
+    return open_sequence(folder / "take", assembly=assembly)
+
+
+@pytest.mark.parametrize("kind", ["renderer", "export"])
+def test_pictures_of_the_authors_formats_tell_sequences_apart(
+    tmp_path: Path, kind: str, boxes: Assembly
+) -> None:
+    captures = [
+        authors_capture(tmp_path / day, kind, boxes, light=light)
+        for day, light in (("monday", 10), ("tuesday", 20))
+    ]
+    assert len({sequence_identity(sequence) for sequence in captures}) == 2
+
+
 def test_sequences_of_one_name_have_files_of_their_own(tmp_path: Path, boxes: Assembly) -> None:
     notes = tmp_path / "notes"
     monday, tuesday = (

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import itertools
 import json
 import shutil
 from pathlib import Path
@@ -19,7 +20,7 @@ from asdfviz.errors import InputError, SequenceError, WeightsError
 from asdfviz.synth.packs import PackConfig
 from asdfviz.train.checkpoint import begin_from, load_checkpoint
 from asdfviz.train.config import Stage, TrainConfig
-from asdfviz.train.dataset import load_images
+from asdfviz.train.dataset import LabelledImage, load_images
 from asdfviz.train.fresh import FreshPacks, renewed_packers
 from asdfviz.train.loop import TrainResult, export_weights, train
 from asdfviz.train.schedule import rate_at, stage_at
@@ -261,7 +262,31 @@ def test_a_failing_renderer_ends_the_training(monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(fresh, "draw", fail)
     with fresh.rendering(first=7) as packs, pytest.raises(ValueError, match="pack 7"):
-        packs.latest(least=16)
+        packs.latest()
+
+
+def test_a_renderer_that_fails_later_ends_the_training_too(
+    config: TrainConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fresh = FreshPacks(
+        (load_assembly("corner_clamp"),),
+        capacity=2,
+        device="cpu",
+        seed=3,
+        config=PackConfig(128, 96),
+    )
+    images = [fresh.draw(0), fresh.draw(1)]
+
+    def drawn(number: int) -> LabelledImage:
+        if number < len(images):
+            return images[number]
+        raise ValueError(f"pack {number} cannot be drawn")
+
+    monkeypatch.setattr(fresh, "draw", drawn)
+    with fresh.rendering() as packs:
+        packer = renewed_packers((), packs, scale=1.0, config=config.augment)
+        with pytest.raises(ValueError, match="pack 2"):
+            any(packer() is None for _ in itertools.count())
 
 
 def test_nothing_to_train_on_is_refused(config: TrainConfig) -> None:
