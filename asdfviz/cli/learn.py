@@ -44,6 +44,8 @@ class Train:
     """Threads that make batches; a GPU wants as many as there are cores."""
     loss: Literal["mix", "oks", "paper"] = "mix"
     """Keypoint loss: our mix, the public OKS, or the paper's L2."""
+    keypoint_gain: float = 1.0
+    """Factor on it; 0.12 where poses come from crops and many parts are to be found soon."""
     device: str = "cpu"
     """cpu or cuda."""
     seed: int = 0

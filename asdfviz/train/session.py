@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from asdfviz.data.atomic import write_text
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.joint import joint_classes
-from asdfviz.detector.losses import LossConfig, pose_losses
+from asdfviz.detector.losses import pose_losses
 from asdfviz.detector.network import Network
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.errors import InputError
@@ -29,7 +29,7 @@ from asdfviz.train.checkpoint import (
     require_same,
     save_checkpoint,
 )
-from asdfviz.train.config import LOSSES, TrainConfig
+from asdfviz.train.config import TrainConfig
 from asdfviz.train.dataset import LabelledImage, load_images
 from asdfviz.train.inputs import input_stream
 from asdfviz.train.loader import Batch, Recipe
@@ -76,7 +76,6 @@ class Session:
         self.network = network.to(self.world.device)
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
         self.hint = hint.to(self.world.device)
-        self.loss: LossConfig = LOSSES[config.loss]
         self.optimizer = make_optimizer(
             (self.network, self.hint),
             learning_rate=config.learning_rate,
@@ -181,12 +180,12 @@ class Session:
         half = config.bfloat16 and has_bfloat16(config.device)
         with torch.autocast(kind, dtype=torch.bfloat16, enabled=half):
             raw = self.network(images)
-        losses, assignment = pose_losses(raw, batch.targets, config=self.loss)
+        losses, assignment = pose_losses(raw, batch.targets, config=config.losses)
         parts = losses.parts
         hint = parts.new_zeros(())
         if config.rotation_gain > 0:
             hint = self.hint(raw, assignment, batch.targets.labels, batch.rotations)
-        total = parts.sum() + config.rotation_gain * hint
+        total = parts.sum() + config.keypoint_gain * config.rotation_gain * hint
         if not bool(torch.isfinite(total)):
             raise InputError(
                 f"the loss is not finite at step {self.progress.step}: lower the learning rate "

@@ -66,6 +66,19 @@ def test_a_run_leaves_everything_behind(
     assert "rot deg" in result.validation.table()
 
 
+def test_the_keypoint_gain_weighs_keypoints_alone(config: TrainConfig, assembly: Assembly) -> None:
+    losses: dict[float, dict[str, float]] = {}
+    for gain in (1.0, 0.25):
+        reports: list[TrainReport] = []
+        one = dataclasses.replace(
+            config, steps=1, keypoint_gain=gain, output=config.output / str(gain)
+        )
+        train(one, assemblies=(assembly,), progress=reports.append)
+        losses[gain] = reports[-1].losses
+    assert losses[0.25]["keypoint"] == pytest.approx(0.25 * losses[1.0]["keypoint"], rel=1e-4)
+    assert losses[0.25]["classes"] == pytest.approx(losses[1.0]["classes"], rel=1e-4)
+
+
 def test_weights_are_exported_and_detect(
     config: TrainConfig, assembly: Assembly, tmp_path: Path
 ) -> None:
@@ -183,6 +196,7 @@ def test_a_perfect_network_validates_perfectly(
     [
         ({"minutes": -1.0}, "minutes is -1, give a budget above 0"),
         ({"minutes": float("nan")}, "minutes is nan"),
+        ({"keypoint_gain": -0.1}, "keypoint_gain is -0.1, give 0 or more"),
         ({"threads": 0}, "threads is 0, use 1 or more"),
         ({"image_size": 0}, "image_size is 0, use 32 or more"),
         ({"keypoint_width": -4}, "keypoint_width is -4, use 0 or more"),
