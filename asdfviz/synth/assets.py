@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Mesh
+from asdfviz.synth.description import Placed
 from asdfviz.synth.hands import GRASPS, HandMesh, hand_mesh
 from asdfviz.synth.mesh_bank import MeshBank
 from asdfviz.synth.primitives import distractor_meshes
@@ -35,7 +36,10 @@ class Assets:
     """For each grasp one a cut."""
     resting: Mapping[str, tuple[RestingFace, ...]]
     distractor_points: tuple[Cloud, ...]
-    hand_points: tuple[Cloud, ...]
+
+    def points_of(self, distractor: Placed) -> Cloud:
+        """The points of one that is placed, in its own frame."""
+        return self.distractor_points[distractor.mesh - self.distractors.start]
 
 
 def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:
@@ -63,7 +67,6 @@ def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:
             for n, p in assembly.parts.items()
         },
         distractor_points=tuple(m.vertices for m in solids),
-        hand_points=tuple(h.mesh.vertices for h in hands),
     )
 
 

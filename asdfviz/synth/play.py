@@ -160,10 +160,8 @@ def _free_shift(
     points = np.concatenate(
         [apply(base @ T, director.solids[n].samples) for n, T in director.joined.items()]
     )
-    still = [
-        footprint(apply(c.T_world_mesh, director.assets.distractor_points[c.mesh - director.assets.distractors.start]))
-        for c in director.stage.clutter
-    ]  # fmt: skip
+    points_of = director.assets.points_of
+    still = [footprint(apply(c.T_world_mesh, points_of(c))) for c in director.stage.clutter]
     still += [
         footprint(apply(T, director.solids[n].samples))
         for n, T in director.poses.items()

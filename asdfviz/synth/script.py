@@ -254,11 +254,8 @@ class Director:
     def _obstacles(self, name: str | None) -> list[Obstacle]:
         """What lies around, except one part."""
         found = [Obstacle.of(T, self.solids[n].samples) for n, T in self.poses.items() if n != name]
-        first = self.assets.distractors.start
-        clouds = self.assets.distractor_points
-        return found + [
-            Obstacle.of(c.T_world_mesh, clouds[c.mesh - first]) for c in self.stage.clutter
-        ]
+        points = self.assets.points_of
+        return found + [Obstacle.of(c.T_world_mesh, points(c)) for c in self.stage.clutter]
 
     def _carry(
         self, name: str, stops: Sequence[Transform], grip: Grip | None, *,

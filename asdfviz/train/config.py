@@ -76,6 +76,8 @@ class TrainConfig:
     """Mixed precision, where the device has it."""
     learning_rate: float = 1.5e-3
     """AdamW, at the top of the schedule."""
+    hold: float = 0.0
+    """Share of the budget over which the rate stays at the top before the cosine begins."""
     final_rate: float = 0.03
     """Share of the learning rate that the cosine ends at."""
     weight_decay: float = 0.01

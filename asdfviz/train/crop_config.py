@@ -83,11 +83,3 @@ def check_crop_config(config: CropTrainConfig) -> None:
     for name, smallest in least.items():
         if getattr(config, name) < smallest:
             raise InputError(f"{name} is {getattr(config, name)}, use {smallest} or more")
-
-
-def rate_at(config: CropTrainConfig, step: int, share: float) -> float:
-    """The learning rate: warm-up by steps, level until `hold` of the budget, then half a cosine."""
-    warm = min(1.0, (step + 1) / max(config.warmup_steps, 1))
-    late = min(max((share - config.hold) / max(1 - config.hold, 1e-9), 0.0), 1.0)
-    cosine = (1 + math.cos(math.pi * late)) / 2
-    return config.learning_rate * warm * (config.final_rate + (1 - config.final_rate) * cosine)

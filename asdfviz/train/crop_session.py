@@ -1,7 +1,8 @@
 """One training run of the crop network: `train_crops(config)` runs a budget and leaves a run folder.
 
-The folder holds last.pt (goes on where it was), best.pt, pool/ (crops), crops.safetensors and .json
-(the best weights, kept up to date), log.csv, validation.csv, validation.json and curve.png.
+The folder holds last.pt (goes on where it was), best.pt, crops.safetensors and .json (the best
+weights, kept up to date), log.csv, validation.csv, validation.json and curve.png; pool/ holds the
+crops, where processes make them, and validation/ those that are judged on.
 """
 
 from __future__ import annotations
@@ -30,13 +31,13 @@ from asdfviz.train.crop_checkpoint import (
     resume_crops,
     save_crop_checkpoint,
 )
-from asdfviz.train.crop_config import CropTrainConfig, check_crop_config, rate_at
+from asdfviz.train.crop_config import CropTrainConfig, check_crop_config
 from asdfviz.train.crop_data import CropMaker, Crops
 from asdfviz.train.crop_pool import CropPool, ShardFolder, await_shards, generating
 from asdfviz.train.crop_validation import CropValidation, scene_views, validate_crops
 from asdfviz.train.crop_views import ViewMaker, Views
 from asdfviz.train.log import CsvLog, Meter, write_curve
-from asdfviz.train.schedule import make_optimizer
+from asdfviz.train.schedule import make_optimizer, rate_at
 
 LOSSES = ("rotation", "place", "outline")
 LOG_SECONDS = 20.0
@@ -55,7 +56,6 @@ class CropReport:
     """Of the budget used, 0 to 1."""
     losses: dict[str, float]
     crops_per_s: float
-    shards: int
     validation: tuple[CropValidation, ...] = ()
 
 
@@ -125,17 +125,17 @@ class CropSession:
             self.step(pool, meter)
             now = self.seconds
             if now - logged > LOG_SECONDS:
-                report(self._logged(meter, len(pool)))
+                report(self._logged(meter))
                 logged, meter = now, Meter()
             if now - checkpointed > self.config.checkpoint_minutes * 60:
                 self.checkpoint()
                 checkpointed = now
             if now - validated > self.config.validate_minutes * 60 and self.share < 1:
                 found = self.validate()
-                report(dataclasses.replace(self._report(meter, len(pool)), validation=found))
+                report(dataclasses.replace(self._report(meter), validation=found))
                 validated = self.seconds
         if meter.steps:
-            report(self._logged(meter, 0))
+            report(self._logged(meter))
         self.checkpoint()
         return self.share >= 1
 
@@ -271,18 +271,18 @@ class CropSession:
         )
         self._before = self.progress.seconds
 
-    def _logged(self, meter: Meter, shards: int) -> CropReport:
-        report = self._report(meter, shards)
+    def _logged(self, meter: Meter) -> CropReport:
+        report = self._report(meter)
         values = {"step": float(self.progress.step), "minutes": self.seconds / 60}
         values |= {"rate": self.optimizer.param_groups[0]["lr"], "crops_per_s": report.crops_per_s}
         self.log.add({**values, **report.losses})
         write_curve(self.config.output / "curve.png", self.log, x="minutes", curves=LOSSES)
         return report
 
-    def _report(self, meter: Meter, shards: int) -> CropReport:
+    def _report(self, meter: Meter) -> CropReport:
         losses: dict[str, float] = dict(zip(LOSSES, meter.means(), strict=False))
         share = min(self.share, 1.0)
-        return CropReport(self.progress.step, share, losses, meter.inputs_per_s, shards)
+        return CropReport(self.progress.step, share, losses, meter.inputs_per_s)
 
 
 def _on(rows: _Rows, device: str) -> _Rows:

@@ -140,20 +140,17 @@ def scene_views(
     folders: Iterable[Path],
     assemblies: Sequence[Assembly],
     classes: Sequence[PartClass],
-    *,
-    seed: int = 0,
-    limit: int | None = None,
 ) -> list[Views]:
     """Crops of the parts in scenes, cut as in use, with boxes as wrong as a detector's.
 
     Raises:
         SequenceError: a folder is broken or shows none of the assemblies.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     number = {c.name: place for place, c in enumerate(classes)}
     by_name = {a.name: a for a in assemblies}
     rows: list[tuple[np.ndarray, int, np.ndarray, np.ndarray]] = []
-    for image in load_images(tuple(folders), tuple(assemblies), image_size=1280, limit=limit):
+    for image in load_images(tuple(folders), tuple(assemblies), image_size=1280):
         assembly = by_name[image.assembly]
         for item in image.objects:
             if item.part is None or item.T_camera_part is None:

@@ -9,6 +9,7 @@ import torch
 from torch import nn
 
 from asdfviz.train.config import Stage, TrainConfig
+from asdfviz.train.crop_config import CropTrainConfig
 
 
 def make_optimizer(
@@ -28,10 +29,11 @@ def make_optimizer(
     return torch.optim.AdamW(groups, lr=learning_rate, betas=(0.9, 0.99))
 
 
-def rate_at(config: TrainConfig, step: int, share: float) -> float:
-    """Return the learning rate: a linear warm-up by steps, then half a cosine over the budget."""
+def rate_at(config: TrainConfig | CropTrainConfig, step: int, share: float) -> float:
+    """Return the learning rate: warm-up by steps, level for `hold`, then half a cosine."""
     warm = min(1.0, (step + 1) / max(config.warmup_steps, 1))
-    cosine = (1 + math.cos(math.pi * min(max(share, 0.0), 1.0))) / 2
+    late = min(max((share - config.hold) / max(1 - config.hold, 1e-9), 0.0), 1.0)
+    cosine = (1 + math.cos(math.pi * late)) / 2
     return config.learning_rate * warm * (config.final_rate + (1 - config.final_rate) * cosine)
 
 

@@ -18,11 +18,12 @@ from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import apply, rotation_angle, transform_from
 from asdfviz.train.checkpoint import Average, Progress
 from asdfviz.train.crop_checkpoint import begin_crops_from, save_crop_checkpoint
-from asdfviz.train.crop_config import CropTrainConfig, rate_at
+from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import CropMaker, Crops
 from asdfviz.train.crop_pool import CropPool, ShardFolder
 from asdfviz.train.crop_session import CropSession
 from asdfviz.train.crop_views import ViewMaker
+from asdfviz.train.schedule import rate_at
 
 
 @pytest.fixture(scope="module")
