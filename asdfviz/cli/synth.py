@@ -84,11 +84,37 @@ class SynthPacks(_Images):
     Example: asdfviz synth packs --assembly corner_clamp --count 500 --out data/packs
     """
 
+    groups: float = 0.3
+    """Share of joined groups among the objects; 0.8 for a network that is to learn states."""
+    sizes_px: tuple[float, float] = (32.0, 120.0)
+    """Smallest and largest projected diameter, pixels."""
+    coverage: float = 0.62
+    """Share of the image that objects fill."""
+    strays: float = 0.15
+    """Share of groups that are no state: with a part out of place or missing."""
+    occluders: float = 0.22
+    """Things in front, an object."""
+    hand: float = 0.3
+    """Probability of a hand in front."""
+
     def __call__(self) -> None:
         """Generate packs."""
+        self.generate(self.config())
+
+    def config(self) -> PackConfig:
+        """How the packs are drawn."""
         from asdfviz.synth.packs import PackConfig
 
-        self.generate(PackConfig(width=self.width, height=self.height))
+        return PackConfig(
+            width=self.width,
+            height=self.height,
+            sizes_px=self.sizes_px,
+            coverage=self.coverage,
+            groups=self.groups,
+            strays=self.strays,
+            occluders=self.occluders,
+            hand=self.hand,
+        )
 
 
 @dataclass(frozen=True)

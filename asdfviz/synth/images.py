@@ -106,6 +106,8 @@ def _check(count: int, seed: int, config: SceneConfig | PackConfig, crew: Crew |
             "train on another one"
         )
     require_size(config.width, config.height)
+    if isinstance(config, PackConfig):
+        config.check()
     (crew or Crew()).check()
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asdfviz.datatypes import Assembly, State
+from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Intrinsics, Points, Rgb, Transform
 from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.synth.assets import Assets
@@ -57,6 +58,21 @@ class PackConfig:
     """Objects are never nearer to the camera, metres."""
     farthest: float = 1.3
     """Distance of the ground from the camera, metres; objects are nearer."""
+
+    def check(self) -> None:
+        """Refuse figures with which no pack can be drawn.
+
+        Raises:
+            InputError: with the field and what would be right.
+        """
+        for name in ("groups", "strays", "occluders", "hand", "coverage"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise InputError(f"{name} is {getattr(self, name):g}, use 0 to 1")
+        smallest, largest = self.sizes_px
+        if not 4 <= smallest <= largest <= 4096:
+            raise InputError(
+                f"sizes_px is {smallest:g} to {largest:g}, use two rising numbers from 4 to 4096"
+            )
 
 
 def make_pack(assets: Assets, *, rng: np.random.Generator, config: PackConfig) -> TrueScene:

@@ -13,7 +13,12 @@ from exits import exit_code
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import sample_folder
 from asdfviz.methods.registry import find_method
-from asdfviz.methods.variants import first_poses, group_variants, refinement_variants
+from asdfviz.methods.variants import (
+    first_poses,
+    group_variants,
+    refinement_variants,
+    state_variants,
+)
 
 FRAMES = 3
 
@@ -62,7 +67,11 @@ def test_a_scene_without_truth_is_told_before_anything_runs(
 
 def test_every_variant_is_a_config_of_its_method() -> None:
     assembly = load_assembly("corner_clamp")
-    for variant in (*refinement_variants(assembly), *group_variants(assembly)):
+    for variant in (
+        *refinement_variants(assembly),
+        *group_variants(assembly),
+        *state_variants(assembly),
+    ):
         assert isinstance(variant.config, find_method(variant.method).config)
         assert variant.title.endswith(variant.config.first_pose)
     titles = [variant.title for variant in refinement_variants(assembly)]

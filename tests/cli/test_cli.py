@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 from exits import exit_code
 
+from asdfviz.cli.synth import SynthPacks
 from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import check_run_folder, load_run
 from asdfviz.errors import RenderError
+from asdfviz.synth.packs import PackConfig
 
 README = Path(__file__).resolve().parents[2] / "README.md"
 COMMANDS = (
@@ -93,6 +95,12 @@ def test_a_file_where_results_should_go_is_said_before_the_work(
     assert exit_code(*images, "--device", "toaster", "--out", str(tmp_path / "new")) == 2
     assert "device 'toaster' cannot be used here" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+def test_packs_are_drawn_as_asked_and_else_as_the_library_does(tmp_path: Path) -> None:
+    assert SynthPacks("corner_clamp", tmp_path).config() == PackConfig()
+    asked = SynthPacks("corner_clamp", tmp_path, groups=0.8, sizes_px=(52.0, 180.0), width=320)
+    assert asked.config() == PackConfig(width=320, groups=0.8, sizes_px=(52.0, 180.0))
 
 
 def test_the_readme_s_own_method_runs_as_written(

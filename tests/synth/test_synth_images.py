@@ -172,6 +172,9 @@ def test_somebody_else_s_folder_stays_as_it_is(tmp_path: Path, toy: Assembly) ->
         ({"seed": -1}, "seed is -1"),
         ({"seed": TEST_SEEDS.start + 3}, "belongs to test sets"),
         ({"config": SceneConfig(width=32, height=96)}, "32x96"),
+        ({"config": PackConfig(groups=1.2)}, "groups is 1.2, use 0 to 1"),
+        ({"config": PackConfig(hand=float("nan"))}, "hand is nan, use 0 to 1"),
+        ({"config": PackConfig(sizes_px=(90.0, 40.0))}, "sizes_px is 90 to 40"),
     ],
 )
 def test_impossible_jobs_are_refused_before_anything_is_written(
