@@ -6,7 +6,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -105,16 +105,8 @@ class SynthPacks(_Images):
         """How the packs are drawn."""
         from asdfviz.synth.packs import PackConfig
 
-        return PackConfig(
-            width=self.width,
-            height=self.height,
-            sizes_px=self.sizes_px,
-            coverage=self.coverage,
-            groups=self.groups,
-            strays=self.strays,
-            occluders=self.occluders,
-            hand=self.hand,
-        )
+        names = {field.name for field in fields(PackConfig)}
+        return PackConfig(**{name: value for name, value in vars(self).items() if name in names})
 
 
 @dataclass(frozen=True)
