@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -65,6 +66,14 @@ class Mesh:
     faces: Faces
 
 
+@lru_cache(maxsize=256)
+def _box_middle(mesh: Mesh) -> Vector:
+    """Kept, because methods ask for it many times a frame."""
+    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
+    middle.flags.writeable = False
+    return middle
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """One physical piece. Its frame is the CAD frame, never recentred."""
@@ -80,6 +89,12 @@ class Part:
     """Repeated parts (HS_Pin, HS_Pin-Copy) share one."""
     obj_id: int | None = None
     """Number in BOP datasets that use integers."""
+
+    @property
+    def middle(self) -> Vector:
+        """Of the box around the mesh, in the part's frame, metres: where distances between poses are
+        taken, since the CAD frame's origin may lie far outside the part."""
+        return _box_middle(self.mesh)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from asdfviz.datatypes import FrameTruth, Part
+from asdfviz.datatypes import FrameTruth
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import inverse, orthonormalized, rotation_about, transform_from
@@ -30,17 +30,12 @@ def rotated(
         T_camera_part: where the part is.
         axis_camera: direction of the axis, any length.
         angle: radians.
-        centre_part: what stays in place, part frame, metres; see `part_centre`.
+        centre_part: what stays in place, part frame, metres; see `Part.middle`.
     """
     R = rotation_about(axis_camera, angle) @ T_camera_part[:3, :3]
     centre_camera = T_camera_part[:3, :3] @ centre_part + T_camera_part[:3, 3]
     # Hundreds of turns in a row would otherwise add up their rounding.
     return orthonormalized(transform_from(R, centre_camera - R @ centre_part))
-
-
-def part_centre(part: Part) -> Vector:
-    """Return the middle of the part's bounding box, part frame; CAD origins may lie far off."""
-    return (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0)) / 2
 
 
 def gizmo_pose(T_camera_part: Transform, centre_part: Vector) -> Transform:

@@ -21,6 +21,9 @@ EditKind: TypeAlias = Literal[
 
 SeedKind: TypeAlias = Literal["none", "truth", "run"]
 
+TRACKED = "tracked"
+"""Provenance of a pose that a tracker carried from annotated frames; all others are a person's."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edit:

@@ -16,6 +16,7 @@ from pathlib import Path
 from threading import RLock
 from typing import Any, TypeAlias
 
+from asdfviz.annotate import edit_file
 from asdfviz.annotate.edit_file import About, open_edit_file
 from asdfviz.annotate.records import (
     Edit,
@@ -34,10 +35,6 @@ from asdfviz.geometry.shapes import Transform
 
 _Row: TypeAlias = tuple[EditKind, int | None, int | None, str | None, Mapping[str, Any]]
 """Kind, first frame, last frame, part and payload of an edit to come."""
-
-_COLUMNS = "id, time, author, kind, step, frame, last_frame, part, payload, undone"
-_POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify', 'drop_pose') AND undone = 0"
-_STATE_KIND = "kind = 'state' AND undone = 0"
 
 
 class AnnotationStore:
@@ -109,8 +106,19 @@ class AnnotationStore:
         group: str | None = None,
     ) -> int:
         """Move several parts of a frame as one step; returns the last edit's id."""
+        return self.set_frames({frame: Ts_camera_part}, provenance=provenance, group=group)
+
+    def set_frames(
+        self,
+        Ts_by_frame: Mapping[int, Mapping[str, Transform]],
+        *,
+        provenance: str,
+        group: str | None = None,
+    ) -> int:
+        """Move parts of several frames as one step, all of it or nothing; returns the last id."""
         rows: list[_Row] = [
             ("pose", frame, frame, part, pose_payload(T_camera_part, provenance))
+            for frame, Ts_camera_part in Ts_by_frame.items()
             for part, T_camera_part in Ts_camera_part.items()
         ]
         return self._add(rows, group)
@@ -166,7 +174,7 @@ class AnnotationStore:
 
     def poses(self, frame: int | None = None) -> dict[tuple[int, str], PoseAnnotation]:
         """What was last said of every part, by frame and part; of one frame or of all."""
-        where = _POSE_KINDS if frame is None else f"{_POSE_KINDS} AND frame = ?"
+        where = edit_file.POSE_KINDS if frame is None else f"{edit_file.POSE_KINDS} AND frame = ?"
         latest = f"id IN (SELECT max(id) FROM edits WHERE {where} GROUP BY frame, part) ORDER BY id"
         return {
             (edit.frame, edit.part): annotation_from(edit)
@@ -176,7 +184,9 @@ class AnnotationStore:
 
     def state(self, frame: int) -> StateLabel | None:
         """The state that was last set for a frame; None where nobody set one."""
-        where = f"{_STATE_KIND} AND frame <= ? AND last_frame >= ? ORDER BY id DESC LIMIT 1"
+        where = (
+            f"{edit_file.STATE_KIND} AND frame <= ? AND last_frame >= ? ORDER BY id DESC LIMIT 1"
+        )
         found = self._edits(where, (frame, frame))
         return label_from(found[0].payload) if found else None
 
@@ -184,7 +194,7 @@ class AnnotationStore:
         """Every state edit that counts, oldest first: first frame, last frame, label."""
         return tuple(
             (edit.frame, edit.last_frame, label_from(edit.payload))
-            for edit in self._edits(f"{_STATE_KIND} ORDER BY id", ())
+            for edit in self._edits(f"{edit_file.STATE_KIND} ORDER BY id", ())
             if edit.frame is not None and edit.last_frame is not None
         )
 
@@ -203,21 +213,11 @@ class AnnotationStore:
 
     def undo(self) -> tuple[Edit, ...]:
         """Take back this author's last step; returns its edits, none if there is nothing left."""
-        return self._switch(
-            "undo",
-            "SELECT max(step) FROM edits "
-            "WHERE author = ? AND undone = 0 AND kind NOT IN ('undo', 'redo')",
-        )
+        return self._switch("undo", edit_file.LAST_STEP)
 
     def redo(self) -> tuple[Edit, ...]:
         """Bring back the step that this author undid last, unless they have edited since."""
-        return self._switch(
-            "redo",
-            "SELECT step FROM edits AS u WHERE author = ?1 AND kind = 'undo' "
-            "AND id > (SELECT coalesce(max(id), 0) FROM edits "
-            "WHERE author = ?1 AND kind NOT IN ('undo', 'redo')) "
-            "AND (SELECT undone FROM edits WHERE id = u.step) = 1 ORDER BY id DESC LIMIT 1",
-        )
+        return self._switch("redo", edit_file.LAST_UNDONE_STEP)
 
     def _switch(self, kind: EditKind, query: str) -> tuple[Edit, ...]:
         with self._transaction() as connection:
@@ -276,7 +276,7 @@ class AnnotationStore:
         return number
 
     def _edits(self, where: str, values: tuple[Any, ...]) -> tuple[Edit, ...]:
-        rows = self._query(f"SELECT {_COLUMNS} FROM edits WHERE {where}", values)
+        rows = self._query(f"SELECT {edit_file.COLUMNS} FROM edits WHERE {where}", values)
         return tuple(edit_from_row(row) for row in rows)
 
     def _query(self, query: str, values: tuple[Any, ...]) -> list[tuple[Any, ...]]:

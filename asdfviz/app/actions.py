@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from asdfviz.app.job_actions import (
+    AskOptions,
+    Evaluate,
+    Export,
+    RunMethod,
+    StopRun,
+    StopTracking,
+    TrackPart,
+)
 from asdfviz.geometry.shapes import Transform
 
 Tab = Literal["sequence", "methods", "annotate", "results"]
@@ -233,37 +241,6 @@ class ShowTab:
 
 
 @dataclass(frozen=True, slots=True)
-class AskOptions:
-    """Show the options of a method before it is run."""
-
-    method: str
-
-
-@dataclass(frozen=True, slots=True)
-class RunMethod:
-    """Run a method on this sequence in the background."""
-
-    method: str
-    options: Mapping[str, str] | None = None
-    """What differs from the method's defaults, as text, by dotted name; None for what was last chosen."""
-
-
-@dataclass(frozen=True, slots=True)
-class StopRun:
-    """Stop the running method; what is done so far is kept."""
-
-
-@dataclass(frozen=True, slots=True)
-class Evaluate:
-    """Judge every run against the truth, corrected where it was corrected."""
-
-
-@dataclass(frozen=True, slots=True)
-class Export:
-    """Write poses and states as a BOP scene."""
-
-
-@dataclass(frozen=True, slots=True)
 class ToggleKeys:
     """Show or hide the sheet of keys."""
 
@@ -294,6 +271,6 @@ Action: TypeAlias = (
     Seek | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
     | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | SetState | SetRange | MarkRange | Cancel
-    | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | ToggleKeys | DismissWelcome
+    | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | StopTracking | ToggleKeys | DismissWelcome
     | Resized | Drifted | Changed
 )  # fmt: skip

@@ -54,6 +54,8 @@ KINDS: Mapping[str, type] = {
         actions.StopRun,
         actions.Evaluate,
         actions.Export,
+        actions.TrackPart,
+        actions.StopTracking,
         actions.ToggleKeys,
         actions.DismissWelcome,
     )

@@ -16,6 +16,7 @@ from typing import Any
 from asdfviz.app import actions as act
 from asdfviz.app import camera
 from asdfviz.app.bridge import parse
+from asdfviz.app.carrying import plan
 from asdfviz.app.display import Display
 from asdfviz.app.editing import Burst, Edits, apply_edit, carried
 from asdfviz.app.items import ANNOTATION, Shown
@@ -178,15 +179,6 @@ class Controller:
                 self._drag = action
             case act.Changed():
                 self._changed()
-            case act.RunMethod():
-                self._run(action)
-            case act.StopRun():
-                self._background.stop()
-            case act.Evaluate():
-                self._background.judge()
-                self.view = replace(self.view, tab="results")
-            case act.Export():
-                self._background.export(self.view.base)
             case act.DismissWelcome():
                 remember_visit(self.client)
             case act.UseRun():
@@ -194,6 +186,27 @@ class Controller:
             case _:
                 if isinstance(action, Edits):
                     self._edit(action)
+                else:
+                    self._work_on(action)
+
+    def _work_on(self, action: act.Action) -> None:
+        """Begin or stop what works in the background."""
+        match action:
+            case act.RunMethod():
+                self._run(action)
+            case act.StopRun():
+                self._background.stop()
+            case act.TrackPart():
+                self._background.track(plan(self._workspace, self.view, action.direction))
+            case act.StopTracking():
+                self._background.stop_tracking()
+            case act.Evaluate():
+                self._background.judge()
+                self.view = replace(self.view, tab="results")
+            case act.Export():
+                self._background.export(self.view.base)
+            case _:
+                pass
 
     def _run(self, action: act.RunMethod) -> None:
         spec = self._methods.get(action.method)

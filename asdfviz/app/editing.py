@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asdfviz.annotate.edits import moved_group, nudged, part_centre, previous_pose, rotated
+from asdfviz.annotate.edits import moved_group, nudged, previous_pose, rotated
 from asdfviz.annotate.records import Edit, label_of
 from asdfviz.app import actions as act
 from asdfviz.app.ar import look_direction
@@ -139,7 +139,7 @@ class _Desk:
         return previous_pose(drawn_truth(self.workspace, self.view.base), self.frame, self.part)
 
     def centre(self) -> Vector:
-        return part_centre(self.workspace.assembly.parts[self.part])
+        return self.workspace.assembly.parts[self.part].middle
 
 
 def carried(

@@ -84,6 +84,8 @@ HOTKEYS: tuple[Hotkey, ...] = (
     Hotkey("Correct", "Copy the pose from the frame before", act.CopyPrevious(), "C"),
     Hotkey("Correct", "Place the part in the frame", act.PlacePart(), "enter", "shift"),
     Hotkey("Correct", "Drop the correction", act.RevertPart(), "backspace", "shift"),
+    Hotkey("Correct", "Track the part from here on", act.TrackPart("forward"), "R"),
+    Hotkey("Correct", "Track the part from here back", act.TrackPart("back"), "R", "shift"),
     Hotkey("Correct", "Begin, end a range of frames", act.MarkRange(), "M"),
     Hotkey("Correct", "Undo", act.Undo(), "Z", "cmd/ctrl"),
     Hotkey("Correct", "Redo", act.Redo(), "Z", "cmd/ctrl+shift"),

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from asdfviz import __version__
+from asdfviz.app.carrying import Carry, CarryJob
 from asdfviz.app.items import JobStatus, Message
 from asdfviz.app.truths import drawn_truth, truth_of
 from asdfviz.app.workspace import Workspace
@@ -161,6 +162,7 @@ class Background:
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
         self._job: MethodJob | None = None
+        self._carrying: CarryJob | None = None
         self._lock = threading.Lock()
 
     def run(self, spec: MethodSpec, config: object | None = None) -> None:
@@ -183,6 +185,25 @@ class Background:
             if self._job is not None:
                 self._job.stop()
 
+    def track(self, carry: Carry) -> None:
+        """Begin to carry annotated poses to other frames.
+
+        Raises:
+            MethodError: a tracker is at work already.
+        """
+        with self._lock:
+            status = self._workspace.carrying
+            if status is not None and status.is_active:
+                raise MethodError(f"{status.method} is still being tracked: cancel it or wait")
+            self._carrying = CarryJob(self._workspace, carry)
+            self._carrying.start()
+
+    def stop_tracking(self) -> None:
+        """Ask the tracker to stop; nothing is changed then."""
+        with self._lock:
+            if self._carrying is not None:
+                self._carrying.stop()
+
     def judge(self) -> None:
         """Judge every run."""
         if not self._workspace.is_judging:
@@ -195,10 +216,12 @@ class Background:
     def close(self) -> None:
         """Stop and wait a moment."""
         self.stop()
+        self.stop_tracking()
         with self._lock:
-            job = self._job
-        if job is not None:
-            job.wait(10.0)
+            jobs = (self._job, self._carrying)
+        for job in jobs:
+            if job is not None:
+                job.wait(10.0)
 
 
 def next_run_folder(runs: Path, method: str) -> Path:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from asdfviz.annotate.edits import gizmo_pose, part_centre, pose_from_gizmo
+from asdfviz.annotate.edits import gizmo_pose, pose_from_gizmo
 from asdfviz.app import actions as act
 from asdfviz.app.ar import image_plane
 from asdfviz.app.drawings import T_from_wxyz, box_segments, depth_cloud, keypoint_dots, wxyz_of
@@ -79,7 +79,7 @@ class Scene:
     def middle(self, snap: Snapshot) -> Vector:
         """What the free camera looks at: the parts, or the depth, or half a metre ahead."""
         known = [
-            shown.T_camera_part[:3, :3] @ part_centre(self._workspace.assembly.parts[name])
+            shown.T_camera_part[:3, :3] @ self._workspace.assembly.parts[name].middle
             + shown.T_camera_part[:3, 3]
             for name, shown in snap.poses.items()
         ]
@@ -252,7 +252,7 @@ class Scene:
             return
         self._held = part if wanted else None
         if part is not None and shown is not None and wanted:
-            centre = part_centre(self._workspace.assembly.parts[part])
+            centre = self._workspace.assembly.parts[part].middle
             self._reach = GIZMO_REACH if snap.view.mode == "ar" else 1.0
             T_camera_gizmo = gizmo_pose(shown.T_camera_part, centre)
             T_camera_gizmo[:3, 3] *= self._reach
@@ -272,7 +272,7 @@ class Scene:
             part = self._held
             if part is None or part not in self._frames:
                 return
-            centre = part_centre(self._workspace.assembly.parts[part])
+            centre = self._workspace.assembly.parts[part].middle
             T_camera_gizmo = T_from_wxyz(event.target.wxyz, event.target.position / self._reach)
             T_camera_part = pose_from_gizmo(T_camera_gizmo, centre)
             done = event.phase == "end"

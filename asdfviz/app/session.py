@@ -263,4 +263,5 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.Nudge: _pause,
     act.Turn: _pause,
     act.MovePart: _pause,
+    act.TrackPart: _pause,
 }

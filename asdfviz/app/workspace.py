@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from asdfviz.annotate.records import Seed
+from asdfviz.annotate.records import TRACKED, Seed
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import theme, timeline
 from asdfviz.app.items import ANNOTATION, JobStatus, LoadedRun, Message, Shown
@@ -52,6 +52,8 @@ class Workspace:
         self.findings: tuple[Finding, ...] | None = None
         """None while the check still works."""
         self.job: JobStatus | None = None
+        self.carrying: JobStatus | None = None
+        """A tracker that carries annotated poses to other frames, or how it ended."""
         self.reports: tuple[Mapping[str, Any], ...] | None = None
         self.messages: tuple[Message, ...] = ()
         """What happened in the background; every tab shows those that it has not shown yet."""
@@ -106,7 +108,8 @@ class Workspace:
             if pose.T_camera_part is None:
                 shown.pop(name, None)
             elif name in self.assembly.parts:
-                shown[name] = Shown(pose.T_camera_part, ANNOTATION, "annotated")
+                stage = "tracked" if pose.provenance == TRACKED else "annotated"
+                shown[name] = Shown(pose.T_camera_part, ANNOTATION, stage)
         return shown
 
     def base_poses(self, place: int, base: str | None) -> dict[str, Shown]:

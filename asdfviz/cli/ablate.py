@@ -28,6 +28,7 @@ NOTES = {
     "weights; accuracy is printed of trained ones alone.",
     "fusion": "The paper gives no weights. The best of the grid was found on these very scenes.",
     "group": "The paper claims that the state helps the pose and gives no figures.",
+    "states": "Not in the paper: states told apart by what the camera sees of each one's group.",
 }
 STOPPED = "no table is made of half a comparison"
 
@@ -37,12 +38,15 @@ class Ablate:
     """Compare variants of the method on scenes with truth.
 
     refinement: Table 2, what depth does to first poses. backbone: Table 3, sizes of the network.
-    fusion: the weights of Pose2State. group: state helps pose, on and off.
+    fusion: the weights of Pose2State. group: state helps pose, on and off. states: the test of
+    every state's group against the picture, on and off.
 
     Example: asdfviz ablate refinement --data sample --out table2.md
     """
 
-    what: Annotated[Literal["refinement", "backbone", "fusion", "group"], tyro.conf.Positional]
+    what: Annotated[
+        Literal["refinement", "backbone", "fusion", "group", "states"], tyro.conf.Positional
+    ]
     """Which comparison."""
     data: tuple[str, ...] = ("sample",)
     """Scene folders with truth, or `sample`."""
@@ -72,6 +76,7 @@ class Ablate:
             "backbone": self._backbone,
             "fusion": self._fusion,
             "group": self._group,
+            "states": self._states,
         }
         give_table(make[self.what](scenes, layout), NOTES[self.what], self.out)
 
@@ -93,6 +98,12 @@ class Ablate:
         from asdfviz.methods.variants import group_variants
 
         return plain_table(_all_judged(scenes, group_variants), poses=True, layout=layout)
+
+    def _states(self, scenes: list[FolderSequence], layout: Layout) -> str:
+        from asdfviz.evaluate.paper_ablations import plain_table
+        from asdfviz.methods.variants import state_variants
+
+        return plain_table(_all_judged(scenes, state_variants), poses=True, layout=layout)
 
     def _fusion(self, scenes: list[FolderSequence], layout: Layout) -> str:
         from asdfviz.evaluate.fusion_study import StudiedRun, fusion_study

@@ -3,33 +3,108 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from asdfviz.cli.progress import progress_bar
+from asdfviz.errors import InputError
 
 
 @dataclass(frozen=True)
 class BenchTrack:
-    """Run every tracker mode on a folder with a reference tracker's results beside it.
+    """Run the tracker with every preset: on a folder with a reference's results, or on many parts.
 
     Example: asdfviz bench track tracker_jaw640
+    Example: asdfviz bench track --parts 10
     """
 
-    folder: Annotated[Path, tyro.conf.Positional]
+    folder: Annotated[Path | None, tyro.conf.Positional] = None
     """Folder with color, depth, gt.txt, init.txt, mesh.obj, meta.json and m3t_* results."""
+    parts: int | None = None
+    """Time so many parts at once instead, at 1280x720, in a scene that is made on the spot."""
+    assembly: str = "screw_clamp"
+    """Whose parts those are, repeated as often as it takes."""
     json: bool = False
     """Print JSON."""
 
     def __call__(self) -> None:
         """Print accuracy and time, mode by mode, ours beside the reference's."""
+        if (self.folder is None) == (self.parts is None):
+            raise InputError("bench track: give either a folder or --parts, such as --parts 10")
+        print(self._on_parts() if self.folder is None else self._on_folder(self.folder))
+
+    def _on_folder(self, folder: Path) -> str:
         from asdfviz.bench.track import bench_table, json_report, measure
 
-        results = measure(self.folder)
-        print(json.dumps(json_report(results), indent=2) if self.json else bench_table(results))
+        results = measure(folder)
+        return json.dumps(json_report(results), indent=2) if self.json else bench_table(results)
+
+    def _on_parts(self) -> str:
+        from asdfviz.bench.track_parts import measure_parts, parts_table
+        from asdfviz.data.assembly import load_assembly
+
+        if self.parts is None or self.parts < 1:
+            raise InputError(f"bench track: --parts is {self.parts}, give at least 1")
+        with progress_bar("views") as report:
+            results = measure_parts(
+                load_assembly(self.assembly),
+                parts=self.parts,
+                progress=lambda done, total: report(done, total, ""),
+            )
+        if self.json:
+            return json.dumps({name: asdict(row) for name, row in results.items()}, indent=2)
+        return parts_table(results)
+
+
+@dataclass(frozen=True)
+class BenchLoss:
+    """How well scores tell lost poses (ADD above 0.1 d) from right ones (below 0.05 d).
+
+    Runs must hold the poses of lost parts too, as those of `asdfviz tables gbot` do.
+
+    Example: asdfviz run --method icg --report-lost my_sequence --out runs/icg
+    Example: asdfviz bench loss runs/icg
+    """
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of runs; their poses are judged together."""
+    visible: float = 0.1
+    """Visible share of a part from which its pose counts, 0 to 1."""
+    json: bool = False
+    """Print JSON."""
+
+    def __call__(self) -> None:
+        """Print the area under the ROC curve in percent, and how many poses of each kind there are."""
+        from asdfviz.bench.loss import told_apart
+        from asdfviz.evaluate.calibration import ranking_area
+        from asdfviz.evaluate.inputs import open_result
+        from asdfviz.evaluate.judgement import judge
+
+        told: list[tuple[float, bool]] = []
+        for path in self.runs:
+            result = open_result(path)
+            judged = judge(
+                result.run,
+                assembly=result.assembly,
+                truth=result.truth,
+                camera=result.camera_to_render_with,
+            )
+            diameters = {name: part.diameter for name, part in result.assembly.parts.items()}
+            told += told_apart(
+                (r.score, r.error.add_s / diameters[r.part])
+                for r in judged.comparison.records
+                if r.error is not None and r.score is not None and r.visible >= self.visible
+            )
+        right = sum(is_right for _, is_right in told)
+        figures = {"loss_auc": ranking_area(told), "right": right, "lost": len(told) - right}
+        if self.json:
+            print(json.dumps(figures, indent=2))
+            return
+        area = "-" if figures["loss_auc"] is None else f"{figures['loss_auc']:.1f} %"
+        print(f"AUC {area}: {right} right poses, {len(told) - right} lost ones")
 
 
 @dataclass(frozen=True)
@@ -66,6 +141,7 @@ class Bench:
 
     what: (
         Annotated[BenchTrack, tyro.conf.subcommand("track")]
+        | Annotated[BenchLoss, tyro.conf.subcommand("loss")]
         | Annotated[BenchSynth, tyro.conf.subcommand("synth")]
     )
 

@@ -100,7 +100,7 @@ def refinement_table(judged: Sequence[JudgedVariant], *, layout: Layout = "markd
 def plain_table(
     judged: Sequence[JudgedVariant], *, poses: bool, layout: Layout = "markdown"
 ) -> str:
-    """Our own ablations, which the paper has no figures for: `group` with poses, `fusion` without."""
+    """Our own ablations, which the paper has no figures for: `group` and `states` with poses, `fusion` without."""
     columns = (*POSE_COLUMNS, *STATE_COLUMNS, *TIME_COLUMNS) if poses else STATE_COLUMNS
     rows = [
         [title, str(len(variants)), *_ours(variants, columns)]

@@ -16,13 +16,14 @@ from asdfviz.datatypes import (
     Frame,
     FramePrediction,
     PoseEstimate,
-    StateEstimate,
 )
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box, Scores
+from asdfviz.geometry.shapes import Box
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.first_pose import LooksAtParts
+from asdfviz.methods.followed_state import FOLLOWED, followed_state
+from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_hypotheses import (
@@ -35,6 +36,7 @@ from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.confidence import ConfidenceConfig, confidence
+from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.relative_pose import (
     RelativePoseConfig,
     relative_pose_probabilities,
@@ -60,9 +62,9 @@ class AsdfPlusConfig(AsdfConfig):
         default_factory=lambda: RelativePoseConfig(sigma_translation=0.02)
     )
     """S_P; narrower than ASDF's, as the poses are."""
-    smoothing: SmoothingConfig = field(
-        default_factory=lambda: SmoothingConfig(appearance_weight=0.15, pose_weight=1.0)
-    )
+    group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
+    """The hypothesis test over states."""
+    smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
 
 
@@ -73,6 +75,7 @@ class _Scene:
     assembly: Assembly
     hypotheses: dict[str, PartHypotheses]
     states: StateFilter
+    fits: GroupFits
     group: GroupPoses
 
 
@@ -120,6 +123,7 @@ class AsdfPlus:
                 for name, part in assembly.parts.items()
             },
             StateFilter(assembly, config=config.smoothing),
+            GroupFits(assembly, shapes, config=config.group_fit),
             GroupPoses(assembly, shapes, config=config.joined),
         )
 
@@ -134,10 +138,12 @@ class AsdfPlus:
         with timed("follow"):
             looks = None if proposed.state is None else proposed.state.terms.get("appearance")
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
-            state = _estimate(scene.states.step(looks, places), looks, places)
+            first = proposed.poses.get(scene.assembly.base)
+            seen = scene.fits.step(poses, scene.states.belief, frame, first=first)
+            state = followed_state(scene.states, looks, places, seen)
         if config.joined.enabled:
             with timed("group"):
-                poses = scene.group.step(poses, state, frame)
+                poses = scene.group.step(poses, state, frame, base=scene.fits.base)
         runtime = {**proposed.runtime, **timed.seconds}
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
 
@@ -190,15 +196,6 @@ def pose_confidence(decision: Decision, score: float, *, config: ConfidenceConfi
         detection=score,
         config=config,
     )
-
-
-def _estimate(
-    belief: Scores | None, looks: Scores | None, places: Scores | None
-) -> StateEstimate | None:
-    if belief is None:
-        return None
-    terms = {"appearance": looks, "relative_pose": places}
-    return StateEstimate(belief, {name: term for name, term in terms.items() if term is not None})
 
 
 SPEC = MethodSpec(

@@ -2,7 +2,7 @@
 
 Not in the paper. Every part is tracked by colour and depth from several starts, the detector's pose
 among them, so that one that was lost is found again; parts that the state joins are tracked as one,
-with the freedoms of their joints. States are fused as ASDF does, from the tracked poses.
+with the freedoms of their joints. The state is followed as `asdf_plus` does, from the tracked poses.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.followed_state import FOLLOWED, followed_state
+from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
-from asdfviz.state.fusion import Pose2State
+from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joints import deviation
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
+from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 from asdfviz.track.presets import FINE, TrackerConfig
 
 TRACKED_PLACES = RelativePoseConfig(sigma_translation=0.012, sigma_rotation=0.3, temperature=1.0)
@@ -43,14 +46,20 @@ class JoinConfig:
     """And turned by less than this, degrees; symmetric poses count as the same."""
     patience: int = 3
     """A part that could not be seen for more frames than this joins wherever it was."""
+    settled: float = 0.98
+    """Probability of the state from which all of its parts join, wherever they were."""
 
 
 @dataclass(frozen=True)
 class AsdfTrackConfig(AsdfConfig):
-    """Options of ASDF, which proposes poses and fuses states, and of the tracker."""
+    """Options of ASDF, which proposes poses, of the tracker, and of the state that is followed."""
 
     relative_pose: RelativePoseConfig = TRACKED_PLACES
     """S_P: from part poses to probabilities; narrower than for detected poses."""
+    group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
+    """The hypothesis test over states."""
+    smoothing: SmoothingConfig = FOLLOWED
+    """The hidden Markov model, online."""
     tracker: TrackerConfig = FINE
     """What evidence the tracker uses, and how."""
     refind: RefindConfig = field(default_factory=RefindConfig)
@@ -65,7 +74,8 @@ class _Scene:
 
     assembly: Assembly
     parts: PartTracks
-    pose2state: Pose2State
+    states: StateFilter
+    fits: GroupFits
     state: StateEstimate | None = None
 
 
@@ -94,7 +104,8 @@ class AsdfTrack:
         self._scene = _Scene(
             assembly=assembly,
             parts=PartTracks(assembly, camera, tracker=config.tracker, refind=config.refind),
-            pose2state=Pose2State(assembly, config=config.fusion),
+            states=StateFilter(assembly, config=config.smoothing),
+            fits=GroupFits(assembly, self._asdf.shapes, config=config.group_fit),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -114,8 +125,12 @@ class AsdfTrack:
             poses = parts.settle(frame, joined)
         with timed("fuse"):
             looks = None if proposed.state is None else proposed.state.terms.get("appearance")
-            places = relative_pose_probabilities(poses, assembly, config=config.relative_pose)
-            scene.state = scene.pose2state.step(looks, places)
+            # What the state holds together cannot bear witness for the state.
+            free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
+            places = relative_pose_probabilities(free, assembly, config=config.relative_pose)
+            first = proposed.poses.get(assembly.base)
+            seen = scene.fits.step(poses, scene.states.belief, frame, first=first)
+            scene.state = followed_state(scene.states, looks, places, seen)
         runtime = {**proposed.runtime, **timed.seconds}
         return FramePrediction(frame.index, poses, scene.state, proposed.detections, runtime)
 
@@ -138,10 +153,12 @@ class AsdfTrack:
     def _joins(
         self, name: str, poses: Mapping[str, Transform], state: State, scene: _Scene
     ) -> bool:
-        """Whether a part is where the state has it, or was not seen for long."""
+        """Whether a part is where the state has it, or must be, or was not seen for long."""
         config, base = self._config.join, scene.assembly.base
-        if name == base:
+        if name == base or scene.state is None:
             return False
+        if scene.state.probabilities[state.index] >= config.settled:
+            return True
         off = deviation(
             inverse(poses[base]) @ poses[name],
             state.T_base_part[name],

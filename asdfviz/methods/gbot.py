@@ -16,18 +16,15 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
-from asdfviz.methods.tracking import PartTrackerConfig, load_bodies, start_from_truth, tracked_poses
+from asdfviz.methods.tracking import Following, PartTrackerConfig, load_bodies
 from asdfviz.state.joints import deviation
-from asdfviz.track.presets import GBOT, TrackerConfig
 from asdfviz.track.tracker import Tracker
 
 
 @dataclass(frozen=True)
 class GbotConfig(PartTrackerConfig):
-    """Options of GBOT; defaults are its evaluator's."""
+    """Options of GBOT; steps are taken as its evaluator does."""
 
-    tracker: TrackerConfig = GBOT
-    """What evidence is used, and how."""
     near: float = 0.04
     """A part this near to its place in the next step (metres) joins (GBOT's demo: 0.03)."""
     angle_deg: float = 20.0
@@ -40,7 +37,7 @@ class Gbot:
     def __init__(self, config: GbotConfig) -> None:
         self._config = config
         self._assembly: Assembly | None = None
-        self._tracker: Tracker | None = None
+        self._following: Following | None = None
         self._initial: FramePrediction | None = None
         self._step = 0
 
@@ -57,33 +54,33 @@ class Gbot:
         self._step = 0
         if initial.state is not None:
             self._step = assembly.states[initial.state.index].completed
-        self._tracker = Tracker(load_bodies(assembly), camera, self._config.tracker)
+        self._following = Following(load_bodies(assembly), camera, self._config)
 
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
-        if self._tracker is None or self._assembly is None:
+        if self._following is None or self._assembly is None:
             raise MethodError("gbot: reset() must come before step()")
-        tracker, assembly, timed = self._tracker, self._assembly, StageTimer()
+        following, assembly, timed = self._following, self._assembly, StageTimer()
+        tracker = following.tracker
         with timed("state"):
             if self._initial is not None:
-                start_from_truth(tracker, frame, self._initial)
+                following.start(frame, self._initial)
                 self._initial = None
                 self.rejoin(tracker, assembly)
             if self._reached_next(tracker, assembly):
                 self._step += 1
                 self.rejoin(tracker, assembly)
-        self.before_tracking(tracker, frame, timed)
-        with timed("track"):
-            tracker.update(frame)
-        with timed("judge"):
-            poses = tracked_poses(tracker, frame, lost_too=self._config.report_lost)
+        self.before_tracking(following, frame, timed)
+        held = [n for n in assembly.steps[self._step].attached if n != assembly.base]
+        linked = held if assembly.base in tracker.names else []
+        poses = following.update(frame, timed, held=linked, base=assembly.base)
         probabilities = np.zeros(len(assembly.states))
         probabilities[assembly.steps[self._step].index] = 1.0
         return FramePrediction(
             frame.index, poses, StateEstimate(probabilities), runtime=timed.seconds
         )
 
-    def before_tracking(self, tracker: Tracker, frame: Frame, timed: StageTimer) -> None:
+    def before_tracking(self, following: Following, frame: Frame, timed: StageTimer) -> None:
         """Where a method that re-initialises does so; this one does not."""
 
     def rejoin(self, tracker: Tracker, assembly: Assembly) -> None:
@@ -103,11 +100,10 @@ class Gbot:
         T_base_camera = inverse(poses[assembly.base])
         for name in new:
             part = assembly.parts[name]
-            low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
             off = deviation(
                 T_base_camera @ poses[name],
                 following.T_base_part[name],
-                center_part=(low + high) / 2,
+                center_part=part.middle,
                 symmetries=part.symmetries,
                 joint=following.joints.get(name),
             )

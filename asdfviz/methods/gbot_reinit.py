@@ -10,18 +10,43 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, Part
+from asdfviz.datatypes import (
+    Assembly,
+    Camera,
+    Detection,
+    Frame,
+    FramePrediction,
+    Part,
+    PoseEstimate,
+)
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.gbot import Gbot, GbotConfig
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
-from asdfviz.methods.part_poses import poses_from_keypoints
+from asdfviz.methods.part_poses import (
+    PartShape,
+    part_shapes,
+    poses_fitted_to_boxes,
+    poses_from_keypoints,
+    poses_refined_by_depth,
+)
+from asdfviz.methods.refinding import QUARTER_TURNS, turned
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
+from asdfviz.methods.tracking import Following
+from asdfviz.pose.box_fit import BoxFitConfig
+from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import PnpConfig
+from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.joints import deviation
+from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
+
+ROUGH_ROUNDS = 3
+"""Correspondence searches by which the turns of a detected pose are compared."""
+KEPT = 3
+"""So many of them are then settled in full."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +59,11 @@ class GbotReinitConfig(GbotConfig):
     """From keypoints to a pose."""
     every: int = 10
     """Frames from one re-initialisation to the next."""
+    every_lost: int = 3
+    """The same while a part is lost; as published, `every`."""
+    margin: float = 0.15
+    """A pose of the detector's, settled and turned as need be, must fit the picture better than the
+    tracked one by this (`Trial.score`); as published, it need not."""
     keep_near: float = 0.05
     """A tracked pose this near to the detector's (metres) is kept."""
     keep_angle_deg: float = 20.0
@@ -58,6 +88,7 @@ class GbotReinit(Gbot):
         self._found: tuple[Assembly, Detects] | None = None
         self._frames = 0
         self._boxes: dict[str, Box] = {}
+        self._shapes: dict[str, PartShape] = {}
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the network and the parts' viewpoint models.
@@ -69,30 +100,40 @@ class GbotReinit(Gbot):
         super().reset(assembly, camera, initial)
         detector = self._given_detector or load_detector(self._options.detector, assembly)
         self._found = assembly, detector
+        self._shapes = part_shapes(assembly, surface_points=TranslationConfig().surface_points)
         self._frames = 0
         self._boxes = {}
 
-    def before_tracking(self, tracker: Tracker, frame: Frame, timed: StageTimer) -> None:
+    def before_tracking(self, following: Following, frame: Frame, timed: StageTimer) -> None:
         """Every so many frames, detect and replace what is too far off."""
         self._frames += 1
-        if self._frames % self._options.every:
+        options = self._options
+        verified = not (options.published or options.faithful)
+        if self._frames % (options.every_lost if verified and following.lost else options.every):
             return
         if self._found is None:
             raise MethodError("gbot_reinit: reset() must come before step()")
-        assembly, detector = self._found
+        (assembly, detector), tracker = self._found, following.tracker
         with timed("detect"):
             detections = detector.detect(frame.rgb)
         with timed("pnp"):
             found = assign_detections(detections, assembly, previous=self._boxes)
             self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
-            poses = poses_from_keypoints(found, frame, assembly, config=self._options.pnp)
+            poses = poses_from_keypoints(found, frame, assembly, config=options.pnp)
+            if verified:
+                poses = self._put_right(poses, found, frame)
         with timed("track"):
             seen = {name: pose.T_camera_part for name, pose in poses.items()}
-            tracker.replace(frame, self._too_far(seen, tracker, assembly))
+            off = self._too_far(seen, tracker, assembly)
+            if verified:
+                lost = {n: T for n, T in seen.items() if n in following.lost}
+                off = self._fitting({**off, **lost}, tracker, frame, assembly)
+            tracker.replace(frame, off)
             new = {name: T for name, T in seen.items() if name not in tracker.names}
             if new:
                 tracker.add(frame, new)
                 self.rejoin(tracker, assembly)
+            following.placed([*off, *new])
 
     def _too_far(
         self, seen: Mapping[str, Transform], tracker: Tracker, assembly: Assembly
@@ -106,10 +147,49 @@ class GbotReinit(Gbot):
             and (self._options.faithful or not self._near(tracked[name], T, assembly.parts[name]))
         }
 
+    def _put_right(
+        self, poses: Mapping[str, PoseEstimate], found: Mapping[str, Detection], frame: Frame
+    ) -> dict[str, PoseEstimate]:
+        """Correct distances by the boxes and by depth; keypoints tell them worst."""
+        poses = poses_fitted_to_boxes(poses, found, self._shapes, frame, config=BoxFitConfig())
+        return poses_refined_by_depth(
+            poses,
+            found,
+            self._shapes,
+            frame,
+            refinement="translation",
+            translation=TranslationConfig(),
+            icp=IcpConfig(),
+        )
+
+    def _fitting(
+        self, seen: Mapping[str, Transform], tracker: Tracker, frame: Frame, assembly: Assembly
+    ) -> dict[str, Transform]:
+        """Where the picture fits better than at the tracked poses: near the detector's, in any turn.
+
+        A detector finds places long before it tells rotations apart.
+        """
+        found: dict[str, Transform] = {}
+        for name, T_seen in seen.items():
+            centre = assembly.parts[name].middle
+            starts = [turned(T_seen, R, centre=centre) for R in QUARTER_TURNS]
+            rough = tracker.trials(frame, name, starts, rounds=ROUGH_ROUNDS)
+            rough = sorted(rough, key=_score, reverse=True)[:KEPT]
+            starts = [tracker.poses[name], *(trial.T_camera_part for trial in rough)]
+            now, *others = tracker.trials(frame, name, starts)
+            best = max(others, key=_score)
+            is_sure = best.confidence >= tracker.config.confidence.lost_below
+            if is_sure and best.score > now.score + self._options.margin:
+                found[name] = best.T_camera_part
+        return found
+
     def _near(self, T_tracked: Transform, T_seen: Transform, part: Part) -> bool:
-        centre = (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0)) / 2
-        off = deviation(T_seen, T_tracked, center_part=centre, symmetries=part.symmetries)
+        off = deviation(T_seen, T_tracked, center_part=part.middle, symmetries=part.symmetries)
         return off.within(self._options.keep_near, self._options.keep_angle_deg)
+
+
+def _score(trial: Trial) -> float:
+    return trial.score
 
 
 SPEC = MethodSpec(

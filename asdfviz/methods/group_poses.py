@@ -17,11 +17,11 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.pose.depth_fit import depth_fit
-from asdfviz.state.joints import Deviation, deviation, nearest_in_joint
+from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
+from asdfviz.state.joints import Deviation, deviation
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,9 @@ class GroupConfig:
     doubt: float = 0.15
     """One that disagrees with the state is replaced even where the group's agrees with less of the
     readings, by up to this: a part turned by half may fit as well by chance."""
+    settled: float = 0.95
+    """Probability from which a pose elsewhere is not believed at all, since the part cannot be in
+    two places, and one in its place is replaced where the group's agrees as well."""
     surer: float = 0.3
     """A pose whose score is higher by this than that of the pose that places the group stays."""
     least_fit: float = 0.35
@@ -56,10 +59,8 @@ class GroupPoses:
         self, assembly: Assembly, shapes: Mapping[str, PartShape], *, config: GroupConfig
     ) -> None:
         self._assembly, self._shapes, self._config = assembly, shapes, config
-        self._middles = {
-            name: (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0)) / 2
-            for name, part in assembly.parts.items()
-        }
+        near = JointPlacesConfig(distance=config.distance, angle_deg=config.angle_deg)
+        self._places = JointPlaces(assembly, config=near)
         states = assembly.states
         self._alike = [
             {
@@ -73,13 +74,23 @@ class GroupPoses:
             for state in states
         ]
         """By state and part, the states that have the part at the same place."""
-        self._seen: dict[tuple[int, str], Transform] = {}
-        """T_base_part by state and part, where a joint leaves them open."""
 
     def step(
-        self, poses: Mapping[str, PoseEstimate], state: StateEstimate | None, frame: Frame
+        self,
+        poses: Mapping[str, PoseEstimate],
+        state: StateEstimate | None,
+        frame: Frame,
+        *,
+        base: PoseEstimate | None = None,
     ) -> dict[str, PoseEstimate]:
-        """Return the poses, those of joined parts by the group where it knows better."""
+        """Return the poses, those of joined parts by the group where it knows better.
+
+        Args:
+            poses: of the parts, each by itself.
+            state: which parts are joined, and how surely.
+            frame: with depth, or no pose is judged by it.
+            base: where the base is by all that is seen of the group, if that is known.
+        """
         result = dict(poses)
         if state is None:
             return result
@@ -87,10 +98,11 @@ class GroupPoses:
         if not joined:
             return result
         named = self._assembly.states[state.index]
-        base = self._base(poses, joined, named, frame)
-        if base is None:
+        found = self._base(poses, joined, named, frame, base)
+        if found is None:
             return result
-        T_camera_base, trust = base
+        T_camera_base, trust = found
+        self._places.see(T_camera_base, {n: poses[n] for n in joined if n in poses})
         for name in (self._assembly.base, *joined):
             placed = self._placed(name, T_camera_base, poses.get(name), named)
             own = poses.get(name)
@@ -99,8 +111,11 @@ class GroupPoses:
             fit = self._fit(name, placed, frame)
             if fit < self._config.least_fit:
                 continue
-            if own is None or fit > self._least_to_replace(name, own, T_camera_base, named, frame):
-                score = trust * sure.get(name, 1.0) * fit
+            certain = sure.get(name, 1.0)
+            if own is None or fit > self._least_to_replace(
+                name, own, T_camera_base, named, frame, certain
+            ):
+                score = trust * certain * fit
                 result[name] = PoseEstimate(name, placed, score, "group")
         return result
 
@@ -123,15 +138,20 @@ class GroupPoses:
         joined: list[str],
         state: State,
         frame: Frame,
+        seen: PoseEstimate | None,
     ) -> tuple[Transform, float] | None:
         """Where the base is by most accounts, and the score of the pose that says so."""
         members = [name for name in (self._assembly.base, *joined) if name in poses]
-        best: tuple[float, Transform, float] | None = None
+        accounts: list[tuple[Transform, float]] = []
         for name in members:
             if self._assembly.parts[name].symmetries.is_symmetric and name != self._assembly.base:
                 continue  # it may be turned, and the base with it
-            T_base_part = self._nominal(name, state)
-            T_camera_base = poses[name].T_camera_part @ inverse(T_base_part)
+            T_base_part = self._places.last(name, state)
+            accounts.append((poses[name].T_camera_part @ inverse(T_base_part), poses[name].score))
+        if seen is not None:
+            accounts.append((seen.T_camera_part, seen.score))
+        best: tuple[float, Transform, float] | None = None
+        for T_camera_base, score in accounts:
             support = sum(
                 poses[other].score * self._bell(self._off(other, T_camera_base, poses, state))
                 for other in members
@@ -140,36 +160,37 @@ class GroupPoses:
                 placed = self._placed(other, T_camera_base, poses.get(other), state)
                 support += self._fit(other, placed, frame)
             if best is None or support > best[0]:
-                best = (support, T_camera_base, poses[name].score)
+                best = (support, T_camera_base, score)
         return None if best is None else (best[1], best[2])
-
-    def _nominal(self, name: str, state: State) -> Transform:
-        """T_base_part: where the part was last seen in its joint, or the state's own."""
-        return self._seen.get((state.index, name), state.T_base_part[name])
 
     def _placed(
         self, name: str, T_camera_base: Transform, own: PoseEstimate | None, state: State
     ) -> Transform:
         """T_camera_part as the state has it; in a joint as near to the part's own pose as it lets."""
-        T_base_part, joint = self._nominal(name, state), state.joints.get(name)
+        T_nominal, joint = state.T_base_part[name], state.joints.get(name)
         if own is not None and joint is not None:
             T_own = inverse(T_camera_base) @ own.T_camera_part
-            if self._agrees(self._off_of(name, T_own, state)):
-                symmetries = self._assembly.parts[name].symmetries
-                T_near = nearest_symmetric(T_own, state.T_base_part[name], symmetries)
-                T_base_part = nearest_in_joint(
-                    T_near, state.T_base_part[name], joint, center_part=self._middles[name]
-                )
-                self._seen[state.index, name] = T_base_part
-        return T_camera_base @ T_base_part
+            T_near = self._places.nearest(name, T_own, T_nominal, joint)
+            if T_near is not None:
+                return T_camera_base @ T_near
+        return T_camera_base @ self._places.last(name, state)
 
     def _least_to_replace(
-        self, name: str, own: PoseEstimate, T_camera_base: Transform, state: State, frame: Frame
+        self,
+        name: str,
+        own: PoseEstimate,
+        T_camera_base: Transform,
+        state: State,
+        frame: Frame,
+        certain: float,
     ) -> float:
         """The fit above which the group's pose is to replace the part's own."""
         T_own = inverse(T_camera_base) @ own.T_camera_part
         is_joined = self._agrees(self._off_of(name, T_own, state))
-        gain = self._config.gain if is_joined else -self._config.doubt
+        is_settled = certain >= self._config.settled
+        if is_settled and not is_joined:
+            return self._config.least_fit
+        gain = self._config.gain * (not is_settled) if is_joined else -self._config.doubt
         return self._fit(name, own.T_camera_part, frame) + gain
 
     def _off(
@@ -185,7 +206,7 @@ class GroupPoses:
         return deviation(
             T_base_part,
             state.T_base_part[name],
-            center_part=self._middles[name],
+            center_part=self._assembly.parts[name].middle,
             symmetries=self._assembly.parts[name].symmetries,
             joint=state.joints.get(name),
         )

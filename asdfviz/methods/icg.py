@@ -6,15 +6,11 @@ from dataclasses import dataclass
 
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.tracking import PartTrackerConfig
-from asdfviz.track.presets import GBOT, TrackerConfig
 
 
 @dataclass(frozen=True)
 class IcgConfig(PartTrackerConfig):
-    """Options of ICG."""
-
-    tracker: TrackerConfig = GBOT
-    """What GBOT's evaluator runs as ICG: its own settings, without links between parts."""
+    """Options of ICG; as published, it has the settings of GBOT's evaluator without links."""
 
 
 SPEC = MethodSpec(

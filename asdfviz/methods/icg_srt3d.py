@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.tracking import PartTrackerConfig
@@ -19,6 +20,7 @@ class IcgSrt3dConfig(PartTrackerConfig):
 
     tracker: TrackerConfig = SETTINGS
     """What evidence is used, and how."""
+    PUBLISHED: ClassVar[TrackerConfig] = SETTINGS
 
 
 SPEC = MethodSpec(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.tracking import PartTrackerConfig
@@ -15,6 +16,7 @@ class Srt3dConfig(PartTrackerConfig):
 
     tracker: TrackerConfig = RBOT_REGION
     """SRT3D's own settings for the RBOT data set."""
+    PUBLISHED: ClassVar[TrackerConfig] = RBOT_REGION
 
 
 SPEC = MethodSpec(

@@ -1,19 +1,21 @@
 """What the tracking methods share: models of the parts, the start from truth, parts one by one.
 
 A part is absent where the first frame's truth does not have it, and while the tracker's own
-judgement says that it is lost.
+judgement says that it is lost. Settings are ours for hand-sized parts unless `published` is asked.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
+from asdfviz.methods.following import FollowConfig, Follower
 from asdfviz.methods.timing import StageTimer
 from asdfviz.track.bodies import Body
-from asdfviz.track.presets import YCB_ICG, TrackerConfig
+from asdfviz.track.presets import FINE, GBOT, TrackerConfig
 from asdfviz.track.tracker import Tracker
 from asdfviz.track.viewpoint_cache import load_viewpoint_models
 
@@ -22,10 +24,21 @@ from asdfviz.track.viewpoint_cache import load_viewpoint_models
 class PartTrackerConfig:
     """Options of a method that tracks every part alone."""
 
-    tracker: TrackerConfig = YCB_ICG
+    tracker: TrackerConfig = FINE
     """What evidence is used, and how."""
+    follow: FollowConfig = field(default_factory=FollowConfig)
+    """How parts are followed that move fast or are hidden."""
+    published: bool = False
+    """Track with the settings that were published, and follow parts by the tracker alone."""
     report_lost: bool = False
     """Also give the poses of parts that are lost. Paper: yes, it knows no loss."""
+    PUBLISHED: ClassVar[TrackerConfig] = GBOT
+    """The settings that `published` means."""
+
+    @property
+    def settings(self) -> TrackerConfig:
+        """What the tracker is to use."""
+        return self.PUBLISHED if self.published else self.tracker
 
 
 def load_bodies(
@@ -45,26 +58,58 @@ def load_bodies(
     return {name: Body.of(part, models[name]) for name, part in assembly.parts.items()}
 
 
-def start_from_truth(tracker: Tracker, frame: Frame, initial: FramePrediction) -> None:
-    """Begin at the poses that a run was handed.
+class Following:
+    """A tracker that was started from truth, with a follower unless it runs as published."""
 
-    Raises:
-        MethodError: there are none.
-    """
-    if not initial.poses:
-        raise MethodError("the truth of the first frame has no poses to start from")
-    tracker.start(frame, {name: pose.T_camera_part for name, pose in initial.poses.items()})
+    def __init__(
+        self, bodies: Mapping[str, Body], camera: Camera, config: PartTrackerConfig
+    ) -> None:
+        self.tracker = Tracker(bodies, camera, config.settings)
+        self.lost: frozenset[str] = frozenset()
+        """Parts whose pose was too unsure after the last frame."""
+        self._bodies = bodies
+        self._config = config
+        self._follower: Follower | None = None
 
+    def start(self, frame: Frame, initial: FramePrediction) -> None:
+        """Begin at the poses that a run was handed.
 
-def tracked_poses(tracker: Tracker, frame: Frame, *, lost_too: bool) -> dict[str, PoseEstimate]:
-    """The tracker's poses after a frame, scored by its confidence."""
-    sure = tracker.confidence(frame)
-    least = tracker.config.confidence.lost_below
-    return {
-        name: PoseEstimate(name, T_camera_part, sure[name], "tracked")
-        for name, T_camera_part in tracker.poses.items()
-        if lost_too or sure[name] >= least
-    }
+        Raises:
+            MethodError: there are none.
+        """
+        if not initial.poses:
+            raise MethodError("the truth of the first frame has no poses to start from")
+        poses = {name: pose.T_camera_part for name, pose in initial.poses.items()}
+        self.tracker.start(frame, poses)
+        if not self._config.published:
+            self._follower = Follower(self.tracker, self._bodies, self._config.follow)
+
+    def placed(self, names: Collection[str]) -> None:
+        """Somebody took these parts in or put them elsewhere."""
+        if self._follower is not None:
+            self._follower.place(names)
+
+    def update(
+        self, frame: Frame, timed: StageTimer, *, held: Collection[str] = (), base: str = ""
+    ) -> dict[str, PoseEstimate]:
+        """Move all parts to the frame; poses scored by confidence, lost ones only if wanted.
+
+        `held` parts hang on `base`.
+        """
+        tracker = self.tracker
+        with timed("track"):
+            if self._follower is not None:
+                sure = self._follower.update(frame, held=held, base=base)
+            else:
+                tracker.update(frame)
+                sure = tracker.confidence(frame)
+        least = tracker.config.confidence.lost_below
+        self.lost = frozenset(name for name, value in sure.items() if value < least)
+        return {
+            name: PoseEstimate(name, T_camera_part, sure[name], "tracked")
+            for name, T_camera_part in tracker.poses.items()
+            if self._config.report_lost or name not in self.lost
+        }
 
 
 class PartTracker:
@@ -72,7 +117,7 @@ class PartTracker:
 
     def __init__(self, config: PartTrackerConfig) -> None:
         self._config = config
-        self._tracker: Tracker | None = None
+        self._following: Following | None = None
         self._initial: FramePrediction | None = None
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
@@ -84,18 +129,16 @@ class PartTracker:
         if initial is None:
             raise MethodError("a tracker needs the poses of the first frame to start from")
         self._initial = initial
-        self._tracker = Tracker(load_bodies(assembly), camera, self._config.tracker)
+        self._following = Following(load_bodies(assembly), camera, self._config)
 
     def step(self, frame: Frame) -> FramePrediction:
         """Move all parts to the next frame."""
-        if self._tracker is None:
+        if self._following is None:
             raise MethodError("reset() must come before step()")
         timed = StageTimer()
-        with timed("track"):
-            if self._initial is not None:
-                start_from_truth(self._tracker, frame, self._initial)
-                self._initial = None
-            self._tracker.update(frame)
-        with timed("judge"):
-            poses = tracked_poses(self._tracker, frame, lost_too=self._config.report_lost)
+        if self._initial is not None:
+            with timed("track"):
+                self._following.start(frame, self._initial)
+            self._initial = None
+        poses = self._following.update(frame, timed)
         return FramePrediction(frame.index, poses, None, runtime=timed.seconds)

@@ -9,10 +9,12 @@ from typing import Any
 from asdfviz.datatypes import Assembly
 from asdfviz.methods.asdf import AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlusConfig
+from asdfviz.methods.asdf_track import AsdfTrackConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.part_poses import PAPER_ICP
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
+from asdfviz.state.group_fit import GroupFitConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +78,18 @@ def group_variants(assembly: Assembly) -> list[Variant]:
         Variant("asdf with group", "asdf", AsdfConfig()),
         Variant("asdf_plus without group", "asdf_plus", replace(plus, joined=off)),
         Variant("asdf_plus with group", "asdf_plus", plus),
+    ]
+    return _with_first_poses(rows, assembly)
+
+
+def state_variants(assembly: Assembly) -> list[Variant]:
+    """The hypothesis test over states, off and on, in both methods that have it."""
+    off = GroupFitConfig(enabled=False)
+    rows = [
+        Variant("asdf_plus without group fit", "asdf_plus", AsdfPlusConfig(group_fit=off)),
+        Variant("asdf_plus with group fit", "asdf_plus", AsdfPlusConfig()),
+        Variant("asdf_track without group fit", "asdf_track", AsdfTrackConfig(group_fit=off)),
+        Variant("asdf_track with group fit", "asdf_track", AsdfTrackConfig()),
     ]
     return _with_first_poses(rows, assembly)
 

@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Joint, Part, PoseEstimate
+from asdfviz.datatypes import Assembly, Joint, PoseEstimate
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.joints import deviation
@@ -120,8 +120,8 @@ def _log_likelihoods(
 ) -> Scores:
     """Logarithm of one part's likelihood under every state."""
     part = assembly.parts[name]
-    center = _center(part)
-    reach = np.linalg.norm(_moved(T_base_part, center) - _center(assembly.parts[assembly.base]))
+    center, center_base = part.middle, assembly.parts[assembly.base].middle
+    reach = np.linalg.norm(_moved(T_base_part, center) - center_base)
     fit_of_state = np.full(len(assembly.states), np.nan)
     best = 0.0
     for place in places:
@@ -132,7 +132,7 @@ def _log_likelihoods(
             symmetries=part.symmetries,
             joint=place.joint,
         )
-        there = _moved(place.T_base_part, center) - _center(assembly.parts[assembly.base])
+        there = _moved(place.T_base_part, center) - center_base
         near = _bell((reach - np.linalg.norm(there)) / config.sigma_translation)
         fit = _bell(distance / config.sigma_translation) * _bell(angle / config.sigma_rotation)
         u, v = config.wrong_rotations * doubt, 1.0 - doubt
@@ -144,10 +144,6 @@ def _log_likelihoods(
 
 def _bell(x: float | np.floating[Any]) -> float:
     return float(np.exp(-0.5 * x**2))
-
-
-def _center(part: Part) -> Vector:
-    return (part.mesh.vertices.min(axis=0) + part.mesh.vertices.max(axis=0)) / 2
 
 
 def _moved(T_base_part: Transform, point_part: Vector) -> Vector:

@@ -1,7 +1,7 @@
 """A left-to-right hidden Markov model over the assembly's states: online filter and offline path.
 
 The paper's Pose2State averages, so it has inertia and never vetoes. Here a state can only be
-reached along the assembly's transitions, evidence multiplies, and a state that both terms rule out
+reached along the assembly's transitions, evidence multiplies, and a state that all terms rule out
 is out. `StateFilter` uses the past alone; `most_likely_path` (Viterbi) a whole recording, and is
 reported apart from it.
 """
@@ -28,11 +28,18 @@ class SmoothingConfig:
     """Probability that a state lasts for another frame: 25 frames a state, as in the paper's
     sequences."""
     leak: float = 1e-4
-    """Probability of a jump to any other state: a missed step must not lock the model."""
+    """Probability of a jump to any later state: a missed step must not lock the model."""
+    fall: float = 1e-6
+    """Probability of a fall back to any earlier state: what is joined stays joined, but the model
+    may have been wrong."""
+    mistakes: float = 0.2
+    """Weight of a way that leads into an error state against that of the right next step."""
     appearance_weight: float = 0.6
     """Exponent of the network's term; evidence of neighbouring frames is not independent."""
     pose_weight: float = 0.8
     """Exponent of the relative poses' term."""
+    group_weight: float = 1.0
+    """Exponent of the group's term."""
     floor: float = 0.02
     """Evidence is never below this share of its largest value: one frame does not rule out alone."""
 
@@ -49,14 +56,25 @@ class StateFilter:
         """Forget the sequence."""
         self._belief = None
 
-    def step(self, appearance: Scores | None, relative_pose: Scores | None) -> Scores | None:
+    @property
+    def belief(self) -> Scores | None:
+        """The probability of every state after the last frame; None before anything was ever seen."""
+        return self._belief
+
+    def step(
+        self,
+        appearance: Scores | None,
+        relative_pose: Scores | None,
+        group_fit: Scores | None = None,
+    ) -> Scores | None:
         """Take in one frame; None before anything was ever seen.
 
         Args:
             appearance: probabilities by looks, None where they say nothing.
             relative_pose: probabilities by relative poses, None likewise.
+            group_fit: probabilities by what the camera sees of each state's group, None likewise.
         """
-        evidence = combined(appearance, relative_pose, config=self._config)
+        evidence = combined(appearance, relative_pose, group_fit, config=self._config)
         if self._belief is None:
             if evidence is None:
                 return None
@@ -73,6 +91,7 @@ def most_likely_path(
     relative_pose: Sequence[Scores | None],
     assembly: Assembly,
     *,
+    group_fit: Sequence[Scores | None] | None = None,
     config: SmoothingConfig | None = None,
 ) -> list[int] | None:
     """Return the most probable state of every frame, all frames known (Viterbi).
@@ -81,22 +100,25 @@ def most_likely_path(
         appearance: probabilities by looks, frame by frame.
         relative_pose: probabilities by relative poses, frame by frame.
         assembly: its transitions.
+        group_fit: probabilities by what the camera sees of each state's group, frame by frame; None
+            where the term was not used.
         config: as for the filter.
 
     Returns:
         State indices; None where no frame says anything.
 
     Raises:
-        MethodError: the two sequences differ in length.
+        MethodError: the sequences differ in length.
     """
-    if len(appearance) != len(relative_pose):
+    fits = [None] * len(appearance) if group_fit is None else group_fit
+    if not len(appearance) == len(relative_pose) == len(fits):
         raise MethodError(
-            f"{len(appearance)} frames of appearance, {len(relative_pose)} of relative poses: "
-            "both cover the same frames"
+            f"{len(appearance)} frames of appearance, {len(relative_pose)} of relative poses, "
+            f"{len(fits)} of group fits: all cover the same frames"
         )
     chosen = config or SmoothingConfig()
-    pairs = zip(appearance, relative_pose, strict=True)
-    evidence = [combined(a, p, config=chosen) for a, p in pairs]
+    terms = zip(appearance, relative_pose, fits, strict=True)
+    evidence = [combined(*said, config=chosen) for said in terms]
     if all(e is None for e in evidence):
         return None
     log_move = np.log(transition_matrix(assembly, config=chosen))
@@ -117,7 +139,7 @@ def most_likely_path(
 
 
 def transition_matrix(assembly: Assembly, *, config: SmoothingConfig) -> Float64[np.ndarray, "n n"]:
-    """Return P(next state | state): stay, move on along a legal transition, or rarely jump.
+    """Return P(next state | state): stay, move on along a legal transition, or rarely jump or fall back.
 
     Correct states lead to the next one even where assembly.yaml lists no transition.
     """
@@ -127,19 +149,30 @@ def transition_matrix(assembly: Assembly, *, config: SmoothingConfig) -> Float64
         legal[a, b] = 1.0
     for a, b in assembly.transitions:
         if a != b:
-            legal[a, b] = 1.0
+            legal[a, b] = config.mistakes if assembly.states[b].is_error else 1.0
     ways = legal.sum(axis=1, keepdims=True)
-    onward = (1 - config.stay) * legal / np.maximum(ways, 1.0)
+    onward = (1 - config.stay) * legal / np.where(ways > 0, ways, 1.0)
     stay = np.where(ways[:, 0] > 0, config.stay, 1.0)
-    move = (1 - config.leak) * (np.diag(stay) + onward) + config.leak / count
+    completed = np.array([state.completed for state in assembly.states])
+    is_later = completed[None] >= completed[:, None]
+    jump = np.where(is_later, config.leak, config.fall) / count
+    move = (1 - config.leak) * (np.diag(stay) + onward) + jump
     return move / move.sum(axis=1, keepdims=True)
 
 
 def combined(
-    appearance: Scores | None, relative_pose: Scores | None, *, config: SmoothingConfig
+    appearance: Scores | None,
+    relative_pose: Scores | None,
+    group_fit: Scores | None = None,
+    *,
+    config: SmoothingConfig,
 ) -> Scores | None:
-    """Multiply the two terms, each tempered; None where neither says anything."""
-    weighted = ((appearance, config.appearance_weight), (relative_pose, config.pose_weight))
+    """Multiply the terms, each tempered; None where none says anything."""
+    weighted = (
+        (appearance, config.appearance_weight),
+        (relative_pose, config.pose_weight),
+        (group_fit, config.group_weight),
+    )
     product: Scores | None = None
     for term, weight in weighted:
         if term is not None:

@@ -32,10 +32,11 @@ class Trial:
         """For choosing between trials of one part: what fits counts as far as it can be seen.
 
         About 2 at a right pose in full view, 0 where all is hidden, negative where the picture
-        speaks against it.
+        speaks against it. Depth fits a flat part wherever it lies flat, so it counts no more than
+        the colours do.
         """
         seen = self.evidence
-        return seen.visible * (seen.contrast + 2.0 * seen.fit - 1.0)
+        return seen.visible * (seen.contrast + 2.0 * min(seen.fit, seen.contrast) - 1.0)
 
 
 def settle(

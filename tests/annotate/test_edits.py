@@ -9,7 +9,6 @@ from asdfviz.annotate.edits import (
     gizmo_pose,
     moved_group,
     nudged,
-    part_centre,
     pose_from_gizmo,
     previous_pose,
     rotated,
@@ -76,7 +75,7 @@ def test_edits_leave_their_input_alone() -> None:
 
 
 def test_the_centre_of_a_part(boxes: Assembly) -> None:
-    np.testing.assert_allclose(part_centre(boxes.parts["lid"]), CENTRE)
+    np.testing.assert_allclose(boxes.parts["lid"].middle, CENTRE)
 
 
 def test_a_gizmo_holds_the_part_at_its_centre() -> None:

@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asdfviz.annotate.edits import part_centre
 from asdfviz.app import actions as act
 from asdfviz.app.editing import Burst, Done, Edits, apply_edit
 from asdfviz.app.items import ANNOTATION
@@ -51,7 +50,7 @@ def test_step_sizes(with_run: Workspace, do: Do, step: int, metres: float) -> No
 
 
 def test_a_turn_keeps_the_middle_of_the_part(with_run: Workspace, do: Do) -> None:
-    centre = part_centre(with_run.assembly.parts["jaw"])
+    centre = with_run.assembly.parts["jaw"].middle
     before = jaw(with_run)
     do(act.Turn(2, 1))
     after = jaw(with_run)
@@ -113,7 +112,7 @@ def test_placing_puts_the_middle_where_the_depth_is(with_run: Workspace, do: Do)
     assert "jaw" not in with_run.poses(0, "first")
     do(act.PlacePart(100.0, 300.0), view)
     T = jaw(with_run, 0)
-    centre = T[:3, :3] @ part_centre(with_run.assembly.parts["jaw"]) + T[:3, 3]
+    centre = T[:3, :3] @ with_run.assembly.parts["jaw"].middle + T[:3, 3]
     K = with_run.frames.camera.K
     seen = K @ (centre / centre[2])
     assert centre[2] == pytest.approx(0.6)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from asdfviz.cli.judged_runs import kept_run
-from asdfviz.cli.tables import Tables, as_published, condition_folders
+from asdfviz.cli.tables import Tables, condition_folders, knowing_no_loss
 from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import open_sequence
@@ -35,14 +35,14 @@ def test_a_folder_without_sets_and_a_wrong_file_are_refused(tmp_path: Path) -> N
 def test_the_papers_trackers_say_all_their_poses(name: str) -> None:
     spec = find_method(name)
     assert vars(spec.config())["report_lost"] is False
-    config = as_published(spec)
+    config = knowing_no_loss(spec)
     assert isinstance(config, spec.config)
     assert vars(config)["report_lost"] is True
 
 
 def test_a_method_that_knows_no_loss_runs_as_it_is() -> None:
     spec = find_method("asdf")
-    assert as_published(spec) == spec.config()
+    assert knowing_no_loss(spec) == spec.config()
 
 
 def test_table1_counts_the_test_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

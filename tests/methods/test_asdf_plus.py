@@ -53,6 +53,7 @@ def test_the_state_is_followed_and_a_hidden_part_placed(toy, detector) -> None:
         detector.answers[index] = (*boxes, *([toy.state_box(0.7)] if index >= 5 else []))
         prediction = method.step(toy.frame(index, poses))
         assert prediction.state is not None
+        assert "group_fit" in prediction.state.terms
         said.append(prediction.state.index)
     assert said[:5] == [0] * 5
     assert said[8:] == [1] * 4

@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import PoseEstimate, StateEstimate
+from asdfviz.datatypes import Joint, PoseEstimate, StateEstimate
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.part_poses import part_shapes
@@ -64,3 +66,46 @@ def test_a_wrong_pose_yields_and_a_right_one_stays(toy, group) -> None:
     right = {name: estimate(name, T) for name, T in true.items()}
     kept = group.step(right, SURE, frame)
     assert {pose.stage for pose in kept.values()} == {"refined"}
+
+
+def test_where_the_state_is_settled_a_pose_elsewhere_is_not_believed(toy, group) -> None:
+    """Something like the block lies apart, and depth agrees with it there even better."""
+    joined, apart = toy.poses(joined=True), toy.poses(joined=False)
+    depth = np.minimum(toy.depth(joined), toy.depth({"block": apart["block"]}))
+    rows, columns = np.nonzero(toy.depth({"block": joined["block"]}) < 0.74)
+    left = columns < np.quantile(columns, 0.4)
+    depth[rows[left], columns[left]] = 0.75
+    frame = replace(toy.frame(1, joined), depth=depth)
+    poses = {"base": estimate("base", joined["base"]), "block": estimate("block", apart["block"])}
+    likely = StateEstimate(np.array([0.1, 0.9]))
+    assert group.step(poses, likely, frame)["block"].stage == "refined"
+    settled = StateEstimate(np.array([0.01, 0.99]))
+    found = group.step(poses, settled, frame)["block"]
+    assert found.stage == "group"
+    assert np.allclose(found.T_camera_part, joined["block"])
+
+
+def test_the_base_is_where_the_whole_group_says(toy, group) -> None:
+    true = toy.poses(joined=True)
+    off = transform_from(np.eye(3), np.array([0.03, 0.02, 0.0])) @ true["base"]
+    poses = {"base": replace(estimate("base", off), score=0.4)}
+    seen = PoseEstimate("base", true["base"], 0.9, "group")
+    found = group.step(poses, SURE, toy.frame(1, true), base=seen)
+    assert np.allclose(found["base"].T_camera_part, true["base"])
+    assert np.allclose(found["block"].T_camera_part, true["block"])
+
+
+def test_trying_a_place_of_the_base_leaves_no_trace(toy, group) -> None:
+    """What a candidate of the base would make of a joint is not remembered unless it is taken."""
+    slide = Joint("prismatic", np.array([1.0, 0, 0]), np.zeros(3), slide=(-0.03, 0.03))
+    states = (toy.assembly.states[0], replace(toy.assembly.states[1], joints={"block": slide}))
+    assembly = replace(toy.assembly, states=states)
+    shapes = part_shapes(assembly, surface_points=900)
+    true = toy.poses(joined=True)
+    T_block = true["block"] @ transform_from(np.eye(3), np.array([0.012, 0.0, 0.0]))
+    slid = {"base": true["base"], "block": T_block}
+    group = GroupPoses(assembly, shapes, config=GroupConfig())
+    poses = {name: estimate(name, T) for name, T in slid.items()}
+    group.step(poses, SURE, toy.frame(1, slid))
+    found = group.step({"base": poses["base"]}, SURE, toy.frame(2, slid))
+    assert np.allclose(found["block"].T_camera_part, T_block, atol=1e-6)

@@ -27,12 +27,47 @@ def random_scores(rng: np.random.Generator, count: int) -> np.ndarray:
 
 
 def test_states_follow_the_transitions(assembly: Assembly) -> None:
-    move = transition_matrix(assembly, config=SmoothingConfig(stay=0.9, leak=0.0))
+    move = transition_matrix(assembly, config=SmoothingConfig(stay=0.9, leak=0.0, fall=0.0))
     assert move.sum(axis=1) == pytest.approx(np.ones(5))
     assert move[0] == pytest.approx([0.9, 0.1, 0, 0, 0])
     assert move[3, 3] == pytest.approx(1.0)
     legal = {(a, b) for a, b in assembly.transitions if a != b} | {(0, 1), (1, 2), (2, 3)}
     assert {(int(a), int(b)) for a, b in np.argwhere(move > 0) if a != b} == legal
+
+
+def test_a_mistake_is_rarer_than_a_step_and_a_fall_rarer_than_a_jump(assembly: Assembly) -> None:
+    config = SmoothingConfig(stay=0.9, leak=1e-3, fall=1e-5, mistakes=0.25)
+    move = transition_matrix(assembly, config=config)
+    assert move.sum(axis=1) == pytest.approx(np.ones(5))
+    assert move[1, 2] == pytest.approx(0.08, rel=0.01)
+    assert move[1, 4] == pytest.approx(0.02, rel=0.02)
+    assert move[0, 3] == pytest.approx(move[1, 3], rel=0.01)
+    assert move[0, 3] == pytest.approx(100 * move[3, 0], rel=0.01)
+    assert move[4, 1] == pytest.approx(0.1, rel=0.01)  # a mistake is undone
+
+
+def test_lost_sight_of_a_part_does_not_lead_back(assembly: Assembly) -> None:
+    """For a while the relative poses of a few parts say what they said two states ago."""
+    online = StateFilter(assembly)
+    sure, early = np.full(5, 0.02), np.full(5, 0.02)
+    sure[3] = early[1] = 0.92
+    for _ in range(8):
+        online.step(None, sure, sure)
+    belief = [online.step(None, early, None) for _ in range(3)][-1]
+    assert belief is not None
+    assert int(belief.argmax()) == 3
+    assert online.belief is belief
+
+
+def test_the_group_can_overrule_the_relative_poses(assembly: Assembly) -> None:
+    config = SmoothingConfig(pose_weight=0.3)
+    online = StateFilter(assembly, config=config)
+    places, group = np.full(5, 0.01), np.full(5, 1e-6)
+    places[1], group[2] = 0.96, 1.0
+    online.step(None, places, None)
+    belief = [online.step(None, places, group) for _ in range(4)][-1]
+    assert belief is not None
+    assert int(belief.argmax()) == 2
 
 
 def test_the_filter_and_the_path_are_what_all_sequences_say() -> None:
@@ -87,6 +122,8 @@ def test_a_true_step_is_followed_within_two_frames_and_found_exactly_offline() -
     assert said[:12] == truth[:12]
     assert said[14:] == truth[14:]
     assert most_likely_path(scores, scores, assembly) == truth
+    silent = [None] * len(scores)
+    assert most_likely_path(silent, silent, assembly, group_fit=scores) == truth
 
 
 def test_nothing_seen_is_nothing_known() -> None:
@@ -102,5 +139,5 @@ def test_nothing_seen_is_nothing_known() -> None:
     assert later[2] > first[2]
     online.reset()
     assert online.step(None, None) is None
-    with pytest.raises(MethodError, match="both cover the same frames"):
+    with pytest.raises(MethodError, match="all cover the same frames"):
         most_likely_path([None], [], assembly)

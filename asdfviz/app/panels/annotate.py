@@ -7,6 +7,7 @@ import numpy as np
 from asdfviz.app import theme
 from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.markup import EYE, act, bar, button, chip, empty, heading, number, table, text
+from asdfviz.app.panels import tracking
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import STEP_NAMES, STEPS_MM, View
 from asdfviz.datatypes import State
@@ -88,7 +89,8 @@ def _provenance(shown: Shown | None, snap: Snapshot) -> str:
         return "not found<i> in this frame</i>"
     dot = chip(snap.source_color(shown.source), shape="dot")
     if shown.source == ANNOTATION:
-        return f"{dot}corrected"
+        how = "<i>, tracked</i>" if shown.stage == "tracked" else ""
+        return f"{dot}corrected{how}"
     stage = STAGES[shown.stage]
     name = snap.source_name(shown.source)
     return f"{dot}{text(name)}" + (f"<i>, {stage}</i>" if stage != name else "")
@@ -120,7 +122,12 @@ def _selected(snap: Snapshot) -> str:
             + f'<p class="ax-empty">{text(name)} was not found in this frame.</p>'
             + f'<div class="ax-row">{place}{copy}</div>'
         )
-    return heading(f"Pose of {name}", _steps(snap.view)) + _pose_table(shown) + _tools(snap, name)
+    return (
+        heading(f"Pose of {name}", _steps(snap.view))
+        + _pose_table(shown)
+        + _tools(snap, name)
+        + tracking.content(snap)
+    )
 
 
 def _pose_table(shown: Shown) -> str:

@@ -1,0 +1,203 @@
+"""Carries a part's pose from an annotated frame to others with the tracker. Nothing here knows viser.
+
+What a person set stays as it is and is what the tracker starts from; what the tracker finds is kept
+as one step of undo, marked as tracked, and replaces what it found earlier.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from asdfviz.annotate.records import TRACKED
+from asdfviz.app.editing import carried
+from asdfviz.app.items import JobStatus, Message
+from asdfviz.app.job_actions import Direction
+from asdfviz.app.view import View
+from asdfviz.app.workspace import Workspace
+from asdfviz.datatypes import Frame
+from asdfviz.errors import AnnotationError, AsdfvizError, Stopped
+from asdfviz.geometry.shapes import Transform
+from asdfviz.methods.tracking import load_bodies
+from asdfviz.track.keyframes import CarriedPose, CarryConfig, carry_parts
+from asdfviz.track.presets import FINE, RBOT_REGION
+
+TOLD_EVERY = 0.1
+"""Seconds between two words on how far it is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Carry:
+    """What is tracked, from where, and how far."""
+
+    part: str
+    """The one that was selected; joined ones may come along."""
+    keyframes: Mapping[str, Mapping[int, Transform]]
+    """T_camera_part by part and place."""
+    first: int
+    last: int
+    base: str | None
+    """Whose poses are shown where nothing was corrected."""
+
+    @property
+    def label(self) -> str:
+        """In words."""
+        others = len(self.keyframes) - 1
+        return f"{self.part} and {others} joined with it" if others else self.part
+
+
+def plan(workspace: Workspace, view: View, direction: Direction) -> Carry:
+    """What tracking from the shown frame means: to the ends of the marked range, or of the sequence.
+
+    Every pose that a person set in between is a keyframe as well.
+
+    Raises:
+        AnnotationError: no part is selected, it has no pose here, or there is no frame to track to.
+    """
+    part, place = view.selected, view.place
+    if part is None:
+        raise AnnotationError("no part is selected: click one in the picture or in the list")
+    here = workspace.poses(place, view.base)
+    if part not in here:
+        frame = workspace.indices[place]
+        raise AnnotationError(f"{part} has no pose in frame {frame} to track from: place it first")
+    first, last = 0, len(workspace.indices) - 1
+    if view.marked is not None and view.marked[0] <= place <= view.marked[1]:
+        first, last = view.marked
+    first = place if direction == "forward" else first
+    last = place if direction == "back" else last
+    if first == last:
+        raise AnnotationError("there is no frame that way to track to")
+    moving = carried(workspace, view, part=part, T_camera_part=here[part].T_camera_part)
+    by_hand = _set_by_hand(workspace)
+    keyframes: dict[str, dict[int, Transform]] = {name: {} for name in moving}
+    for (index, name), T_camera_part in by_hand.items():
+        at = workspace.place_of.get(index)
+        if (
+            name in keyframes
+            and T_camera_part is not None
+            and at is not None
+            and first <= at <= last
+        ):
+            keyframes[name][at] = T_camera_part
+    for name in moving:
+        keyframes[name][place] = here[name].T_camera_part
+    return Carry(part, keyframes, first, last, view.base)
+
+
+def _set_by_hand(workspace: Workspace) -> dict[tuple[int, str], Transform | None]:
+    """What a person said, by frame number and part; None where they took the pose away."""
+    return {
+        key: pose.T_camera_part
+        for key, pose in workspace.store.poses().items()
+        if pose.provenance != TRACKED or pose.verified
+    }
+
+
+class CarryJob:
+    """Tracks in a thread of its own; its poses are written when it is through, none if stopped."""
+
+    def __init__(self, workspace: Workspace, carry: Carry) -> None:
+        self._workspace = workspace
+        self._carry = carry
+        self._stopped = threading.Event()
+        self._told = 0.0
+        self._thread = threading.Thread(target=self._work, name="carry", daemon=True)
+        self._set(JobStatus(carry.label, "running", total=carry.last - carry.first))
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ask to stop before the next frame."""
+        self._stopped.set()
+        status = self._workspace.carrying
+        if status is not None and status.state == "running":
+            self._set(replace(status, state="stopping"))
+
+    def wait(self, seconds: float | None = None) -> None:
+        """Wait for the end."""
+        self._thread.join(seconds)
+
+    def _work(self) -> None:
+        carry = self._carry
+        total = carry.last - carry.first
+        try:
+            found = self._tracked()
+            if self._stopped.is_set():
+                raise Stopped("cancelled")
+            count = self._keep(found)
+        except Stopped:
+            self._set(JobStatus(carry.label, "stopped", total=total))
+        except (AsdfvizError, OSError) as error:
+            self._set(JobStatus(carry.label, "failed", total=total, message=str(error)))
+            message = Message(f"{carry.label} could not be tracked", str(error), is_problem=True)
+            self._workspace.say(message)
+        else:
+            self._set(JobStatus(carry.label, "done", done=count, total=total))
+
+    def _tracked(self) -> dict[str, dict[int, CarriedPose]]:
+        workspace, carry = self._workspace, self._carry
+        source = workspace.frames.source
+        bodies = load_bodies(
+            workspace.assembly,
+            progress=lambda done, total: self._tell(done, total, preparing=True),
+            stop=self._stopped.is_set,
+        )
+
+        def frame_at(place: int) -> Frame:
+            return source[place]
+
+        has_depth = frame_at(carry.first).depth is not None
+        return carry_parts(
+            frame_at,
+            carry.keyframes,
+            bodies={name: bodies[name] for name in carry.keyframes},
+            camera=workspace.frames.camera,
+            first=carry.first,
+            last=carry.last,
+            config=CarryConfig(tracker=FINE if has_depth else RBOT_REGION),
+            progress=lambda done, total: self._tell(done, total, preparing=False),
+            stop=self._stopped.is_set,
+        )
+
+    def _keep(self, found: Mapping[str, Mapping[int, CarriedPose]]) -> int:
+        """Write the poses as one step; returns in how many frames the selected part was found.
+
+        Raises:
+            AnnotationError: there is nothing to write, or it cannot be written.
+        """
+        workspace, carry = self._workspace, self._carry
+        # Asked again, because people go on correcting while the tracker works.
+        by_hand = _set_by_hand(workspace)
+        Ts_by_frame: dict[int, dict[str, Transform]] = {}
+        for name, places in found.items():
+            for place, pose in places.items():
+                frame = workspace.indices[place]
+                if (frame, name) not in by_hand:
+                    Ts_by_frame.setdefault(frame, {})[name] = pose.T_camera_part
+        if not Ts_by_frame:
+            raise AnnotationError(
+                f"{carry.part} was lost at once: look whether its pose here is right"
+            )
+        group = f"track@{time.monotonic():.6f}"
+        if workspace.store.seed().kind == "none" and carry.base is not None:
+            workspace.store.set_seed(workspace.seed_of(carry.base), group=group)
+        ordered = {frame: Ts_by_frame[frame] for frame in sorted(Ts_by_frame)}
+        workspace.store.set_frames(ordered, provenance=TRACKED, group=group)
+        return sum(carry.part in poses for poses in ordered.values())
+
+    def _tell(self, done: int, total: int, *, preparing: bool) -> None:
+        now = time.monotonic()
+        if now - self._told < TOLD_EVERY and done < total:
+            return
+        self._told = now
+        state = "stopping" if self._stopped.is_set() else "running"
+        self._set(JobStatus(self._carry.label, state, done, total, preparing=preparing))
+
+    def _set(self, status: JobStatus) -> None:
+        self._workspace.carrying = status
+        self._workspace.changed()

@@ -1,0 +1,57 @@
+"""The part of the annotate tab that carries the selected part's pose to other frames."""
+
+from __future__ import annotations
+
+from asdfviz.app.items import JobStatus
+from asdfviz.app.job_actions import Direction
+from asdfviz.app.markup import act, button, heading, text
+from asdfviz.app.snapshot import Snapshot
+
+BUTTONS: tuple[tuple[Direction, str, str, str], ...] = (
+    ("back", "◀ Back", "Carry this pose to the frames before", "Shift R"),
+    ("both", "◀ Both ▶", "Carry this pose to all frames", ""),
+    ("forward", "On ▶", "Carry this pose to the frames after", "R"),
+)
+
+
+def content(snap: Snapshot) -> str:
+    """The section as HTML."""
+    job = snap.workspace.carrying
+    if job is not None and job.is_active:
+        return heading("Track from here") + _progress(job)
+    marked = snap.view.marked
+    inside = marked is not None and marked[0] <= snap.view.place <= marked[1]
+    where = "within the range" if inside else "as far as it is seen"
+    buttons = "".join(
+        button(label, act("TrackPart", direction=way), title=title, key=key, testid=f"track-{way}")
+        for way, label, title, key in BUTTONS
+    )
+    return (
+        heading("Track from here", f"<small>{where}; your corrections stay</small>")
+        + f'<div class="ax-row">{buttons}</div>'
+        + ("" if job is None else _end(job))
+    )
+
+
+def _progress(job: JobStatus) -> str:
+    share = 100 * job.done / job.total if job.total else 0.0
+    word = "Cancelling" if job.state == "stopping" else "Tracking"
+    what = ", views of the parts, made once" if job.preparing else ""
+    cancel = button(
+        "Cancel", act("StopTracking"), title="Stop; nothing is changed", testid="cancel-tracking"
+    )
+    return (
+        f'<div class="ax-jobbox" data-testid="tracking"><div class="ax-row"><span>{word} '
+        f"{text(job.method)}{what}: {job.done}/{job.total}</span>{cancel}</div>"
+        f'<span class="ax-meter"><i style="width:{share:.1f}%"></i></span></div>'
+    )
+
+
+def _end(job: JobStatus) -> str:
+    words = {
+        "done": f"✓ {job.method} tracked to {job.done} frames; Undo takes all of them back.",
+        "stopped": f"Tracking {job.method} was cancelled; nothing was changed.",
+        "failed": f"✕ {job.message}",
+    }
+    kind = {"done": "ax-good", "failed": "ax-bad"}.get(job.state, "ax-note")
+    return f'<p class="{kind}" data-testid="tracking-end">{text(words[job.state])}</p>'

@@ -1,0 +1,28 @@
+"""The state that `asdf_plus` and `asdf_track` follow: each frame's terms, and the model that joins them."""
+
+from __future__ import annotations
+
+from asdfviz.datatypes import StateEstimate
+from asdfviz.geometry.shapes import Scores
+from asdfviz.state.smoothing import SmoothingConfig, StateFilter
+
+FOLLOWED = SmoothingConfig(appearance_weight=0.15, pose_weight=0.3)
+"""Appearance counts little: a lightly trained network mistakes states more often than places."""
+
+
+def followed_state(
+    states: StateFilter, looks: Scores | None, places: Scores | None, group_fit: Scores | None
+) -> StateEstimate | None:
+    """Take one frame's terms into the model; None before anything was ever seen.
+
+    Args:
+        states: the model.
+        looks: the term "appearance".
+        places: the term "relative_pose".
+        group_fit: the term of that name.
+    """
+    belief = states.step(looks, places, group_fit)
+    if belief is None:
+        return None
+    terms = {"appearance": looks, "relative_pose": places, "group_fit": group_fit}
+    return StateEstimate(belief, {name: term for name, term in terms.items() if term is not None})

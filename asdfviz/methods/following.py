@@ -1,0 +1,156 @@
+"""What a pure tracker needs where parts move fast or are hidden, which its papers leave out.
+
+A part is looked for where it was and where it was heading. One that clearly does not fit the picture
+learns no colours and, where it is hidden or stays lost, goes back to where it was last seen: what a
+hand covers mostly stays where it is, and a tracker that is let go settles on something else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Frame
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import rotation_about
+from asdfviz.methods.refinding import distinct, heading, moved_to, turned
+from asdfviz.track.bodies import Body
+from asdfviz.track.confidence import Evidence
+from asdfviz.track.starts import Trial
+from asdfviz.track.tracker import Tracker
+
+
+@dataclass(frozen=True)
+class FollowConfig:
+    """When a part is believed to be lost, and what becomes of it."""
+
+    rounds: int = 3
+    """Correspondence searches by which being at rest and moving on are compared."""
+    learn_above: float = 0.03
+    """Confidence from which a pose is followed and its colours are learnt. It is low, because a
+    shadow makes a pose that is right look poor until its colours are known."""
+    hidden_below: float = 0.5
+    """Visible share below which a part that does not fit is taken to be where it was."""
+    patience: int = 2
+    """Frames for which one that can be seen is let go on though it does not fit."""
+    kept: float = 0.9
+    """What is left of the confidence in a hidden part's pose after each frame, down to"""
+    unseen: float = 0.15
+    """this: most of what is hidden for long has not been moved."""
+    doubted_below: float = 0.7
+    """Confidence below which a part that can be seen is also tried turned and shifted."""
+    turn_deg: float = 20.0
+    """By so much about each of its axes, both ways, degrees."""
+    margin: float = 0.15
+    """A try must fit better by this (`Trial.score`)."""
+
+
+@dataclass(slots=True, eq=False)
+class _Path:
+    """Where one part was seen, T_camera_part."""
+
+    T_now: Transform
+    T_before: Transform | None = None
+    """A frame earlier; None where it was not surely seen in both."""
+    unsure: int = 0
+    """Frames since it was seen."""
+    sure: float = 1.0
+    """Confidence in its pose."""
+
+
+class Follower:
+    """Moves a tracker from frame to frame."""
+
+    def __init__(self, tracker: Tracker, bodies: Mapping[str, Body], config: FollowConfig) -> None:
+        """Take a tracker that was started, and its bodies."""
+        self._tracker = tracker
+        self._bodies = bodies
+        self._config = config
+        self._paths: dict[str, _Path] = {}
+        self.place(tracker.names)
+
+    def place(self, names: Collection[str]) -> None:
+        """Forget the paths of parts that were taken in or put elsewhere."""
+        poses = self._tracker.poses
+        self._paths |= {name: _Path(poses[name]) for name in names}
+
+    def update(
+        self, frame: Frame, *, held: Collection[str] = (), base: str = ""
+    ) -> dict[str, float]:
+        """Move all parts to the frame; how probably each pose is right, 0 to 1.
+
+        `held` parts hang on `base`: they are where it has them, seen or not.
+        """
+        tracker = self._tracker
+        for name in tracker.names:
+            if name not in held:
+                self._head_on(name, frame)
+        tracker.move(frame)
+        for name in tracker.names:
+            if name not in held:
+                self._try_others(name, frame)
+        evidence = tracker.evidence(frame)
+        sure = {name: tracker.judged(seen) for name, seen in evidence.items()}
+        poses = tracker.poses
+        lost = {
+            name: self._noted(self._paths[name], poses[name], sure[name], evidence[name])
+            for name in tracker.names
+        }
+        seen = [name for name in tracker.names if sure[name] >= self._config.learn_above]
+        tracker.learn(frame, seen)
+        back = {n: self._paths[n].T_now for n, gone in lost.items() if gone and n not in held}
+        tracker.replace(frame, back)
+        least = tracker.config.confidence.least_visible
+        for name in tracker.names:
+            if name in held:
+                hidden = 1 - min(1.0, evidence[name].visible / least)
+                sure[name] = min(1.0, sure[name] + hidden * sure.get(base, 0.0))
+            else:
+                sure[name] = max(sure[name], self._paths[name].sure)
+        return sure
+
+    def _head_on(self, name: str, frame: Frame) -> None:
+        """Begin where the part was heading, if the picture fits better from there."""
+        path = self._paths[name]
+        if path.T_before is None:
+            return
+        ahead = heading(path.T_before, path.T_now)
+        starts = distinct([path.T_now, ahead], centre=self._bodies[name].model.centre)
+        if len(starts) < 2:
+            return
+        rest, moved = self._tracker.trials(frame, name, starts, rounds=self._config.rounds)
+        if moved.score > rest.score:
+            self._tracker.replace(frame, {name: ahead})
+
+    def _try_others(self, name: str, frame: Frame) -> None:
+        """Where a pose is in doubt, look for a better one near it."""
+        config, tracker = self._config, self._tracker
+        seen = tracker.evidence(frame)[name]
+        least = tracker.config.confidence.least_visible
+        if tracker.judged(seen) >= config.doubted_below or seen.visible < least:
+            return
+        centre, T_found = self._bodies[name].model.centre, tracker.poses[name]
+        place = T_found[:3, :3] @ centre + T_found[:3, 3]
+        T_last = self._paths[name].T_now
+        angle = np.deg2rad(config.turn_deg)
+        turns = [rotation_about(axis, sign * angle) for axis in np.eye(3) for sign in (1.0, -1.0)]
+        starts = [turned(T_found, R, centre=centre) for R in turns]
+        starts += [moved_to(T_last, place, centre=centre), T_last]
+        best = max(tracker.trials(frame, name, starts), key=lambda trial: trial.score)
+        if best.score > Trial(T_found, seen, 0.0).score + config.margin:
+            tracker.replace(frame, {name: best.T_camera_part})
+
+    def _noted(self, path: _Path, T_found: Transform, sure: float, seen: Evidence) -> bool:
+        """Remember where a part was found; whether it is to go back to where it was."""
+        config = self._config
+        if sure >= config.learn_above:
+            is_sure = sure >= self._tracker.config.confidence.lost_below
+            path.T_before = path.T_now if is_sure and not path.unsure else None
+            path.T_now, path.sure, path.unsure = T_found, sure, 0
+            return False
+        path.T_before, path.unsure = None, path.unsure + 1
+        hidden = seen.visible < config.hidden_below
+        path.sure = config.unseen + config.kept * (path.sure - config.unseen) if hidden else 0.0
+        return hidden or path.unsure > config.patience

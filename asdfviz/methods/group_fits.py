@@ -1,0 +1,188 @@
+"""The hypothesis test over states: draws every state's group where the base is, and compares.
+
+See `asdfviz.state.group_fit` for what is compared. Here is decided where the base is (by its own
+pose, by that of the frame before, or by the other parts that the state joins, whichever the picture
+agrees with best; it may also be looked for around), and what is remembered from frame to frame:
+where parts are in their joints, and their colours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.shapes import Scores, Transform
+from asdfviz.geometry.transforms import apply, inverse, rotation_angle
+from asdfviz.methods.group_trials import Trial
+from asdfviz.methods.group_views import GroupView, learn_colors, measured_in, view_of
+from asdfviz.methods.part_poses import PartShape
+from asdfviz.state.colors import Looks
+from asdfviz.state.group_fit import STILL, GroupFitConfig, Measured, probabilities, trusted
+from asdfviz.state.joint_places import JointPlaces
+from asdfviz.track.raster import draw, new_buffers
+
+SAME = 0.004
+"""Poses of the base whose middles are nearer to each other than this (metres) and SAME_ANGLE are one."""
+SAME_ANGLE = 0.08
+"""Radians."""
+FAR = 0.08
+"""Other parts that see the base farther than this from all other accounts of it are wrong, metres."""
+
+
+class GroupFits:
+    """Compares states with the picture; one for each sequence."""
+
+    def __init__(
+        self, assembly: Assembly, shapes: Mapping[str, PartShape], *, config: GroupFitConfig
+    ) -> None:
+        self._assembly, self._shapes, self._config = assembly, shapes, config
+        self._places = JointPlaces(assembly)
+        self._looks = Looks(config=config.colors)
+        self._last: Transform | None = None
+        """T_camera_base of the last frame that said something."""
+        self._base: PoseEstimate | None = None
+        self._joined = list(
+            {
+                (name, T.tobytes(), id(state.joints.get(name))): (name, state)
+                for state in assembly.states
+                for name, T in state.T_base_part.items()
+            }.values()
+        )
+        """Every part with the states that have it in different places."""
+
+    @property
+    def base(self) -> PoseEstimate | None:
+        """Where the base is by all that was seen of the group in the last frame; its score is the
+        share that agrees. None where nothing was said."""
+        return self._base
+
+    def step(
+        self,
+        poses: Mapping[str, PoseEstimate],
+        belief: Scores | None,
+        frame: Frame,
+        *,
+        first: PoseEstimate | None = None,
+    ) -> Scores | None:
+        """The probability of every state by what the camera sees of its group; None: it says nothing.
+
+        Args:
+            poses: of the parts, each by itself.
+            belief: in the states before this frame, None where there is none yet.
+            frame: with depth, or nothing is said.
+            first: the base's pose by this frame alone, if `poses` has another.
+        """
+        self._base = None
+        config = self._config
+        if frame.depth is None or not config.enabled:
+            return None
+        learn_colors(self._looks, poses, self._shapes, frame, frame.depth)
+        likely = self._likely(belief)
+        Ts_camera_base = self._bases(poses, likely[0], first)
+        if not Ts_camera_base:
+            return None
+        view = view_of(self._pixels(Ts_camera_base, frame), frame, frame.depth, cells=config.cells)
+        if view is None:
+            return None
+        measured = self._measured(view, Ts_camera_base)
+        weight = trusted(float(Ts_camera_base[0][2, 3] / view.K[0, 0]), config=config)
+        trials = [self._trial(T, poses, view, measured) for T in Ts_camera_base]
+        best = self._best(trials, likely, weight)
+        said = best.all_said(weight=weight)
+        top = max(said, key=lambda one: one.value)
+        if not top.is_seen(visible=config.least_visible, agreeing=config.least_agreeing):
+            return None
+        share = top.agreeing / top.visible
+        self._base = PoseEstimate(self._assembly.base, best.T_camera_base, share, "group")
+        self._last, self._places = best.T_camera_base, best.places
+        return probabilities([weight * one.value for one in said])
+
+    def _likely(self, belief: Scores | None) -> list[State]:
+        """The states by which poses of the base are compared, the likeliest first."""
+        if belief is None:
+            return [self._assembly.states[0]]
+        return [self._assembly.states[i] for i in np.argsort(-belief)[:2]]
+
+    def _bases(
+        self, poses: Mapping[str, PoseEstimate], state: State, first: PoseEstimate | None
+    ) -> list[Transform]:
+        """Where the base may be: by its own pose, as before, or by the parts that the state joins."""
+        base, parts = self._assembly.base, self._assembly.parts
+        kept: list[Transform] = []
+        accounts = [pose.T_camera_part for pose in (poses.get(base), first) if pose is not None]
+        if self._last is not None:
+            accounts.append(self._last)
+        for T in accounts:
+            if not any(self._apart(T, other) == 0.0 for other in kept):
+                kept.append(T)
+        for name in state.attached:
+            if name in poses and name != base and not parts[name].symmetries.is_symmetric:
+                T_base_part = self._places.last(name, state)
+                T_camera_base = poses[name].T_camera_part @ inverse(T_base_part)
+                apart = [self._apart(T_camera_base, other) for other in kept]
+                if apart and 0.0 < min(apart) < FAR:
+                    kept.append(T_camera_base)
+        return kept
+
+    def _apart(self, T_a: Transform, T_b: Transform) -> float:
+        """Distance of the base's middle between two of its poses, metres; 0 where they are one."""
+        middle = self._assembly.parts[self._assembly.base].middle[None]
+        distance = float(np.linalg.norm(apply(T_a, middle) - apply(T_b, middle)))
+        is_same = distance < SAME and rotation_angle(T_a[:3, :3].T @ T_b[:3, :3]) < SAME_ANGLE
+        return 0.0 if is_same else distance
+
+    def _pixels(self, Ts_camera_base: Sequence[Transform], frame: Frame) -> np.ndarray:
+        """The outlines of everything that any state joins."""
+        outlines = [
+            apply(self._places.last(name, state), self._shapes[name].corners)
+            for name, state in self._joined
+        ]
+        corners = np.concatenate(outlines)
+        return np.concatenate([project(apply(T, corners), frame.camera.K) for T in Ts_camera_base])
+
+    def _measured(self, view: GroupView, Ts_camera_base: Sequence[Transform]) -> Measured:
+        height, width = view.depth.shape
+        covered, ids = new_buffers(width, height)
+        for T in Ts_camera_base:
+            for name, state in self._joined:
+                draw(
+                    self._assembly.parts[name].mesh,
+                    T @ self._places.last(name, state),
+                    K=view.K,
+                    inverse_depth=covered,
+                    ids=ids,
+                )
+        looks = [self._looks.of(name) for name in self._assembly.parts]
+        base = list(self._assembly.parts).index(self._assembly.base)
+        return measured_in(view, covered, looks, base=base, config=self._config)
+
+    def _trial(
+        self,
+        T_camera_base: Transform,
+        poses: Mapping[str, PoseEstimate],
+        view: GroupView,
+        measured: Measured,
+    ) -> Trial:
+        places = self._places.copy()
+        places.see(T_camera_base, poses)
+        return Trial(self._assembly, T_camera_base, places, view, measured, self._config)
+
+    def _best(self, trials: Sequence[Trial], likely: Sequence[State], weight: float) -> Trial:
+        """Where the base is by the picture; elsewhere than by its pose only if that is much better."""
+        config, first = self._config, trials[0]
+        for state in likely:
+            if first.said(state).is_seen(visible=config.moved_visible, agreeing=config.enough):
+                return first
+        found = [(weight * first.said(state).value, first, STILL) for state in likely]
+        for trial in trials:
+            cost = 0.0 if trial is first else config.other
+            for state in likely:
+                found.append((weight * trial.said(state).value - cost, trial, STILL))
+                said, move = trial.found(state)
+                if said.is_seen(visible=config.moved_visible, agreeing=config.moved_agreeing):
+                    found.append((weight * said.value - cost - config.moved, trial, move))
+        _, best, move = max(found, key=lambda one: one[0])
+        return best if move == STILL else best.moved(move)

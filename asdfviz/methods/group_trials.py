@@ -1,0 +1,150 @@
+"""A place of the base that is tried: every state's group drawn there, and what the picture says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, State
+from asdfviz.geometry.camera import back_project
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import orthonormalized, rotation_about, transform_from
+from asdfviz.methods.group_views import GroupView
+from asdfviz.state.group_fit import (
+    Drawn,
+    GroupFitConfig,
+    Measured,
+    Move,
+    Said,
+    best_spoken,
+    nearer_by,
+    spoken,
+)
+from asdfviz.state.joint_places import JointPlaces
+from asdfviz.track.raster import draw, new_buffers
+
+NEAR = ((1.0, 0.0),)
+"""Steps by which every state's scene is shifted: cells, and radians about the view's middle."""
+BEHIND = 15.0
+"""A state whose scene, where it is drawn, is behind by more than this does not win by a shift, natural
+logarithm."""
+FAR = ((4.0, 0.12), (2.0, 0.06), (1.0, 0.03))
+"""Steps by which the likeliest scene is looked for."""
+
+
+class Trial:
+    """The scenes of all states with the base in one place; every part is drawn once."""
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        T_camera_base: Transform,
+        places: JointPlaces,
+        view: GroupView,
+        measured: Measured,
+        config: GroupFitConfig,
+    ) -> None:
+        self.T_camera_base, self.places = T_camera_base, places
+        self._assembly, self._view, self._measured, self._config = assembly, view, measured, config
+        self._numbers = {name: i for i, name in enumerate(assembly.parts)}
+        self._placements: dict[tuple[object, ...], Drawn] = {}
+        self._scenes: dict[int, Drawn] = {}
+        self._said: dict[int, Said] = {}
+        base = self._drawn([assembly.base], [np.eye(4)])
+        self._nearer = nearer_by(base.inverse_depth, view.depth, config=config)
+
+    def said(self, state: State) -> Said:
+        """What the picture says for a state whose scene may lie a little aside."""
+        if state.index not in self._said:
+            self._said[state.index] = self._best(state, NEAR, self._config.shift)[0]
+        return self._said[state.index]
+
+    def all_said(self, *, weight: float) -> list[Said]:
+        """What it says for every state; only those that may yet win are shifted.
+
+        Args:
+            weight: of `Said.value`, as `trusted` gives it.
+        """
+        states = self._assembly.states
+        still = [self._spoken(self._scene(state)) for state in states]
+        most = max(said.value for said in still)
+        return [
+            self.said(state) if weight * (most - said.value) < BEHIND else said
+            for state, said in zip(states, still, strict=True)
+        ]
+
+    def found(self, state: State) -> tuple[Said, Move]:
+        """What it says for a state whose scene is looked for around, and where it was found."""
+        return self._best(state, FAR, self._config.reach)
+
+    def moved(self, move: Move) -> Trial:
+        """The same group after a move in the view."""
+        height, width = self._view.depth.shape
+        K, z = self._view.K, float(self.T_camera_base[2, 3])
+        pixel = np.array([[0.5 * (width - 1), 0.5 * (height - 1)]])
+        middle = back_project(pixel, np.array([z]), K)[0]
+        R = rotation_about(np.array([0.0, 0.0, 1.0]), move.turn)
+        shift = np.array([move.right * z / K[0, 0], move.down * z / K[1, 1], 0.0])
+        T_moved = transform_from(R, middle - R @ middle + shift - self._nearer * middle / z)
+        return Trial(
+            self._assembly,
+            orthonormalized(T_moved @ self.T_camera_base),
+            self.places,
+            self._view,
+            self._measured,
+            self._config,
+        )
+
+    def _best(
+        self, state: State, steps: Sequence[tuple[float, float]], rounds: int
+    ) -> tuple[Said, Move]:
+        return best_spoken(
+            self._scene(state),
+            self._measured,
+            nearer=self._nearer,
+            config=self._config,
+            steps=steps,
+            rounds=rounds,
+        )
+
+    def _scene(self, state: State) -> Drawn:
+        """The state's parts together, nearest surfaces first."""
+        if state.index not in self._scenes:
+            height, width = self._view.depth.shape
+            inverse_depth, ids = new_buffers(width, height)
+            for names in self.places.together(state):
+                one = self._placed(names, state)
+                is_nearer = one.inverse_depth > inverse_depth
+                inverse_depth[is_nearer] = one.inverse_depth[is_nearer]
+                ids[is_nearer] = one.ids[is_nearer]
+            self._scenes[state.index] = Drawn(inverse_depth, ids)
+        return self._scenes[state.index]
+
+    def _spoken(self, scene: Drawn) -> Said:
+        return spoken(scene, self._measured, nearer=self._nearer, config=self._config)
+
+    def _placed(self, names: Sequence[str], state: State) -> Drawn:
+        """Parts that move as one where they may be, and there where the picture agrees best."""
+        nominal = (state.T_base_part[name].tobytes() for name in names)
+        key = (*names, *nominal, id(state.joints.get(names[0])))
+        if key not in self._placements:
+            drawn = [self._drawn(names, Ts) for Ts in self.places.possible(names, state)]
+            if len(drawn) > 1:
+                drawn.sort(key=lambda one: -self._spoken(one).value)
+            self._placements[key] = drawn[0]
+        return self._placements[key]
+
+    def _drawn(self, names: Sequence[str], Ts_base_part: Sequence[Transform]) -> Drawn:
+        height, width = self._view.depth.shape
+        inverse_depth, ids = new_buffers(width, height)
+        for name, T_base_part in zip(names, Ts_base_part, strict=True):
+            draw(
+                self._assembly.parts[name].mesh,
+                self.T_camera_base @ T_base_part,
+                K=self._view.K,
+                inverse_depth=inverse_depth,
+                ids=ids,
+                number=self._numbers[name],
+            )
+        return Drawn(inverse_depth, ids)

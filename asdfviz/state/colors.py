@@ -1,0 +1,125 @@
+"""The colours of parts, learnt where a part is surely seen, and how well a pixel goes with them.
+
+Nothing is taken from the assembly's file, whose colours may be anybody's guess: a part of which no
+colour was learnt says nothing. Colours are compared by hue and saturation first, since brightness
+changes with the light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from asdfviz.geometry.shapes import Scores
+
+DARK = 30.0
+"""Added to the sum of the channels, so that the hue of what is nearly black counts little."""
+VOLUME = 0.6 * 0.6 * 2.0
+"""Of the colours that occur, in units of the features: what an unknown colour is compared with."""
+LEAST_PIXELS = 12
+"""Fewer teach no colour."""
+
+
+@dataclass(frozen=True)
+class ColorConfig:
+    """How colours are learnt and compared; the paper has no such step."""
+
+    spread: float = 0.03
+    """Least standard deviation of hue and saturation within a part."""
+    brightness: float = 0.35
+    """Least standard deviation of the logarithm of the brightness: light and shade."""
+    limit: float = 4.0
+    """A pixel's colour speaks for or against a part by no more than this, natural logarithm."""
+    apart: float = 2.0
+    """A part's colours are learnt where they differ from those beside it by so many of these
+    standard deviations."""
+    frames: int = 40
+    """A part's colours are learnt from so many frames."""
+    least_frames: int = 2
+    """And used after so many."""
+
+    @property
+    def least_spread(self) -> Scores:
+        """Both standard deviations, in the order of the features."""
+        return np.array([self.spread, self.spread, self.brightness])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """The colours of a surface: medians and robust standard deviations of the features."""
+
+    middle: Scores
+    spread: Scores
+
+
+class Looks:
+    """What was learnt of every part; one for each sequence."""
+
+    def __init__(self, *, config: ColorConfig) -> None:
+        self._config = config
+        self._learnt: dict[str, list[Look]] = {}
+
+    def is_wanted(self, name: str) -> bool:
+        """Whether more is to be learnt of a part."""
+        return len(self._learnt.get(name, ())) < self._config.frames
+
+    def learn(
+        self, name: str, rgb: UInt8[np.ndarray, "n 3"], *, around: UInt8[np.ndarray, "m 3"]
+    ) -> None:
+        """Take in pixels that show the part.
+
+        Too few are passed over, and those that look like what lies around: a flat part that is
+        taken for elsewhere than it is lies on the table there.
+
+        Args:
+            name: of the part.
+            rgb: its pixels.
+            around: pixels beside it.
+        """
+        look, beside = look_of(color_features(rgb)), look_of(color_features(around))
+        if look is None or beside is None:
+            return
+        off = (look.middle - beside.middle) / self._config.least_spread
+        if float(np.linalg.norm(off)) > self._config.apart:
+            self._learnt.setdefault(name, []).append(look)
+
+    def of(self, name: str) -> Look | None:
+        """The part's look, the median over the frames; None before there are enough."""
+        learnt = self._learnt.get(name, ())
+        if len(learnt) < self._config.least_frames:
+            return None
+        return Look(
+            np.median([look.middle for look in learnt], axis=0),
+            np.median([look.spread for look in learnt], axis=0),
+        )
+
+
+def color_features(rgb: UInt8[np.ndarray, "... 3"]) -> Float32[np.ndarray, "... 3"]:
+    """Two numbers for hue and saturation, and the logarithm of the brightness."""
+    channels = rgb.astype(np.float32)
+    total = channels.sum(axis=-1)
+    hue = (channels - total[..., None] / 3) / (total[..., None] + DARK)
+    across = hue[..., 2] - hue[..., 1]
+    return np.stack([np.float32(np.sqrt(2)) * hue[..., 0], across, np.log(total + DARK)], axis=-1)
+
+
+def look_of(features: Float32[np.ndarray, "n 3"]) -> Look | None:
+    """The look of pixels of one surface, none of them trusted alone; None where there are too few."""
+    if len(features) < LEAST_PIXELS:
+        return None
+    middle = np.median(features, axis=0)
+    spread = 1.48 * np.median(np.abs(features - middle), axis=0)
+    return Look(middle.astype(np.float64), spread.astype(np.float64))
+
+
+def color_ratio(
+    look: Look, features: Float32[np.ndarray, "h w 3"], *, config: ColorConfig
+) -> Float32[np.ndarray, "h w"]:
+    """How much likelier each pixel's colour is on that surface than anywhere: natural logarithm."""
+    deviation = np.sqrt(look.spread**2 + config.least_spread**2)
+    off = (features - look.middle.astype(np.float32)) / deviation.astype(np.float32)
+    highest = np.log(VOLUME / ((2 * np.pi) ** 1.5 * deviation.prod()))
+    found = highest - 0.5 * np.einsum("hwc,hwc->hw", off, off)
+    return np.clip(found, -config.limit, config.limit).astype(np.float32)

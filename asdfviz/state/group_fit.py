@@ -1,0 +1,249 @@
+"""The group's term: which state's group of parts explains what the camera measured, pixel by pixel.
+
+The hypothesis test over states. Every state comes as a drawn scene: the group of parts that it
+joins, nearest surfaces first. A pixel's reading and colour are compared with the surface that the
+state has there, or with the ground where it has none, and with anything at all:
+
+- on the surface, in its colours: for the state;
+- on the surface, in other colours: for it or against it, depending on how well each is known;
+- behind the surface: one sees through a part that the state claims, which is against it;
+- nearer: something hides it, a hand or a part that the state does not have; neither;
+- no reading: neither.
+
+Pose and state are decided together: every state's scene may shift by a few pixels, and all of them
+lie by the same small amount nearer or farther, until they fit best. Readings of neighbouring pixels
+are no independent witnesses: a patch counts as one.
+
+The paper has no such term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float32, Int32
+
+from asdfviz.geometry.shapes import Depth, Scores
+from asdfviz.state.colors import ColorConfig
+from asdfviz.state.ground import GroundConfig, InverseDepth
+from asdfviz.state.group_kernels import sum_spoken
+
+Ratios: TypeAlias = Float32[np.ndarray, "k h w"]
+"""How much likelier each pixel's colour is on each part, and last on the ground, than anywhere;
+natural logarithm."""
+
+
+BASE_SEEN = 0.1
+"""Where less of the base is visible, nothing is known of it, 0 to 1."""
+
+
+@dataclass(frozen=True)
+class GroupFitConfig:
+    """How scenes are compared with the picture; the paper has no such step."""
+
+    enabled: bool = True
+    """The term, on or off."""
+    sigma: float = 0.004
+    """Standard deviation of readings and surfaces against each other, metres."""
+    hidden: float = 2.5
+    """What lies so many standard deviations in front of a surface hides it."""
+    range: float = 0.25
+    """Readings that nothing explains lie anywhere in so much depth, metres."""
+    least: float = -3.0
+    """A pixel speaks against a state by no more than this, natural logarithm."""
+    patch: float = 0.008
+    """Readings within a square of this side count as one witness, metres."""
+    temperature: float = 6.0
+    """Above 1 the witnesses are trusted less than independent ones: they share the pose's error."""
+    cells: int = 72
+    """Side of the view in which scenes are compared, at most, cells."""
+    shift: int = 2
+    """Every state's scene is shifted by so many cells, at most."""
+    enough: float = 0.9
+    """A base pose with which so much of the visible group agrees is not looked for elsewhere."""
+    moved: float = 3.0
+    """Elsewhere than where its pose has it, the base is only looked for if that is better by this,
+    natural logarithm,"""
+    other: float = 2.0
+    """and by this where another pose than its own says so,"""
+    moved_visible: float = 0.5
+    """and if so much of the group is visible there, 0 to 1,"""
+    moved_agreeing: float = 0.7
+    """and so much of that agrees, 0 to 1."""
+    least_visible: float = 0.2
+    """Where less of the best state's group is visible, nothing is said, 0 to 1."""
+    least_agreeing: float = 0.5
+    """Where less of that agrees, the base is not where it is thought to be, 0 to 1."""
+    reach: int = 3
+    """The likeliest one is looked for by this many of the largest steps to either side, first."""
+    bias: float = 0.006
+    """And lies nearer or farther by this at most, metres."""
+    ground: GroundConfig = field(default_factory=GroundConfig)
+    """What lies around the group."""
+    colors: ColorConfig = field(default_factory=ColorConfig)
+    """The colours of parts."""
+
+    @property
+    def most(self) -> float:
+        """What a reading exactly on a surface says for it by depth alone."""
+        return float(np.log(self.range / (self.sigma * np.sqrt(2 * np.pi))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """A state's scene as the camera would see it."""
+
+    inverse_depth: InverseDepth
+    ids: Int32[np.ndarray, "h w"]
+    """Number of the part, -1 where there is none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What the camera measured, in the same cells."""
+
+    depth: Depth
+    ratios: Ratios
+    ground: InverseDepth
+    """0 where it is not known."""
+    base: int = 0
+    """Number of the base part."""
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """How a scene lies in the view against how it was drawn."""
+
+    right: float = 0.0
+    """Cells."""
+    down: float = 0.0
+    """Cells."""
+    turn: float = 0.0
+    """About the view's middle, from right to down, radians."""
+
+
+STILL = Move()
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What the cells say for a scene."""
+
+    value: float
+    """Natural logarithm of a likelihood ratio, were all cells independent."""
+    drawn: int
+    """Readings at the group."""
+    visible: int
+    """Of these, those that nothing nearer hides."""
+    agreeing: int
+    """Of the visible ones, those that are likelier with it than with anything else."""
+    base_drawn: int
+    """Readings at the base part, where no part of the group hides it."""
+    base_visible: int
+    """Of these, those that nothing nearer hides."""
+    base_agreeing: int
+    """Of the visible ones, those that are likelier with it than with anything else."""
+
+    def is_seen(self, *, visible: float, agreeing: float) -> bool:
+        """Whether such shares of the group are visible and agree, and of the base by itself: another
+        part may well be where it should be for a base that is not there."""
+        return (
+            self.visible > visible * self.drawn
+            and self.agreeing > agreeing * self.visible
+            and self.base_visible >= BASE_SEEN * self.base_drawn
+            and self.base_agreeing >= agreeing * self.base_visible
+        )
+
+
+def spoken(
+    scene: Drawn, measured: Measured, *, nearer: float, config: GroupFitConfig, move: Move = STILL
+) -> Said:
+    """What all cells together say for a scene.
+
+    Args:
+        scene: as drawn.
+        measured: the same cells.
+        nearer: how much nearer the scene lies than drawn, metres.
+        config: what counts.
+        move: how the scene lies in the view.
+    """
+    cos, sin = np.cos(move.turn), np.sin(move.turn)
+    total, counts = sum_spoken(
+        scene.inverse_depth,
+        scene.ids,
+        measured.base,
+        measured.depth,
+        measured.ratios,
+        measured.ground,
+        np.array([move.right, move.down, cos, sin, nearer]),
+        config.sigma,
+        config.most,
+        config.least,
+        config.hidden,
+    )
+    return Said(float(total), *(int(count) for count in counts))
+
+
+def best_spoken(
+    scene: Drawn,
+    measured: Measured,
+    *,
+    nearer: float,
+    config: GroupFitConfig,
+    steps: Sequence[tuple[float, float]],
+    rounds: int,
+) -> tuple[Said, Move]:
+    """The most that the cells say for a scene that may move, and the move; by steps uphill.
+
+    Args:
+        scene: as drawn.
+        measured: the same cells.
+        nearer: as for `spoken`.
+        config: as for `spoken`.
+        steps: one after the other, cells to the sides and radians about the middle.
+        rounds: so often each of them is taken, at most.
+    """
+    best = STILL
+    most = spoken(scene, measured, nearer=nearer, config=config)
+    for shift, turn in steps:
+        for _ in range(rounds):
+            start = best
+            for change in (Move(shift), Move(0.0, shift), Move(0.0, 0.0, turn)):
+                for sign in (1.0, -1.0) if change != STILL else ():
+                    move = Move(
+                        best.right + sign * change.right,
+                        best.down + sign * change.down,
+                        best.turn + sign * change.turn,
+                    )
+                    said = spoken(scene, measured, nearer=nearer, config=config, move=move)
+                    if said.value > most.value:
+                        best, most = move, said
+                        break
+            if best == start:
+                break
+    return most, best
+
+
+def nearer_by(base: InverseDepth, depth: Depth, *, config: GroupFitConfig) -> float:
+    """How much nearer than drawn the base's surface is measured, metres, within bounds."""
+    both = (base > 0) & (depth > 0)
+    gap = 1.0 / base[both] - depth[both]
+    gap = gap[np.abs(gap) < 2 * config.bias]
+    if len(gap) == 0:
+        return 0.0
+    return float(np.clip(np.median(gap), -config.bias, config.bias))
+
+
+def trusted(cell: float, *, config: GroupFitConfig) -> float:
+    """How much a cell of that side (metres, on the base) counts against an independent witness."""
+    return min(1.0, (cell / config.patch) ** 2) / config.temperature
+
+
+def probabilities(log_likelihoods: Sequence[float]) -> Scores:
+    """From what is said for every state to its probability."""
+    said = np.asarray(log_likelihoods, np.float64)
+    odds = np.exp(said - said.max())
+    return odds / odds.sum()

@@ -1,0 +1,63 @@
+"""The compiled loop behind `group_fit`: what every cell of the view says for a scene, summed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, cast, no_type_check
+
+import numpy as np
+from numba import njit
+
+
+def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile on the first call: one thread, cached on disk, no Python lock held."""
+    return cast(Callable[..., Any], njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+@_kernel
+@no_type_check
+def _part_at(ids, row, column):
+    """The number there, -1 outside."""
+    inside = 0 <= row < ids.shape[0] and 0 <= column < ids.shape[1]
+    return ids[row, column] if inside else -1
+
+
+@_kernel
+@no_type_check
+def sum_spoken(inverse_depth, ids, base, depth, ratios, ground, move, sigma, most, least, hidden):
+    """Sum over the cells of what each says for a scene that lies as `move` (right, down, cosine and
+    sine of the turn, metres nearer) says; and the counts of `Said`."""
+    height, width = depth.shape
+    last = len(ratios) - 1
+    total = 0.0
+    counts = np.zeros(6, np.int64)
+    middle_row, middle_column = 0.5 * (height - 1), 0.5 * (width - 1)
+    for row in range(height):
+        y = row - middle_row - move[1]
+        for column in range(width):
+            z = depth[row, column]
+            if z <= 0.0:
+                continue
+            x = column - middle_column - move[0]
+            c = int(np.floor(move[2] * x + move[3] * y + middle_column + 0.5))
+            r = int(np.floor(move[2] * y - move[3] * x + middle_row + 0.5))
+            i = _part_at(ids, r, c)
+            is_group = i >= 0
+            if is_group:
+                surface = 1.0 / inverse_depth[r, c] - move[4]
+            elif ground[row, column] > 0.0:
+                i, surface = last, 1.0 / ground[row, column]
+            else:
+                continue
+            gap = (z - surface) / sigma
+            counts[0] += is_group
+            counts[3] += i == base
+            if gap < -hidden:
+                continue
+            value = max(least, most - 0.5 * gap * gap + ratios[i, row, column])
+            total += value
+            counts[1] += is_group
+            counts[2] += is_group and value > 0.0
+            counts[4] += i == base
+            counts[5] += i == base and value > 0.0
+    return total, counts

@@ -1,0 +1,206 @@
+"""Where joined parts are within the freedom of their joints: as last seen, or where they may be.
+
+Parts whose joints are equal hang on one another and move as one (a screw, its handle and its cap);
+joints of one link are all at the same share of their ranges. So one part that is seen tells of others
+that are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Joint, PoseEstimate, State
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.symmetry import nearest_symmetric
+from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
+from asdfviz.state.joints import deviation, nearest_in_joint
+
+_Key: TypeAlias = tuple[object, ...]
+TURNS = 12
+"""Turns that are tried where nothing tells how far a part is turned."""
+PARALLEL = 0.999
+"""Cosine from which two axes are parallel."""
+ON_AXIS = 0.001
+"""Distance up to which they are the same, metres."""
+SLIDES = 5
+"""Slides that are tried likewise."""
+
+
+@dataclass(frozen=True)
+class JointPlacesConfig:
+    """When a part's own pose counts as in its joint."""
+
+    distance: float = 0.02
+    """A pose farther from what the joint allows is not in it, metres."""
+    angle_deg: float = 30.0
+    """And one turned farther, degrees; symmetric poses count as the same."""
+
+
+class JointPlaces:
+    """What was seen of an assembly's joints; one for each sequence."""
+
+    def __init__(self, assembly: Assembly, *, config: JointPlacesConfig | None = None) -> None:
+        self._assembly = assembly
+        self._config = config or JointPlacesConfig()
+        self._seen: dict[_Key, Transform] = {}
+        """By joint, the motion that was seen: T_base_part = motion @ the nominal one."""
+        self._travel: dict[str, float] = {}
+        """By link, the share of its ranges at which its joints are."""
+        self._held = {
+            (name, T.tobytes(), _key(state.joints[name])): (name, T, state.joints[name])
+            for state in assembly.states
+            for name, T in state.T_base_part.items()
+            if name in state.joints
+        }
+
+    def copy(self) -> JointPlaces:
+        """Another that has seen the same so far."""
+        other = copy(self)
+        other._seen, other._travel = dict(self._seen), dict(self._travel)
+        return other
+
+    def see(self, T_camera_base: Transform, poses: Mapping[str, PoseEstimate]) -> None:
+        """Remember the joints of the parts that are seen in them.
+
+        Args:
+            T_camera_base: where the base is.
+            poses: of the parts, where they were found.
+        """
+        fresh: set[_Key] = set()
+        for name, T_nominal, joint in self._held.values():
+            own = poses.get(name)
+            if own is None:
+                continue
+            key = _key(joint)
+            T_own = inverse(T_camera_base) @ own.T_camera_part
+            T_place = self.nearest(name, T_own, T_nominal, joint)
+            if T_place is None:
+                continue
+            if key in fresh and self._is_round(name, T_nominal, joint):
+                continue  # another part has told how far all of them are turned
+            fresh.add(key)
+            self._seen[key] = T_place @ inverse(T_nominal)
+            low, high = joint.slide
+            if joint.link and high > low:
+                middle = self._assembly.parts[name].middle[None]
+                along = (apply(T_place, middle) - apply(T_nominal, middle))[0] @ joint.axis
+                self._travel[joint.link] = float(np.clip((along - low) / (high - low), 0, 1))
+
+    def nearest(
+        self, name: str, T_base_part: Transform, T_nominal: Transform, joint: Joint
+    ) -> Transform | None:
+        """The place in a joint that is nearest to an observed pose; None where that is not in it."""
+        part = self._assembly.parts[name]
+        off = deviation(
+            T_base_part,
+            T_nominal,
+            center_part=part.middle,
+            symmetries=part.symmetries,
+            joint=joint,
+        )
+        if not off.within(self._config.distance, self._config.angle_deg):
+            return None
+        known = self._seen.get(_key(joint))
+        T_last = T_nominal if known is None else known @ T_nominal
+        T_near = nearest_symmetric(T_base_part, T_last, part.symmetries)
+        return nearest_in_joint(T_near, T_nominal, joint, center_part=part.middle)
+
+    def last(self, name: str, state: State) -> Transform:
+        """T_base_part where the part was last seen in its joint, or the state's own."""
+        T_nominal, joint = state.T_base_part[name], state.joints.get(name)
+        known = None if joint is None else self._seen.get(_key(joint))
+        return T_nominal if known is None else known @ T_nominal
+
+    def together(self, state: State) -> list[tuple[str, ...]]:
+        """The joined parts of a state, those that move as one together."""
+        groups: dict[_Key, tuple[str, ...]] = {}
+        for name in state.attached:
+            joint = state.joints.get(name)
+            key = (name,) if joint is None else _key(joint)
+            groups[key] = (*groups.get(key, ()), name)
+        return list(groups.values())
+
+    def possible(self, names: Sequence[str], state: State) -> list[list[Transform]]:
+        """Where parts that move as one may be: one place each, or several where not all is known.
+
+        A turn that was seen is only one of several: a round bar that was taken for turned otherwise
+        is in its joint as well.
+
+        Args:
+            names: of the parts, as `together` gives them.
+            state: that joins them.
+
+        Returns:
+            Alternatives, the first as last seen if that is known; in each T_base_part of every part.
+        """
+        joint = state.joints.get(names[0])
+        nominal = [state.T_base_part[name] for name in names]
+        if joint is None:
+            return [nominal]
+        known = self._seen.get(_key(joint))
+        if joint.kind == "ball":
+            return [[self.last(name, state) for name in names]]
+        are_round = all(
+            self._is_round(name, T, joint) for name, T in zip(names, nominal, strict=True)
+        )
+        motions = self._unseen(joint) if known is None else [known]
+        if known is not None and _turns_freely(joint) and not are_round:
+            motions += [_turn(joint, angle) @ known for angle in _angles()[1:]]
+        return [[T_motion @ T for T in nominal] for T_motion in motions]
+
+    def _is_round(self, name: str, T_nominal: Transform, joint: Joint) -> bool:
+        """Whether the part looks the same however it is turned in the joint."""
+        for axis in self._assembly.parts[name].symmetries.continuous:
+            direction = T_nominal[:3, :3] @ axis.direction
+            middle = apply(T_nominal, axis.offset[None])[0]
+            beside = np.linalg.norm(np.cross(middle - joint.origin, joint.axis))
+            if (
+                abs(direction @ joint.axis) > PARALLEL * np.linalg.norm(direction)
+                and beside < ON_AXIS
+            ):
+                return True
+        return False
+
+    def _unseen(self, joint: Joint) -> list[Transform]:
+        """Motions of a joint of which nothing was seen but, perhaps, its link."""
+        travel = self._travel.get(joint.link) if joint.link else None
+        shares = np.linspace(0.1, 0.9, SLIDES) if travel is None else np.array([travel])
+        if joint.slide == (0.0, 0.0) and travel is None:
+            shares = shares[:1]
+        found: list[Transform] = []
+        for share in shares:
+            slide = joint.slide[0] + share * (joint.slide[1] - joint.slide[0])
+            T_slide = transform_from(np.eye(3), slide * joint.axis)
+            if not _turns_freely(joint):
+                angle = joint.turn[0] + share * (joint.turn[1] - joint.turn[0])
+                found.append(T_slide @ _turn(joint, angle if travel is not None else 0.0))
+            elif travel is None:
+                found.append(T_slide)
+            else:
+                found += [T_slide @ _turn(joint, angle) for angle in _angles()]
+        return found
+
+
+def _turns_freely(joint: Joint) -> bool:
+    """Whether it turns so far that its link does not tell how far it is turned."""
+    return joint.kind in ("revolute", "cylindrical") and joint.turn[1] - joint.turn[0] > 1.9 * np.pi
+
+
+def _turn(joint: Joint, angle: float) -> Transform:
+    R = rotation_about(joint.axis, angle)
+    return transform_from(R, joint.origin - R @ joint.origin)
+
+
+def _angles() -> list[float]:
+    return [2 * np.pi * i / TURNS for i in range(TURNS)]
+
+
+def _key(joint: Joint) -> _Key:
+    """Equal for joints that move as one."""
+    where = (joint.axis.tobytes(), joint.origin.tobytes())
+    return (joint.kind, *where, joint.slide, joint.turn, joint.link)

@@ -1,0 +1,223 @@
+"""Tracking a part from an annotated frame: what is started from, what is kept, what stays."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from asdfviz.annotate.records import TRACKED
+from asdfviz.annotate.store import AnnotationStore
+from asdfviz.app import carrying
+from asdfviz.app.carrying import plan
+from asdfviz.app.jobs import Background
+from asdfviz.app.panels import tracking
+from asdfviz.app.snapshot import take
+from asdfviz.app.view import View
+from asdfviz.app.workspace import Workspace
+from asdfviz.datatypes import Assembly, Camera, Frame
+from asdfviz.errors import AnnotationError, MethodError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.track import raster
+
+COUNT = 8
+FIRST = 40
+"""Number of the first frame."""
+CAMERA = Camera(np.array([[420.0, 0.0, 159.5], [0.0, 420.0, 119.5], [0.0, 0.0, 1.0]]), 320, 240)
+
+
+class Moving:
+    """The jaw, turning and going right before a wall; nobody knows where it is."""
+
+    def __init__(self, assembly: Assembly, folder: Path, *, with_depth: bool = True) -> None:
+        self.assembly = assembly
+        self.name = "moving"
+        self.path = str(folder)
+        self.camera = CAMERA
+        self.frame_indices = tuple(range(FIRST, FIRST + COUNT))
+        self.fps = 10.0
+        self._with_depth = with_depth
+
+    def __len__(self) -> int:
+        return COUNT
+
+    def truth(self, place: int) -> None:
+        return None
+
+    def __getitem__(self, place: int) -> Frame:
+        part = self.assembly.parts["jaw"]
+        rng = np.random.default_rng(place)
+        inverse_depth, ids = raster.new_buffers(CAMERA.width, CAMERA.height)
+        T = pose_of(self.assembly, place)
+        raster.draw(
+            part.mesh, T, K=CAMERA.K, inverse_depth=inverse_depth, ids=ids, number=0
+        )  # fmt: skip
+        rgb = rng.integers(90, 170, (240, 320, 3)).astype(np.float64)
+        rgb[ids == 0] = np.array([210, 60, 30]) + rng.normal(0, 6, ((ids == 0).sum(), 3))
+        depth = np.where(inverse_depth > 0, 1 / np.maximum(inverse_depth, 1e-6), 0.7)
+        return Frame(
+            self.frame_indices[place],
+            place / 10,
+            np.clip(rgb, 0, 255).astype(np.uint8),
+            depth.astype(np.float32) if self._with_depth else None,
+            CAMERA,
+        )
+
+
+def pose_of(assembly: Assembly, place: int) -> Transform:
+    R = rotation_about(np.array([0.2, 1.0, 0.3]), 0.8 + 0.03 * place)
+    vertices = assembly.parts["jaw"].mesh.vertices
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    return transform_from(R, np.array([-0.02 + 0.004 * place, 0.0, 0.4]) - R @ middle)
+
+
+def off_mm(workspace: Workspace, place: int) -> float:
+    found = workspace.poses(place, None)["jaw"].T_camera_part
+    gap = found - pose_of(workspace.assembly, place)
+    vertices = workspace.assembly.parts["jaw"].mesh.vertices
+    return 1e3 * float(np.linalg.norm(vertices @ gap[:3, :3].T + gap[:3, 3], axis=1).mean())
+
+
+Open = Callable[..., Workspace]
+
+
+@pytest.fixture
+def opened(clamp: Assembly, tmp_path: Path) -> Iterator[Open]:
+    spaces: list[Workspace] = []
+
+    def made(*, with_depth: bool = True) -> Workspace:
+        store = AnnotationStore(
+            tmp_path / "moving.db", sequence_name="moving", assembly_name=clamp.name
+        )
+        space = Workspace(
+            Moving(clamp, tmp_path, with_depth=with_depth),
+            clamp,
+            store=store,
+            runs_folder=tmp_path / "runs",
+            export_folder=tmp_path / "out",
+        )
+        spaces.append(space)
+        return space
+
+    yield made
+    for space in spaces:
+        space.close()
+
+
+def ended(workspace: Workspace) -> Any:
+    """Wait for the tracker's end; how it ended."""
+    changed = threading.Event()
+    end = workspace.subscribe(changed.set)
+    try:
+        while workspace.carrying is None or workspace.carrying.is_active:
+            assert changed.wait(60), "nothing happened for 60 s"
+            changed.clear()
+    finally:
+        end()
+    return workspace.carrying
+
+
+def annotate(workspace: Workspace, place: int, provenance: str = "keys") -> None:
+    T = pose_of(workspace.assembly, place)
+    workspace.store.set_pose(FIRST + place, "jaw", T, provenance=provenance)
+
+
+@pytest.mark.parametrize("with_depth", [True, False])
+def test_a_part_is_tracked_both_ways_and_undone_in_one_step(
+    opened: Open, *, with_depth: bool
+) -> None:
+    workspace = opened(with_depth=with_depth)
+    annotate(workspace, 3)
+    Background(workspace).track(plan(workspace, View(place=3, selected="jaw"), "both"))
+    status = ended(workspace)
+    assert (status.state, status.done) == ("done", COUNT - 1)
+    shown = [workspace.poses(place, None)["jaw"] for place in range(COUNT)]
+    assert [s.stage for s in shown] == [
+        "annotated" if place == 3 else "tracked" for place in range(COUNT)
+    ]
+    assert max(off_mm(workspace, place) for place in range(COUNT)) < (3 if with_depth else 10)
+    assert workspace.store.pose(FIRST + 5, "jaw").provenance == TRACKED  # pyright: ignore[reportOptionalMemberAccess]
+    workspace.store.undo()
+    assert list(workspace.store.poses()) == [(FIRST + 3, "jaw")]
+
+
+def test_what_a_person_set_stays_and_is_started_from(opened: Open) -> None:
+    workspace = opened()
+    annotate(workspace, 0)
+    wrong = transform_from(np.eye(3), np.array([0.1, 0.1, 0.5]))
+    workspace.store.set_pose(FIRST + 4, "jaw", wrong, provenance="gizmo")
+    workspace.store.remove_pose(FIRST + 2, "jaw")
+    workspace.store.set_pose(FIRST + 1, "jaw", wrong, provenance=TRACKED)
+    carry = plan(workspace, View(place=0, selected="jaw", marked=(0, 3)), "forward")
+    assert (carry.first, carry.last) == (0, 3)
+    assert list(carry.keyframes["jaw"]) == [0]
+    far = plan(workspace, View(place=0, selected="jaw"), "forward")
+    assert sorted(far.keyframes["jaw"]) == [0, 4]
+    Background(workspace).track(carry)
+    assert ended(workspace).done == 2
+    assert off_mm(workspace, 1) < 3  # an earlier tracked pose is replaced
+    assert workspace.store.pose(FIRST + 2, "jaw").T_camera_part is None  # pyright: ignore[reportOptionalMemberAccess]
+    np.testing.assert_array_equal(workspace.poses(4, None)["jaw"].T_camera_part, wrong)
+    assert workspace.store.pose(FIRST + 5, "jaw") is None
+
+
+@pytest.mark.parametrize(
+    ("view", "message"),
+    [
+        (View(place=3), "no part is selected"),
+        (View(place=2, selected="jaw"), "no pose in frame 42"),
+        (View(place=3, selected="jaw", marked=(3, 3)), "no frame that way"),
+    ],
+)
+def test_what_cannot_be_tracked_is_said(opened: Open, view: View, message: str) -> None:
+    workspace = opened()
+    annotate(workspace, 3)
+    with pytest.raises(AnnotationError, match=message):
+        plan(workspace, view, "both")
+
+
+def test_a_pose_that_fits_nothing_is_lost_at_once(opened: Open) -> None:
+    workspace = opened()
+    T = transform_from(np.eye(3), np.array([0.06, 0.05, 0.35]))
+    workspace.store.set_pose(FIRST, "jaw", T)
+    Background(workspace).track(plan(workspace, View(selected="jaw"), "forward"))
+    status = ended(workspace)
+    assert status.state == "failed"
+    assert "lost at once" in status.message
+    assert workspace.messages[-1].is_problem
+    assert list(workspace.store.poses()) == [(FIRST, "jaw")]
+
+
+def test_cancelling_changes_nothing(opened: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    workspace = opened()
+    annotate(workspace, 0)
+    gate, reached = threading.Event(), threading.Event()
+    real = carrying.carry_parts
+
+    def slow(frame_at: Callable[[int], Frame], *args: Any, **options: Any) -> Any:
+        def late(place: int) -> Frame:
+            if place == 3:
+                reached.set()
+                assert gate.wait(60)
+            return frame_at(place)
+
+        return real(late, *args, **options)
+
+    monkeypatch.setattr(carrying, "carry_parts", slow)
+    background = Background(workspace)
+    background.track(plan(workspace, View(selected="jaw"), "forward"))
+    assert reached.wait(60)
+    with pytest.raises(MethodError, match="jaw is still being tracked"):
+        background.track(plan(workspace, View(selected="jaw"), "forward"))
+    background.stop_tracking()
+    snap = take(workspace, View(selected="jaw", tab="annotate"), frame=None)
+    assert "Cancelling jaw" in tracking.content(snap)
+    gate.set()
+    assert ended(workspace).state == "stopped"
+    assert list(workspace.store.poses()) == [(FIRST, "jaw")]
+    assert "nothing was changed" in tracking.content(snap)

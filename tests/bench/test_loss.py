@@ -1,0 +1,47 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from asdfviz.bench.loss import told_apart
+from asdfviz.cli.bench import BenchLoss
+from asdfviz.data.run_files import save_run
+from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import FramePrediction, PoseEstimate, Run
+from asdfviz.geometry.transforms import transform_from
+
+
+def test_what_is_neither_right_nor_lost_is_left_out() -> None:
+    given = [(0.9, 0.01), (0.8, 0.07), (0.3, 0.2), (0.2, 0.049)]
+    assert told_apart(given) == [(0.9, True), (0.3, False), (0.2, True)]
+
+
+@pytest.mark.parametrize(("sure_of_lost", "area"), [(0.1, 100.0), (0.95, 0.0)])
+def test_runs_are_judged_together(
+    sure_of_lost: float, area: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sequence = open_sequence("sample")
+    assembly = sequence.assembly
+    assert assembly is not None
+    folders: list[Path] = []
+    for name, metres, score in (("right", 0.0, 0.9), ("lost", 0.1, sure_of_lost)):
+        said: list[FramePrediction] = []
+        for place in range(3):
+            truth = sequence.truth(place)
+            assert truth is not None
+            shift = transform_from(np.eye(3), np.array([metres, 0.0, 0.0]))
+            poses = {
+                n: PoseEstimate(n, shift @ T, score, "tracked")
+                for n, T in truth.T_camera_part.items()
+            }
+            said.append(FramePrediction(truth.frame_index, poses, None))
+        folders.append(tmp_path / name)
+        run = Run("icg", {}, sequence.path, assembly.path, "0", tuple(said))
+        save_run(run, folders[-1])
+    BenchLoss(tuple(folders), json=True)()
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["loss_auc"] == pytest.approx(area)
+    assert figures["right"] == figures["lost"] > 0

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.methods.group_fits import GroupFits
+from asdfviz.methods.group_views import view_of
+from asdfviz.methods.part_poses import part_shapes
+from asdfviz.state.group_fit import GroupFitConfig
+
+KNOWN = np.array([0.99, 0.01])
+
+
+def fits_of(assembly: Assembly, **options) -> GroupFits:
+    shapes = part_shapes(assembly, surface_points=900)
+    return GroupFits(assembly, shapes, config=GroupFitConfig(**options))
+
+
+def found(T_camera_base: np.ndarray, *, score: float = 0.9) -> dict[str, PoseEstimate]:
+    return {"base": PoseEstimate("base", T_camera_base, score, "refined")}
+
+
+def noisy(frame: Frame, seed: int = 0) -> Frame:
+    """Depth as cameras give it: 3 mm of noise, and holes."""
+    assert frame.depth is not None
+    rng = np.random.default_rng(seed)
+    depth = frame.depth + 0.003 * rng.normal(size=frame.depth.shape)
+    depth[rng.random(depth.shape) < 0.1] = 0.0
+    return replace(frame, depth=depth.astype(np.float32))
+
+
+@pytest.mark.parametrize("joined", [False, True])
+def test_the_state_is_seen_though_the_block_is_not_detected(toy, joined: bool) -> None:
+    true = toy.poses(joined=joined)
+    said = fits_of(toy.assembly).step(found(true["base"]), KNOWN, noisy(toy.frame(1, true)))
+    assert said is not None
+    assert said[int(joined)] > 0.95
+
+
+def test_a_part_that_one_sees_through_is_not_there(toy) -> None:
+    """The block's own pose lies: it is where the state has it, but depth shows the base."""
+    apart, joined = toy.poses(joined=False), toy.poses(joined=True)
+    poses = found(apart["base"])
+    poses["block"] = PoseEstimate("block", joined["block"], 0.9, "refined")
+    said = fits_of(toy.assembly).step(poses, KNOWN, toy.frame(1, {"base": apart["base"]}))
+    assert said is not None
+    assert said[0] > 0.95
+
+
+def test_under_a_hand_nothing_is_said(toy) -> None:
+    true = toy.poses(joined=True)
+    frame = toy.frame(1, true)
+    covered = replace(frame, depth=np.full_like(frame.depth, 0.3))
+    fits = fits_of(toy.assembly)
+    assert fits.step(found(true["base"]), KNOWN, covered) is None
+    assert fits.base is None
+
+
+def test_a_base_that_is_not_where_its_pose_says_decides_nothing(toy) -> None:
+    """Thirty centimetres off there is only ground."""
+    true = toy.poses(joined=True)
+    off = transform_from(np.eye(3), np.array([-0.1, 0.05, -0.1])) @ true["base"]
+    assert fits_of(toy.assembly).step(found(off), KNOWN, toy.frame(1, true)) is None
+
+
+def test_a_poor_pose_of_the_base_is_mended_by_the_group(toy) -> None:
+    true = toy.poses(joined=True)
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), 0.12)
+    middle = true["base"][:3, 3]
+    off = transform_from(turn, middle - turn @ middle + np.array([0.012, -0.008, 0.0]))
+    fits = fits_of(toy.assembly)
+    said = fits.step(found(off @ true["base"]), np.array([0.02, 0.98]), toy.frame(1, true))
+    assert said is not None
+    assert said[1] > 0.95
+    assert fits.base is not None
+    left = np.linalg.norm(fits.base.T_camera_part[:3, 3] - true["base"][:3, 3])
+    assert left < 0.006
+
+
+def test_a_base_that_was_lost_is_where_it_was(toy) -> None:
+    true = toy.poses(joined=True)
+    fits = fits_of(toy.assembly)
+    assert fits.step(found(true["base"]), KNOWN, toy.frame(1, true)) is not None
+    said = fits.step({}, KNOWN, toy.frame(2, true))
+    assert said is not None
+    assert said[1] > 0.95
+
+
+def test_another_thing_in_the_place_of_the_block_is_not_the_block(toy) -> None:
+    """It has the block's shape, but not its colour, which was learnt while the block lay apart."""
+    apart, joined = toy.poses(joined=False), toy.poses(joined=True)
+
+    def painted(block: np.ndarray, color: tuple[int, int, int]) -> Frame:
+        frame = toy.frame(1, {"base": apart["base"], "block": block})
+        rgb = np.full((*frame.rgb.shape[:2], 3), (90, 140, 90), np.uint8)
+        base, front = toy.depth({"base": apart["base"]}), toy.depth({"block": block})
+        rgb[base < 0.74] = (40, 60, 200)
+        rgb[front < np.minimum(base, 0.74)] = color
+        return replace(frame, rgb=rgb)
+
+    red, green = (220, 50, 40), (30, 200, 60)
+    for color, expected in ((red, 1), (green, 0)):
+        fits = fits_of(toy.assembly)
+        poses = found(apart["base"])
+        poses["block"] = PoseEstimate("block", apart["block"], 0.9, "refined")
+        for _ in range(3):
+            fits.step(poses, KNOWN, painted(apart["block"], red))
+        said = fits.step(found(joined["base"]), KNOWN, painted(joined["block"], color))
+        assert said is not None
+        assert said[expected] > 0.95
+
+
+def test_without_depth_or_switched_off_it_is_silent(toy) -> None:
+    true = toy.poses(joined=True)
+    poses = found(true["base"])
+    assert fits_of(toy.assembly).step(poses, KNOWN, toy.frame(1)) is None
+    assert fits_of(toy.assembly, enabled=False).step(poses, KNOWN, toy.frame(1, true)) is None
+    assert fits_of(toy.assembly).step({}, None, toy.frame(1, true)) is None
+
+
+def test_a_view_needs_pixels_in_the_picture(toy) -> None:
+    frame = toy.frame(1, toy.poses(joined=True))
+    outside = np.array([[-50.0, -50.0], [-10.0, -20.0]])
+    behind = np.full((3, 2), np.nan)
+    assert view_of(outside, frame, frame.depth, cells=50) is None
+    assert view_of(behind, frame, frame.depth, cells=50) is None
+    view = view_of(np.array([[100.0, 80.0], [200.0, 160.0]]), frame, frame.depth, cells=50)
+    assert view is not None
+    assert max(view.depth.shape) <= 50 + 2 * 9
+    u, v = 40, 30  # a cell and the pixel that it shows
+    pixel = np.array([view.K[0, 2], view.K[1, 2]]) - [u, v]
+    full = np.array([159.5, 119.5]) - np.array([2 * pixel[0], 2 * pixel[1]])
+    assert view.depth[v, u] == frame.depth[int(full[1]), int(full[0])]

@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, Joint
+from asdfviz.geometry.transforms import inverse, rotation_about, transform_from
+from asdfviz.state.joint_places import TURNS, JointPlaces
+
+
+def shift(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    return transform_from(np.eye(3), np.array([x, y, z]))
+
+
+def linked(assembly: Assembly) -> Assembly:
+    """The pin turns freely as the block slides: both hang on one link."""
+    axis = np.array([1.0, 0, 0])
+    slide = Joint("prismatic", axis, np.zeros(3), slide=(-0.03, 0.03), link="drive")
+    screw = Joint(
+        "cylindrical", axis, np.zeros(3), slide=(-0.01, 0.01), turn=(-9.0, 9.0), link="drive"
+    )
+    joints = {"block": slide, "lid": screw}
+    states = tuple(
+        replace(s, joints={n: j for n, j in joints.items() if n in s.T_base_part})
+        for s in assembly.states
+    )
+    return replace(assembly, states=states)
+
+
+def test_a_part_stays_in_its_joint_where_it_was_seen(assembly: Assembly, place) -> None:
+    places, state = JointPlaces(assembly), assembly.states[1]
+    nominal = state.T_base_part["block"]
+    poses = place({"base": np.eye(4), "block": shift(0.021, 0.003) @ nominal})
+    T_camera_base = poses["base"].T_camera_part
+    before = places.copy()
+    places.see(T_camera_base, poses)
+    assert np.allclose(places.last("block", state), shift(0.021) @ nominal)
+    assert np.allclose(places.possible(["block"], assembly.states[3])[0][0], shift(0.021) @ nominal)
+    assert np.allclose(before.last("block", state), nominal)
+
+
+@pytest.mark.parametrize("off", [shift(0.0, 0.04), shift(0.09)])
+def test_a_part_that_is_not_in_its_joint_tells_nothing_of_it(
+    assembly: Assembly, place, off: np.ndarray
+) -> None:
+    places, state = JointPlaces(assembly), assembly.states[1]
+    nominal = state.T_base_part["block"]
+    poses = place({"base": np.eye(4), "block": off @ nominal})
+    places.see(poses["base"].T_camera_part, poses)
+    assert np.allclose(places.last("block", state), nominal)
+    assert len(places.possible(["block"], state)) > 1
+
+
+def test_a_link_tells_of_the_parts_that_were_not_seen(assembly: Assembly, place) -> None:
+    assembly = linked(assembly)
+    places, state = JointPlaces(assembly), assembly.states[3]
+    poses = place({"base": np.eye(4), "block": shift(0.015) @ state.T_base_part["block"]})
+    places.see(poses["base"].T_camera_part, poses)
+    possible = [T for (T,) in places.possible(["lid"], state)]
+    assert len(possible) == TURNS  # the link does not tell turns, the screw has many
+    slides = [T[0, 3] - state.T_base_part["lid"][0, 3] for T in possible]
+    assert slides == pytest.approx([0.005] * TURNS)
+
+
+def test_a_part_without_a_joint_is_at_its_place(assembly: Assembly) -> None:
+    places, state = JointPlaces(assembly), assembly.states[3]
+    ((T,),) = places.possible(["pin"], state)
+    assert np.allclose(T, state.T_base_part["pin"])
+
+
+def test_a_turn_that_was_seen_is_the_first_of_several(assembly: Assembly, place) -> None:
+    assembly = linked(assembly)
+    places, state = JointPlaces(assembly), assembly.states[3]
+    turn = transform_from(rotation_about(np.array([1.0, 0, 0]), 1.2), np.zeros(3))
+    poses = place({"base": np.eye(4), "lid": turn @ state.T_base_part["lid"]})
+    places.see(poses["base"].T_camera_part, poses)
+    first, *others = [T for (T,) in places.possible(["lid"], state)]
+    off = inverse(first) @ turn @ state.T_base_part["lid"]
+    assert np.allclose(off, np.eye(4), atol=1e-9)
+    assert len(others) == TURNS - 1
+
+
+def test_parts_of_equal_joints_move_as_one_and_round_ones_need_no_turns(
+    assembly: Assembly, place
+) -> None:
+    """The pin is round about its own z: a joint about that axis turns it unseen."""
+    T_pin = assembly.states[3].T_base_part["pin"]
+    axle = Joint(
+        "cylindrical", np.array([0.0, 0, 1]), T_pin[:3, 3], slide=(-0.01, 0.01), turn=(-9.0, 9.0)
+    )
+    state = replace(assembly.states[3], joints={"pin": axle, "lid": axle})
+    assembly = replace(assembly, states=(*assembly.states[:3], state, assembly.states[4]))
+    places = JointPlaces(assembly)
+    assert places.together(state) == [("base",), ("block",), ("pin", "lid")]
+    poses = place({"base": np.eye(4), "pin": shift(0, 0, 0.006) @ T_pin})
+    places.see(poses["base"].T_camera_part, poses)
+    assert len(places.possible(["pin"], state)) == 1
+    both = places.possible(("pin", "lid"), state)
+    assert len(both) == TURNS
+    assert np.allclose(both[0][1], shift(0, 0, 0.006) @ state.T_base_part["lid"])
