@@ -65,7 +65,7 @@ class BenchLoss:
 
     Runs must hold the poses of lost parts too, as those of `asdfviz tables gbot` do.
 
-    Example: asdfviz run --method icg --report-lost my_sequence --out runs/icg
+    Example: asdfviz run --method icg my_sequence --out runs/icg --report-lost
     Example: asdfviz bench loss runs/icg
     """
 

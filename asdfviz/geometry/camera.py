@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64, Int64
 
 from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels, Points
 
@@ -32,6 +32,16 @@ def points_from_depth(depth: Depth, K: Intrinsics, *, stride: int = 1) -> tuple[
     return back_project(pixels, z, K), pixels
 
 
+def nearest_pixels(
+    points_camera: Points, K: Intrinsics, shape: tuple[int, ...]
+) -> tuple[Bool[np.ndarray, "n"], Int64[np.ndarray, "inside"], Int64[np.ndarray, "inside"]]:
+    """Which points are seen within an image of this shape (h, w), and rows and columns of those."""
+    pixels = np.rint(project(points_camera, K))
+    inside = np.all((pixels >= 0) & (pixels <= [shape[1] - 1, shape[0] - 1]), axis=1)
+    columns, rows = pixels[inside].astype(np.int64).T
+    return inside, rows, columns
+
+
 def depth_gaps(
     points_camera: Points, depth: Depth, K: Intrinsics
 ) -> Float64[np.ndarray, "readings"]:
@@ -42,10 +52,7 @@ def depth_gaps(
         depth: planar depth in metres, 0 = none.
         K: intrinsics of the depth image.
     """
-    pixels = np.rint(project(points_camera, K))
-    height, width = depth.shape
-    inside = np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=1)
-    u, v = pixels[inside].astype(np.intp).T
+    inside, v, u = nearest_pixels(points_camera, K, depth.shape)
     measured = depth[v, u].astype(np.float64)
     return (measured - points_camera[inside, 2])[measured > 0]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -88,10 +89,16 @@ class Follower:
             if name not in held:
                 self._head_on(name, frame)
         tracker.move(frame)
-        for name in tracker.names:
-            if name not in held:
-                self._try_others(name, frame)
         evidence = tracker.evidence(frame)
+        better = {
+            name: T_better
+            for name in tracker.names
+            if name not in held
+            and (T_better := self._better(name, frame, evidence[name])) is not None
+        }
+        if better:
+            tracker.replace(frame, better)
+            evidence = tracker.evidence(frame)
         sure = {name: tracker.judged(seen) for name, seen in evidence.items()}
         poses = tracker.poses
         lost = {
@@ -124,13 +131,12 @@ class Follower:
         if moved.score > rest.score:
             self._tracker.replace(frame, {name: ahead})
 
-    def _try_others(self, name: str, frame: Frame) -> None:
-        """Where a pose is in doubt, look for a better one near it."""
+    def _better(self, name: str, frame: Frame, seen: Evidence) -> Transform | None:
+        """Where a pose is in doubt, a better one near it if there is one."""
         config, tracker = self._config, self._tracker
-        seen = tracker.evidence(frame)[name]
         least = tracker.config.confidence.least_visible
         if tracker.judged(seen) >= config.doubted_below or seen.visible < least:
-            return
+            return None
         centre, T_found = self._bodies[name].model.centre, tracker.poses[name]
         place = T_found[:3, :3] @ centre + T_found[:3, 3]
         T_last = self._paths[name].T_now
@@ -138,9 +144,9 @@ class Follower:
         turns = [rotation_about(axis, sign * angle) for axis in np.eye(3) for sign in (1.0, -1.0)]
         starts = [turned(T_found, R, centre=centre) for R in turns]
         starts += [moved_to(T_last, place, centre=centre), T_last]
-        best = max(tracker.trials(frame, name, starts), key=lambda trial: trial.score)
-        if best.score > Trial(T_found, seen, 0.0).score + config.margin:
-            tracker.replace(frame, {name: best.T_camera_part})
+        best = max(tracker.trials(frame, name, starts), key=attrgetter("score"))
+        is_better = best.score > Trial(T_found, seen, 0.0).score + config.margin
+        return best.T_camera_part if is_better else None
 
     def _noted(self, path: _Path, T_found: Transform, sure: float, seen: Evidence) -> bool:
         """Remember where a part was found; whether it is to go back to where it was."""

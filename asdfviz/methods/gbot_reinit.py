@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 from asdfviz.datatypes import (
     Assembly,
@@ -40,7 +41,6 @@ from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import PnpConfig
 from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.joints import deviation
-from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
 ROUGH_ROUNDS = 3
@@ -174,10 +174,10 @@ class GbotReinit(Gbot):
             centre = assembly.parts[name].middle
             starts = [turned(T_seen, R, centre=centre) for R in QUARTER_TURNS]
             rough = tracker.trials(frame, name, starts, rounds=ROUGH_ROUNDS)
-            rough = sorted(rough, key=_score, reverse=True)[:KEPT]
+            rough = sorted(rough, key=attrgetter("score"), reverse=True)[:KEPT]
             starts = [tracker.poses[name], *(trial.T_camera_part for trial in rough)]
             now, *others = tracker.trials(frame, name, starts)
-            best = max(others, key=_score)
+            best = max(others, key=attrgetter("score"))
             is_sure = best.confidence >= tracker.config.confidence.lost_below
             if is_sure and best.score > now.score + self._options.margin:
                 found[name] = best.T_camera_part
@@ -186,10 +186,6 @@ class GbotReinit(Gbot):
     def _near(self, T_tracked: Transform, T_seen: Transform, part: Part) -> bool:
         off = deviation(T_seen, T_tracked, center_part=part.middle, symmetries=part.symmetries)
         return off.within(self._options.keep_near, self._options.keep_angle_deg)
-
-
-def _score(trial: Trial) -> float:
-    return trial.score
 
 
 SPEC = MethodSpec(

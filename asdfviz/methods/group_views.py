@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from asdfviz.datatypes import Frame, PoseEstimate
-from asdfviz.geometry.camera import project
+from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels
 from asdfviz.geometry.transforms import apply
 from asdfviz.methods.part_poses import PartShape
@@ -126,9 +126,7 @@ def learn_colors(
         normals = shape.normals[::3] @ pose.T_camera_part[:3, :3].T
         facing = -(points * normals).sum(axis=1) / np.linalg.norm(points, axis=1)
         points = points[(facing > FACING) & (points[:, 2] > 1e-3)]
-        pixels = np.rint(project(points, frame.camera.K))
-        inside = np.all((pixels >= 0) & (pixels <= [width - 1, height - 1]), axis=1)
-        u, v = pixels[inside].astype(np.intp).T
+        inside, v, u = nearest_pixels(points, frame.camera.K, depth.shape)
         on = np.abs(depth[v, u] - points[inside, 2]) < ON_SURFACE
         if 2 * np.count_nonzero(on) <= len(points):
             continue

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 
 import numpy as np
 
@@ -138,11 +139,11 @@ class PartTracks:
         config, track, tracker = self._config, self.tracks[name], self.tracker
         centre = self.bodies[name].model.centre
         on = tracker.trials(frame, name, self._carried_on(track, proposal, centre))
-        best = max(on, key=_score)
+        best = max(on, key=attrgetter("score"))
         starts = self._jumps(name, track, proposal, state)
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
-        rough = sorted(rough, key=_score, reverse=True)[: config.kept]
+        rough = sorted(rough, key=attrgetter("score"), reverse=True)[: config.kept]
         promising = [t.T_camera_part for t in rough if t.score > best.score - config.doubt]
         best = self._decided(track, best, tracker.trials(frame, name, promising))
         if track.rival is not None and track.explore:
@@ -155,7 +156,7 @@ class PartTracks:
 
     def _decided(self, track: Track, best: Trial, jumps: list[Trial]) -> Trial:
         """The pose that carries on, or one that is clearly better; one a little better is watched."""
-        jump = max(jumps, key=_score, default=best)
+        jump = max(jumps, key=attrgetter("score"), default=best)
         ahead = jump.score - best.score
         if ahead > (0.0 if track.is_new else self._config.margin):
             track.rival = None
@@ -233,7 +234,3 @@ class PartTracks:
             assembly=self._assembly,
             centre=self.bodies[name].model.centre,
         )
-
-
-def _score(trial: Trial) -> float:
-    return trial.score

@@ -6,20 +6,14 @@ centre in cell units.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, cast, no_type_check
+from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from asdfviz.geometry.jit import kernel
 
 
-def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile on the first call: one thread, cached on disk, no Python lock held."""
-    compiled = njit(cache=True, nogil=True, error_model="numpy")(function)
-    return cast(Callable[..., Any], compiled)
-
-
-@_kernel
+@kernel
 @no_type_check
 def splat(points, T, focal, near, owner):
     """Fill `near` (n, n) with the depth of the nearest point of each cell, and `owner` with its row."""
@@ -40,7 +34,7 @@ def splat(points, T, focal, near, owner):
             owner[row, column] = i
 
 
-@_kernel
+@kernel
 @no_type_check
 def agreement(points, Ts, focal, outline, measured, margin):
     """Compare poses (c, 4, 4) with what was seen.
@@ -83,7 +77,7 @@ def agreement(points, Ts, focal, outline, measured, margin):
     return result
 
 
-@_kernel
+@kernel
 @no_type_check
 def surface_step(points, normals, T, focal, outline, measured, reach):
     """One Gauss-Newton step of the point-to-plane distance: turn and shift about the part's origin.

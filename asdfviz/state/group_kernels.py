@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, cast, no_type_check
+from typing import no_type_check
 
 import numpy as np
-from numba import njit
+
+from asdfviz.geometry.jit import kernel
 
 
-def _kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile on the first call: one thread, cached on disk, no Python lock held."""
-    return cast(Callable[..., Any], njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-@_kernel
+@kernel
 @no_type_check
 def _part_at(ids, row, column):
     """The number there, -1 outside."""
@@ -22,7 +17,7 @@ def _part_at(ids, row, column):
     return ids[row, column] if inside else -1
 
 
-@_kernel
+@kernel
 @no_type_check
 def sum_spoken(inverse_depth, ids, base, depth, ratios, ground, move, sigma, most, least, hidden):
     """Sum over the cells of what each says for a scene that lies as `move` (right, down, cosine and

@@ -8,6 +8,7 @@ from asdfviz.app import theme
 from asdfviz.app.items import JobStatus, LoadedRun
 from asdfviz.app.markup import EYE, act, button, chip, empty, heading, number, text
 from asdfviz.app.options import differences, label_of
+from asdfviz.app.panels import job_box
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import TRUTH, View
 from asdfviz.datatypes import Assembly
@@ -99,23 +100,18 @@ def _job(job: JobStatus | None) -> str:
     if job is None:
         return ""
     if job.is_active:
-        share = 100 * job.done / job.total if job.total else 0.0
         pace = f", {job.milliseconds:.0f} ms a frame" if job.milliseconds else ""
         word = "Stopping" if job.state == "stopping" else "Running"
         what = ", views of its parts, made once" if job.preparing else ""
         stop = button("Stop", act("StopRun"), title="Stop; what is done is kept", testid="stop")
-        return (
-            f'<div class="ax-jobbox" data-testid="job-panel"><div class="ax-row"><span>{word} '
-            f"{text(job.method)}{what}: {job.done}/{job.total}{pace}</span>{stop}</div>"
-            f'<span class="ax-meter"><i style="width:{share:.1f}%"></i></span></div>'
-        )
+        doing = f"{word} {job.method}{what}"
+        return job_box.running(job, doing, control=stop, testid="job-panel", pace=pace)
     words = {
         "done": f"✓ {job.method} is done: {job.done} frames.",
         "stopped": f"{job.method} was stopped after {job.done} of {job.total} frames, which are kept.",
         "failed": f"✕ {job.method} failed: {job.message}",
     }
-    kind = {"done": "ax-good", "failed": "ax-bad"}.get(job.state, "ax-note")
-    return f'<p class="{kind}" data-testid="job-end">{text(words[job.state])}</p>'
+    return job_box.ended(job, words, testid="job-end")
 
 
 def _method(name: str, spec: MethodSpec | BrokenMethod, snap: Snapshot) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from asdfviz.app.items import JobStatus
 from asdfviz.app.job_actions import Direction
-from asdfviz.app.markup import act, button, heading, text
+from asdfviz.app.markup import act, button, heading
+from asdfviz.app.panels import job_box
 from asdfviz.app.snapshot import Snapshot
 
 BUTTONS: tuple[tuple[Direction, str, str, str], ...] = (
@@ -34,17 +35,12 @@ def content(snap: Snapshot) -> str:
 
 
 def _progress(job: JobStatus) -> str:
-    share = 100 * job.done / job.total if job.total else 0.0
     word = "Cancelling" if job.state == "stopping" else "Tracking"
     what = ", views of the parts, made once" if job.preparing else ""
     cancel = button(
         "Cancel", act("StopTracking"), title="Stop; nothing is changed", testid="cancel-tracking"
     )
-    return (
-        f'<div class="ax-jobbox" data-testid="tracking"><div class="ax-row"><span>{word} '
-        f"{text(job.method)}{what}: {job.done}/{job.total}</span>{cancel}</div>"
-        f'<span class="ax-meter"><i style="width:{share:.1f}%"></i></span></div>'
-    )
+    return job_box.running(job, f"{word} {job.method}{what}", control=cancel, testid="tracking")
 
 
 def _end(job: JobStatus) -> str:
@@ -53,5 +49,4 @@ def _end(job: JobStatus) -> str:
         "stopped": f"Tracking {job.method} was cancelled; nothing was changed.",
         "failed": f"✕ {job.message}",
     }
-    kind = {"done": "ax-good", "failed": "ax-bad"}.get(job.state, "ax-note")
-    return f'<p class="{kind}" data-testid="tracking-end">{text(words[job.state])}</p>'
+    return job_box.ended(job, words, testid="tracking-end")
