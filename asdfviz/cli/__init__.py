@@ -16,7 +16,7 @@ from asdfviz.cli.judge import Evaluate
 from asdfviz.cli.learn import Train
 from asdfviz.cli.learn_crops import TrainCrops
 from asdfviz.cli.report import Report
-from asdfviz.cli.run import Methods, RunMethod, print_method_help
+from asdfviz.cli.run import Chosen, Methods, RunMethod, method_apart, print_method_help
 from asdfviz.cli.synth import Synth
 from asdfviz.cli.tables import Tables
 from asdfviz.cli.view import View
@@ -65,6 +65,10 @@ def _exit_code(arguments: list[str]) -> int:
 
 
 def _obey(arguments: list[str]) -> None:
+    is_run = arguments[:1] == ["run"]
+    chosen: Chosen | None = None
+    if is_run and not {"-h", "--help"} & set(arguments):
+        arguments, chosen = method_apart(arguments)
     try:
         command, rest = tyro.cli(
             Command,  # pyright: ignore[reportArgumentType]  a union of annotated types is tyro's own idiom
@@ -75,12 +79,12 @@ def _obey(arguments: list[str]) -> None:
             config=(tyro.conf.OmitArgPrefixes, tyro.conf.OmitSubcommandPrefixes),
         )
     except SystemExit as ended:
-        if arguments[:1] == ["run"] and not ended.code:  # it was --help
+        if is_run and not ended.code:  # it was --help
             print_method_help(arguments)
         raise
-    if isinstance(command, RunMethod):
-        command(rest)
-    elif rest:
+    if rest:
         raise InputError(f"unknown arguments: {' '.join(rest)}; see asdfviz --help")
+    if isinstance(command, RunMethod):
+        command(chosen)
     else:
         command()

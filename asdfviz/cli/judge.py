@@ -24,8 +24,10 @@ class Evaluate:
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """Folders that `asdfviz run` wrote, or csv files of BOP or GBOT."""
     protocol: Literal["strict", "gbot", "bop"] = "strict"
-    """strict: a missing pose is a miss. gbot: the rules of the authors' own script. bop: strict, and
-    the average recalls of the BOP challenge (VSD, MSSD, MSPD; renders, so it takes longer)."""
+    """strict: a missing pose is a miss; figures that end in _twins let a pose lie on any of several
+    identical parts. gbot: the rules of the authors' own script. bop: strict, and the average recalls
+    of the BOP challenge (VSD, MSSD, MSPD; renders, so it takes longer), identical parts as instances
+    of one object."""
     truth: Path | None = None
     """Folder with scene_gt.json and states.json. Default: the run's own sequence."""
     assembly: str | None = None

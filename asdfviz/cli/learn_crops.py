@@ -1,4 +1,4 @@
-"""`asdfviz train-crops`: weights of the network that gives first poses from crops."""
+"""`asdfviz train-crops`: weights of the network that gives first poses and states from crops."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class TrainCrops:
     """Train the crop network on crops rendered meanwhile; run the same line again to go on.
 
     The best weights so far lie in the run folder as crops.safetensors; put them beside
-    assembly.yaml, and methods take their first poses from them.
+    assembly.yaml, and methods take their first poses, and the state's looks, from them.
 
     Example: asdfviz train-crops --assembly corner_clamp --minutes 120 --out runs/crops
     """

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated, TypeAlias, cast
 
 import tyro
 
@@ -15,6 +14,11 @@ from asdfviz.datatypes import FramePrediction, Run, Sequence
 from asdfviz.errors import AsdfvizError, InputError, RunError, Stopped
 from asdfviz.methods.spec import MethodSpec
 
+OWN_OPTIONS = ("--method", "-m", "--out", "--assembly", "--format")
+"""Of `asdfviz run` itself, each with a value; all others are the method's."""
+Chosen: TypeAlias = tuple[MethodSpec, object]
+"""A method and its config."""
+
 
 @dataclass(frozen=True)
 class RunMethod:
@@ -22,7 +26,7 @@ class RunMethod:
 
     Example: asdfviz run --method asdf sample --out runs/asdf
 
-    Options of the method itself follow in the same line, as in
+    Options of the method itself stand in the same line, as in
     asdfviz run --method asdf sample --out runs/asdf --detector.confidence 0.3
     """
 
@@ -37,8 +41,8 @@ class RunMethod:
     format: str | None = None
     """folder, bop, gbot, asdf or asdf-rgbd. Default: recognised by content."""
 
-    def __call__(self, method_arguments: list[str]) -> None:
-        """Run, save, and say where."""
+    def __call__(self, chosen: Chosen | None = None) -> None:
+        """Run, save, and say where; without a method at hand, by its name with its defaults."""
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.atomic import make_folder
         from asdfviz.data.run_files import check_run_folder
@@ -46,8 +50,7 @@ class RunMethod:
         from asdfviz.methods.registry import find_method
         from asdfviz.run import run
 
-        spec = find_method(self.method)
-        config = method_config(spec, method_arguments)
+        spec, config = chosen or (find_method(self.method), None)
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         out = self.out or Path("runs") / f"{sequence.name}-{spec.name}"
@@ -102,18 +105,80 @@ def _saved(run: Run, sequence: Sequence, out: Path) -> tuple[Path, str]:
 
 def method_config(spec: MethodSpec, arguments: list[str]) -> object:
     """Read a method's own options; `--help` among them prints them and exits."""
-    return tyro.cli(
-        cast(type[object], spec.config), args=arguments, prog=f"asdfviz run --method {spec.name}"
+    return tyro.cli(cast(type[object], spec.config), args=arguments, prog=_prog(spec))
+
+
+def method_apart(arguments: list[str]) -> tuple[list[str], Chosen | None]:
+    """Part a line of `run` into its own arguments and the method with the config that it asks for.
+
+    Options may stand in any order. Only the method knows which of its own take a value, so it reads
+    them first, and what it leaves is the sequence.
+
+    Args:
+        arguments: the line from `run` on.
+
+    Returns:
+        The line without the method's options, and the method; None where the line names none.
+
+    Raises:
+        InputError: there is no such method.
+    """
+    from asdfviz.methods.registry import find_method
+
+    own, others = _own_options(arguments[1:])
+    name = _named_method(own)
+    if name is None:
+        return arguments, None
+    spec = find_method(name)
+    config, unknown = tyro.cli(
+        cast(type[object], spec.config),
+        args=others,
+        prog=_prog(spec),
+        return_unknown_args=True,
     )
+    place = next((i for i, word in enumerate(unknown) if not word.startswith("-")), len(unknown))
+    surplus = unknown[:place] + unknown[place + 1 :]
+    if surplus:
+        method_config(spec, surplus)  # exits, and says which options there are
+    return [arguments[0], *own, *unknown], (spec, config)
 
 
 def print_method_help(arguments: list[str]) -> None:
     """Print the options of the method that the line names, if it names one."""
     from asdfviz.methods.registry import find_method
 
-    named = [value for flag, value in pairwise(arguments) if flag in ("--method", "-m")]
-    if named:
-        method_config(find_method(named[-1]), ["--help"])
+    name = _named_method(_own_options(arguments[1:])[0])
+    if name is not None:
+        method_config(find_method(name), ["--help"])
+
+
+def _own_options(arguments: list[str]) -> tuple[list[str], list[str]]:
+    """The options of `run` itself with their values, and everything else."""
+    own: list[str] = []
+    others: list[str] = []
+    words = iter(arguments)
+    for word in words:
+        if word in OWN_OPTIONS:
+            own += [word, *([value] if (value := next(words, None)) is not None else [])]
+        elif word.partition("=")[0] in OWN_OPTIONS:
+            own.append(word)
+        else:
+            others.append(word)
+    return own, others
+
+
+def _named_method(own: list[str]) -> str | None:
+    """The value of the last --method."""
+    name = None
+    for place, word in enumerate(own):
+        flag, has_value, value = word.partition("=")
+        if flag in ("--method", "-m"):
+            name = value if has_value else next(iter(own[place + 1 :]), None)
+    return name
+
+
+def _prog(spec: MethodSpec) -> str:
+    return f"asdfviz run --method {spec.name}"
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from asdfviz.geometry.shapes import Scores, Vector
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CropAnswer:
-    """Possible rotations, place and outline of one part."""
+    """Possible rotations, place and outline of one part, or of a group's base part."""
 
     camera: CropCamera
     """Of the crop."""
@@ -25,6 +25,8 @@ class CropAnswer:
     """As `CropOutput.place`."""
     outline: Float64[np.ndarray, "s s"]
     """Probability that a cell shows the part."""
+    states: Float64[np.ndarray, "_"]
+    """Of a group the probability of every state, in the order of the network; of a part none."""
 
     def distance(self, diameter: float) -> float:
         """Depth of the part's middle along the crop's axis that `place` says, metres.

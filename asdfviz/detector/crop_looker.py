@@ -15,7 +15,7 @@ from asdfviz.detector.crop_cut import crop_camera, cut
 from asdfviz.detector.crop_weights import load_crop_network
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.geometry.rotation_grid import even_rotations, modes
-from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
+from asdfviz.geometry.shapes import Box, Intrinsics, Rgb, Scores
 
 REACH = 0.5
 """Radius of a peak of the distribution, radians: its surroundings count to it."""
@@ -43,7 +43,7 @@ class CropLooker:
         """
         self._config = config or CropLookerConfig()
         loaded = load_crop_network(weights)
-        self.classes = loaded.classes
+        self.classes, self.states = loaded.classes, loaded.states
         self._number = {name: place for place, name in enumerate(loaded.classes)}
         for module in loaded.network.modules():
             if isinstance(module, Conv):
@@ -51,6 +51,7 @@ class CropLooker:
         self._network = loaded.network.to(self._config.device)
         self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
         self._grid = even_rotations(loaded.network.grid)
+        self._span = loaded.spans
 
     @torch.inference_mode()
     def look(
@@ -79,10 +80,18 @@ class CropLooker:
         probabilities = out.rotations.float().softmax(1).double().cpu().numpy()
         places = out.place.float().double().cpu().numpy()
         outlines = out.outline.float().sigmoid().double().cpu().numpy()
+        logits = out.states.float().double().cpu().numpy()
         answers: dict[str, CropAnswer] = {}
         for i, (name, camera) in enumerate(cameras.items()):
             rotations, weights = modes(
                 probabilities[i], self._grid, count=self._config.count, reach=REACH
             )
-            answers[name] = CropAnswer(camera, rotations, weights, places[i], outlines[i])
+            states = _softmax(logits[i, self._span.get(known[name][0], slice(0))])
+            answers[name] = CropAnswer(camera, rotations, weights, places[i], outlines[i], states)
         return answers
+
+
+def _softmax(logits: Scores) -> Scores:
+    """Probabilities; none of none."""
+    odds = np.exp(logits - logits.max(initial=-np.inf))
+    return odds / max(float(odds.sum()), 1.0)

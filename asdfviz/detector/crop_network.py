@@ -1,4 +1,7 @@
-"""A small network that looks at one part in a crop: rotation, place and visible outline.
+"""A small network that looks at one part, or one joined group, in a crop.
+
+Of a part it tells rotation, place and visible outline; of a group those of its base part, and the
+state.
 
 The rotation is a distribution over an even grid (geometry/rotation_grid.py), because parts without
 texture often look alike from several sides, and a mean of two good answers is a bad one. Which
@@ -33,6 +36,9 @@ class CropOutput:
     the crop's focal length times diameter over depth times side."""
     outline: Float[Tensor, "b i j"]
     """Logits that the part is visible, at a quarter of the resolution."""
+    states: Float[Tensor, "b t"]
+    """Logits of the states of all groups, one group's after another's: only its own ones tell of a
+    crop. None where the network knows no groups (t = 0)."""
 
 
 class Film(nn.Module):
@@ -60,24 +66,27 @@ class CropNetwork(nn.Module):
         widths: tuple[int, ...] = (24, 48, 96, 160, 224),
         hidden: int = 256,
         own: int = 128,
+        states: int = 0,
     ) -> None:
         """Build it with random weights.
 
         Args:
-            classes: part classes.
+            classes: of parts and groups.
             grid: rotations.
             widths: channels at strides 2, 4, 8, 16 and 32.
             hidden: features of the whole crop.
             own: features after each class's own layer.
+            states: of all groups together.
         """
         super().__init__()
-        self.classes, self.grid, self.own = classes, grid, own
+        self.classes, self.grid, self.own, self.states = classes, grid, own, states
         self.shape: dict[str, object] = {
             "classes": classes,
             "grid": grid,
             "widths": list(widths),
             "hidden": hidden,
             "own": own,
+            "states": states,
         }
         a, b, c, d, e = widths
         self.quarter = nn.Sequential(
@@ -95,6 +104,7 @@ class CropNetwork(nn.Module):
         self.own_layer = nn.Linear(hidden, classes * own)
         self.to_grid = nn.Linear(own, grid)
         self.to_place = nn.Linear(own, 3)
+        self.to_states = nn.Linear(own, states) if states else None
         self.lift = nn.ModuleList([nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)])
         self.draw = nn.Sequential(Conv(b, b // 2, 3), nn.Conv2d(b // 2, 1, 1))
 
@@ -110,7 +120,9 @@ class CropNetwork(nn.Module):
         small, middle, large = self.lift
         up = middle(eighth) + _doubled(small(sixteenth))
         outline = self.draw(nn.functional.silu(large(quarter) + _doubled(up)))[:, 0]
-        return CropOutput(self.to_grid(mine), self.to_place(mine), outline)
+        none = mine[:, :0]
+        states = none if self.to_states is None else self.to_states(mine)
+        return CropOutput(self.to_grid(mine), self.to_place(mine), outline, states)
 
 
 def _doubled(x: Tensor) -> Tensor:

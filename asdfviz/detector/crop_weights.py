@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, cast
 
@@ -26,11 +27,33 @@ class LoadedCropNetwork:
 
     network: CropNetwork
     classes: tuple[str, ...]
-    """As `class_name` gives them."""
+    """As `class_name` and `group_name` give them."""
+    states: Mapping[str, tuple[str, ...]]
+    """Of every group its states, in the order of the network's outputs."""
+
+    @property
+    def spans(self) -> dict[str, slice]:
+        """Where each group's states lie among the network's outputs."""
+        ends = accumulate(len(of) for of in self.states.values())
+        pairs = zip(self.states.items(), ends, strict=True)
+        return {name: slice(end - len(of), end) for (name, of), end in pairs}
 
 
-def save_crop_network(network: CropNetwork, path: Path, *, classes: Sequence[str]) -> None:
-    """Write weights with all that is needed to rebuild the network; replaced at once or not at all."""
+def save_crop_network(
+    network: CropNetwork,
+    path: Path,
+    *,
+    classes: Sequence[str],
+    states: Mapping[str, Sequence[str]],
+) -> None:
+    """Write weights with all that is needed to rebuild the network; replaced at once or not at all.
+
+    Args:
+        network: with the weights.
+        path: file to write.
+        classes: names, in order.
+        states: of every group its states, in order.
+    """
     tensors: dict[str, Tensor] = {}
     for name, tensor in network.state_dict().items():
         value = cast(Tensor, tensor)
@@ -39,6 +62,7 @@ def save_crop_network(network: CropNetwork, path: Path, *, classes: Sequence[str
     metadata = {
         "format": FORMAT,
         "classes": json.dumps(list(classes)),
+        "states": json.dumps({name: list(of) for name, of in states.items()}),
         "shape": json.dumps(network.shape),
     }
     temporary = path.with_name(path.name + ".part")
@@ -71,6 +95,8 @@ def load_crop_network(path: Path) -> LoadedCropNetwork:
         )
     try:
         classes = tuple(str(name) for name in json.loads(metadata["classes"]))
+        told: dict[str, list[str]] = json.loads(metadata.get("states", "{}"))
+        states = {name: tuple(str(state) for state in of) for name, of in told.items()}
         network = network_of_shape(json.loads(metadata["shape"]))
         network.load_state_dict({name: value.float() if value.is_floating_point() else value
                                  for name, value in tensors.items()})  # fmt: skip
@@ -78,10 +104,10 @@ def load_crop_network(path: Path) -> LoadedCropNetwork:
         reason = str(error).splitlines()[0] if str(error) else repr(error)
         raise WeightsError(f"'{path}' does not fit a crop network: {reason}") from error
     finite = all(bool(torch.isfinite(v).all()) for v in tensors.values() if v.is_floating_point())
-    if not finite or len(classes) != network.classes:
-        raise WeightsError(f"'{path}' holds numbers that are not finite, or too few class names")
+    if not finite or len(classes) != network.classes or _count(states) != network.states:
+        raise WeightsError(f"'{path}' holds numbers that are not finite, or too few names")
     network.eval()
-    return LoadedCropNetwork(network, classes)
+    return LoadedCropNetwork(network, classes, states)
 
 
 def network_of_shape(shape: dict[str, Any]) -> CropNetwork:
@@ -92,4 +118,9 @@ def network_of_shape(shape: dict[str, Any]) -> CropNetwork:
         widths=tuple(int(w) for w in shape["widths"]),
         hidden=int(shape["hidden"]),
         own=int(shape["own"]),
+        states=int(shape.get("states", 0)),
     )
+
+
+def _count(states: Mapping[str, Sequence[str]]) -> int:
+    return sum(len(of) for of in states.values())

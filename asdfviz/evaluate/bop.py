@@ -1,23 +1,26 @@
 """Average recall of the BOP challenge 2019: VSD, MSSD and MSPD at all their thresholds.
 
-Targets are the parts of which 10 % can be seen; one estimate a part, a missing one fails at every
-threshold. As in bop_toolkit's eval_bop19_pose.py the recall is taken over all targets of the sequence
+Targets are the parts of which 10 % can be seen; a target without an estimate fails at every
+threshold. Twins (`asdfviz.evaluate.twins`) are instances of one object, as there: of its estimates in
+a frame the surest ones count, as many as there are targets, and at every threshold each of them, the
+surest first, passes the free target that it is nearest to, if it is near enough. As in bop_toolkit's eval_bop19_pose.py the recall is taken over all targets of the sequence
 together, so the mean is not that of the parts where they are seen unequally often. Shares in percent.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from asdfviz.datatypes import Assembly, Camera, FrameTruth, Mesh
+from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Mesh, PoseEstimate
 from asdfviz.evaluate.bop_errors import BopModel, bop_model, mspd, mssd, vsd
 from asdfviz.evaluate.protocols import VISIBLE, Figures
 from asdfviz.evaluate.records import PoseRecord
+from asdfviz.evaluate.twins import twin_groups
 from asdfviz.geometry.shapes import Depth, Ids, Intrinsics, Transform
 
 SHARES = np.arange(0.05, 0.51, 0.05)
@@ -76,6 +79,7 @@ class BopRecall:
 
 def bop_recall(
     records: Iterable[PoseRecord],
+    predictions: Mapping[int, FramePrediction],
     truth: Iterable[FrameTruth],
     assembly: Assembly,
     *,
@@ -85,7 +89,8 @@ def bop_recall(
     """Judge every target.
 
     Args:
-        records: truth and estimate of every part in every frame that counts.
+        records: truth of every part in every frame that counts.
+        predictions: what the run says, by frame number.
         truth: the same frames, to render the scene where its depth was not measured.
         assembly: its parts.
         views: camera and depth of a frame.
@@ -97,10 +102,12 @@ def bop_recall(
         if record.visible >= VISIBLE:
             by_frame.setdefault(record.frame_index, []).append(record)
     models = {name: bop_model(part) for name, part in assembly.parts.items()}
+    groups = twin_groups(assembly)
     judged: list[BopRecord] = []
     measured = rendered = 0
     for index, targets in by_frame.items():
-        if all(target.T_camera_estimate is None for target in targets):
+        rivals = _rivals(targets, predictions.get(index), groups)
+        if not any(estimates for _, estimates in rivals):
             judged += [_failed(target.part) for target in targets]
             continue
         view = views(index)
@@ -111,31 +118,82 @@ def bop_recall(
         else:
             rendered += 1
             depth = _scene_depth(frames[index], assembly, view.camera, drawer)
-        judged += [_judge(t, models[t.part], view.camera, depth, drawer) for t in targets]
+        for own, estimates in rivals:
+            judged += _judge(own, estimates, models[own[0].part], view.camera, depth, drawer)
     parts = {name: _average([r for r in judged if r.part == name]) for name in assembly.parts}
     return BopRecall(parts, _average(judged), measured, rendered)
 
 
+def _rivals(
+    targets: Sequence[PoseRecord],
+    prediction: FramePrediction | None,
+    groups: Sequence[Sequence[str]],
+) -> list[tuple[list[PoseRecord], list[PoseEstimate]]]:
+    """The targets of each object with its estimates, the surest first and no more than targets."""
+    poses: Mapping[str, PoseEstimate] = {} if prediction is None else prediction.poses
+    found: list[tuple[list[PoseRecord], list[PoseEstimate]]] = []
+    for names in groups:
+        own = [target for target in targets if target.part in names]
+        estimates = sorted((poses[n] for n in names if n in poses), key=lambda pose: -pose.score)
+        if own:
+            found.append((own, estimates[: len(own)]))
+    return found
+
+
 def _judge(
-    target: PoseRecord, model: BopModel, camera: Camera, depth: Depth, drawer: DepthDrawer
-) -> BopRecord:
-    T_camera_estimate, T_camera_truth = target.T_camera_estimate, target.T_camera_truth
-    if T_camera_estimate is None:
-        return _failed(target.part)
-    mesh, K = model.part.mesh, camera.K
-    depth_estimate, depth_truth = (
-        drawer.depth_and_ids([mesh], [T], K)[0] for T in (T_camera_estimate, T_camera_truth)
+    targets: Sequence[PoseRecord],
+    estimates: Sequence[PoseEstimate],
+    model: BopModel,
+    camera: Camera,
+    depth: Depth,
+    drawer: DepthDrawer,
+) -> list[BopRecord]:
+    """The targets of one object in one frame."""
+    if not estimates:
+        return [_failed(target.part) for target in targets]
+    mesh, K, diameter = model.part.mesh, camera.K, model.part.diameter
+    Ts_truth = [target.T_camera_truth for target in targets]
+    Ts_estimate = [estimate.T_camera_part for estimate in estimates]
+    drawn_truth, drawn_estimate = (
+        [drawer.depth_and_ids([mesh], [T], K)[0] for T in Ts] for Ts in (Ts_truth, Ts_estimate)
     )
-    diameter = model.part.diameter
-    seen = vsd(depth_estimate, depth_truth, depth, K, diameter=diameter, taus=SHARES)
-    in_space = mssd(T_camera_estimate, T_camera_truth, model) / diameter
-    in_picture = mspd(T_camera_estimate, T_camera_truth, model, K=K)
-    return BopRecord(
-        part=target.part,
-        vsd=seen[:, None] < SHARES[None, :],
-        mssd=in_space < SHARES,
-        mspd=in_picture * _BOP_WIDTH / camera.width < PIXELS,
-    )
+    seen = [
+        [vsd(e, t, depth, K, diameter=diameter, taus=SHARES) for t in drawn_truth]
+        for e in drawn_estimate
+    ]
+    in_space = [[mssd(e, t, model) / diameter for t in Ts_truth] for e in Ts_estimate]
+    in_picture = [
+        [mspd(e, t, model, K=K) * _BOP_WIDTH / camera.width for t in Ts_truth] for e in Ts_estimate
+    ]
+    by_tau = np.moveaxis(np.array(seen), 2, 0)
+    vsd_passed = np.array([passed(errors, SHARES) for errors in by_tau])
+    mssd_passed = passed(np.array(in_space), SHARES)
+    mspd_passed = passed(np.array(in_picture), PIXELS)
+    return [
+        BopRecord(target.part, vsd_passed[:, i], mssd_passed[i], mspd_passed[i])
+        for i, target in enumerate(targets)
+    ]
+
+
+def passed(
+    errors: Float64[np.ndarray, "estimates targets"], thresholds: Float64[np.ndarray, "thresholds"]
+) -> Bool[np.ndarray, "targets thresholds"]:
+    """Which targets are found at which threshold: bop_toolkit's greedy matching, score by score.
+
+    Args:
+        errors: of every estimate, the surest first, against every target.
+        thresholds: an error must be smaller.
+    """
+    found = np.zeros((errors.shape[1], len(thresholds)), dtype=bool)
+    for place, threshold in enumerate(thresholds):
+        free = np.ones(errors.shape[1], dtype=bool)
+        for row in errors:
+            open_errors = np.where(free, row, np.inf)
+            nearest = int(open_errors.argmin())
+            if open_errors[nearest] < threshold:
+                free[nearest] = False
+        found[:, place] = ~free
+    return found
 
 
 def _failed(part: str) -> BopRecord:

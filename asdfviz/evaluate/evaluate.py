@@ -144,6 +144,7 @@ def _add_bop(report: dict[str, Any], judgement: Judgement, views: Views) -> None
     try:
         found = bop_recall(
             judgement.comparison.records,
+            judgement.predictions,
             judgement.frames,
             judgement.assembly,
             views=views,

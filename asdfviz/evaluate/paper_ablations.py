@@ -98,10 +98,14 @@ def refinement_table(judged: Sequence[JudgedVariant], *, layout: Layout = "markd
 
 
 def plain_table(
-    judged: Sequence[JudgedVariant], *, poses: bool, layout: Layout = "markdown"
+    judged: Sequence[JudgedVariant],
+    *,
+    poses: bool = True,
+    states: bool = True,
+    layout: Layout = "markdown",
 ) -> str:
-    """Our own ablations, which the paper has no figures for: `group` and `states` with poses, `fusion` without."""
-    columns = (*POSE_COLUMNS, *STATE_COLUMNS, *TIME_COLUMNS) if poses else STATE_COLUMNS
+    """Our own ablations, which the paper has no figures for, with the columns that they are about."""
+    columns = POSE_COLUMNS * poses + STATE_COLUMNS * states + TIME_COLUMNS * poses
     rows = [
         [title, str(len(variants)), *_ours(variants, columns)]
         for title, variants in _by_title(judged).items()

@@ -34,6 +34,9 @@ DIAMETER_SHARE = 0.1
 GBOT_MAX_E_T = 1.0
 """Metres: the authors leave larger translation errors out of their mean."""
 
+TWINS = "_twins"
+"""After a figure's name: with the poses of twins exchanged."""
+
 _SHARES_OF_ADD = ("add_s_10cm", "add_s_01d", "auc_add_s_10cm", "auc_add_s_2cm")
 _UNSYMMETRIC = ("e_r_deg", "e_r_deg_median", "e_r_deg_p90")
 MEAN_FIGURES = (
@@ -79,20 +82,28 @@ def pose_figures(
     comparison: Comparison, assembly: Assembly, protocol: ProtocolName
 ) -> tuple[dict[str, Figures], Figures]:
     """Return the figures of every part, and their mean over parts."""
-    by_part: dict[str, list[PoseRecord]] = {name: [] for name in assembly.parts}
-    for record in comparison.records:
-        by_part[record.part].append(record)
+    by_part = _by_part(comparison.records, assembly)
     part_figures = _gbot_figures if protocol == "gbot" else _strict_figures
     parts: dict[str, Figures] = {}
     for name, part in assembly.parts.items():
         parts[name] = part_figures(by_part[name], part)
         parts[name]["detection_recall"] = _detection_recall(by_part[name])
         parts[name]["false_positives"] = len(comparison.false_positives.get(name, ()))
-    if protocol != "gbot":
-        return parts, {
-            key: mean(figures[key] for figures in parts.values()) for key in MEAN_FIGURES
-        }
-    return parts, _gbot_mean(parts, by_part, assembly)
+    if protocol == "gbot":
+        return parts, _gbot_mean(parts, by_part, assembly)
+    for name, records in _by_part(comparison.exchanged, assembly).items():
+        figures = _strict_figures(records, assembly.parts[name])
+        figures["detection_recall"] = _detection_recall(records)
+        parts[name] |= {f"{key}{TWINS}": figures[key] for key in MEAN_FIGURES}
+    keys = (*MEAN_FIGURES, *(f"{key}{TWINS}" for key in MEAN_FIGURES))
+    return parts, {key: mean(figures[key] for figures in parts.values()) for key in keys}
+
+
+def _by_part(records: Iterable[PoseRecord], assembly: Assembly) -> dict[str, list[PoseRecord]]:
+    by_part: dict[str, list[PoseRecord]] = {name: [] for name in assembly.parts}
+    for record in records:
+        by_part[record.part].append(record)
+    return by_part
 
 
 def gbot_evaluated_parts(assembly: Assembly) -> tuple[str, ...]:

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, PoseEstimate, Run
 from asdfviz.errors import RunError
-from asdfviz.evaluate.pose_errors import PoseError, error_model, pose_error
+from asdfviz.evaluate.pose_errors import ErrorModel, PoseError, error_model, pose_error
+from asdfviz.evaluate.twins import exchanged, twin_groups
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import is_rigid
 
@@ -38,6 +39,8 @@ class Comparison:
     records: tuple[PoseRecord, ...]
     false_positives: Mapping[str, tuple[int, ...]]
     """Frame numbers in which the part has a pose though the truth does not know it there."""
+    exchanged: tuple[PoseRecord, ...]
+    """As `records`, with the poses of twins given to whichever of them they fit."""
 
 
 def predictions_by_frame(run: Run, assembly: Assembly) -> dict[int, FramePrediction]:
@@ -86,30 +89,48 @@ def compare_poses(
         visible: visible share by frame number and part, for every part of the truth.
     """
     models = {name: error_model(part) for name, part in assembly.parts.items()}
+    groups = [names for names in twin_groups(assembly) if len(names) > 1]
     records: list[PoseRecord] = []
+    after: list[PoseRecord] = []
     extra: dict[str, list[int]] = {name: [] for name in assembly.parts}
     for frame in truth:
         prediction = predictions.get(frame.frame_index)
         poses: Mapping[str, PoseEstimate] = {} if prediction is None else prediction.poses
+        given = dict(poses)
+        for names in groups:
+            given = {name: pose for name, pose in given.items() if name not in names}
+            given |= exchanged(poses, frame.T_camera_part, names, models[names[0]])
         for name, model in models.items():
-            T_camera_truth = frame.T_camera_part.get(name)
-            pose = poses.get(name)
+            T_camera_truth, pose = frame.T_camera_part.get(name), poses.get(name)
             if T_camera_truth is None:
                 # A frame whose state alone is known says nothing about which parts are there.
                 if pose is not None and frame.T_camera_part:
                     extra[name].append(frame.frame_index)
                 continue
-            error = None if pose is None else pose_error(pose.T_camera_part, T_camera_truth, model)
             share = visible[frame.frame_index][name]
-            records.append(
-                PoseRecord(
-                    frame_index=frame.frame_index,
-                    part=name,
-                    visible=share,
-                    error=error,
-                    T_camera_truth=T_camera_truth,
-                    T_camera_estimate=None if pose is None else pose.T_camera_part,
-                    score=None if pose is None else pose.score,
-                )
-            )
-    return Comparison(tuple(records), {name: tuple(found) for name, found in extra.items()})
+            where = (frame.frame_index, name, share)
+            record = _record(where, pose, T_camera_truth, model)
+            records.append(record)
+            if given.get(name) is not pose:
+                record = _record(where, given.get(name), T_camera_truth, model)
+            after.append(record)
+    false_positives = {name: tuple(found) for name, found in extra.items()}
+    return Comparison(tuple(records), false_positives, tuple(after))
+
+
+def _record(
+    where: tuple[int, str, float],
+    pose: PoseEstimate | None,
+    T_camera_truth: Transform,
+    model: ErrorModel,
+) -> PoseRecord:
+    frame_index, name, visible = where
+    return PoseRecord(
+        frame_index=frame_index,
+        part=name,
+        visible=visible,
+        error=None if pose is None else pose_error(pose.T_camera_part, T_camera_truth, model),
+        T_camera_truth=T_camera_truth,
+        T_camera_estimate=None if pose is None else pose.T_camera_part,
+        score=None if pose is None else pose.score,
+    )

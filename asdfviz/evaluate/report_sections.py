@@ -25,7 +25,14 @@ from asdfviz.evaluate.report_charts import (
 from asdfviz.evaluate.report_pictures import Shot
 from asdfviz.evaluate.report_runs import JudgedRun
 from asdfviz.evaluate.report_style import DASHES, STYLE, escape
-from asdfviz.evaluate.report_tables import PAPER, POSES, STATES, Row, parts_table, runs_table
+from asdfviz.evaluate.report_tables import (
+    PAPER,
+    STATES,
+    Row,
+    parts_table,
+    pose_columns,
+    runs_table,
+)
 from asdfviz.evaluate.summary import summaries
 
 _ADD_LIMIT_MM = 100.0
@@ -68,7 +75,7 @@ def _tables(runs: Sequence[JudgedRun]) -> str:
     return (
         '<div class="card"><h3>Poses, strict</h3><p>Every part of which 10 % can be seen counts; a '
         "missing pose is a miss. Means over parts; errors over the poses found.</p>"
-        f"{runs_table(strict, POSES)}{_means(runs, 'strict') if several else ''}</div>"
+        f"{runs_table(strict, pose_columns(r.strict for r in runs))}{_means(runs, 'strict') if several else ''}</div>"
         '<div class="card"><h3>States and time</h3><p>A delay below 0 is early. ECE says how far the '
         f"run's confidence is from its accuracy.</p>{runs_table(strict, STATES)}</div>"
         '<div class="card"><h3>By the authors\' rules (gbot)</h3><p>Only the poses handed in count, '
@@ -81,7 +88,7 @@ def _tables(runs: Sequence[JudgedRun]) -> str:
 def _means(runs: Sequence[JudgedRun], protocol: str) -> str:
     """The means over sequences of each method, plain and weighted by frames."""
     reports = [{**getattr(run, protocol), "method": run.name} for run in runs]
-    columns = POSES if protocol == "strict" else PAPER
+    columns = pose_columns(reports) if protocol == "strict" else PAPER
     rows = [
         Row(
             entry["method"],

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from asdfviz.evaluate.protocols import TWINS
 from asdfviz.evaluate.report_style import escape, part_color
 from asdfviz.evaluate.tables import UNDEFINED
 
@@ -37,6 +38,11 @@ POSES = (
     Column("mean", "detection_recall", "found", "%"),
     Column("mean", "score_auc", "score AUC", "%"),
 )
+TWIN_POSES = (
+    Column("mean", f"add_s_10cm{TWINS}", "twins exch.", "&lt; 10 cm, %"),
+    Column("mean", f"add_s_01d{TWINS}", "twins exch.", "&lt; 0.1 d, %"),
+)
+"""Where a pose may lie on either of two identical parts; only shown where that changes a figure."""
 STATES = (
     Column("state", "accuracy", "accuracy", "%"),
     Column("state", "accuracy_tol2", "± 2 frames", "%"),
@@ -72,6 +78,16 @@ class Row:
     group: str
     """Runs of one group are compared: the best figure of each column stands out."""
     report: Mapping[str, Any]
+
+
+def pose_columns(reports: Iterable[Mapping[str, Any]]) -> tuple[Column, ...]:
+    """The columns of poses under the strict rules, by reports or means."""
+    has_twins = any(
+        report["mean"].get(c.key) != report["mean"].get(c.key.removesuffix(TWINS))
+        for report in reports
+        for c in TWIN_POSES
+    )
+    return (*POSES, *TWIN_POSES) if has_twins else POSES
 
 
 def runs_table(rows: Sequence[Row], columns: Sequence[Column]) -> str:

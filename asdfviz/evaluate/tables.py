@@ -9,6 +9,8 @@ import html
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from asdfviz.evaluate.protocols import TWINS
+
 UNDEFINED = "-"
 
 # Heading and key of the report.
@@ -26,6 +28,12 @@ POSE_COLUMNS = (
     ("sym. p90", "e_r_sym_deg_p90"),
     ("found [%]", "detection_recall"),
 )
+TWIN_COLUMNS = (
+    ("ADD(S) < 10 cm, twins [%]", f"add_s_10cm{TWINS}"),
+    ("ADD(S) < 0.1 d, twins [%]", f"add_s_01d{TWINS}"),
+    ("e_t median, twins [mm]", f"e_t_mm_median{TWINS}"),
+)
+"""With the poses of twins exchanged; only shown where that changes a figure."""
 STATE_COLUMNS = (
     ("state [%]", "accuracy"),
     ("± 2 frames", "accuracy_tol2"),
@@ -40,15 +48,16 @@ STATE_COLUMNS = (
 
 def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
     """One row a result: means over parts, state and time; then what was warned about."""
+    poses = pose_columns([result["mean"] for result in results])
     headings = ["Method", "Sequence", "Protocol", "Frames"]
-    headings += [title for title, _ in (*POSE_COLUMNS, *STATE_COLUMNS)]
+    headings += [title for title, _ in (*poses, *STATE_COLUMNS)]
     rows = [
         [
             escaped(str(result["method"])),
             escaped(str(result["sequence"])),
             escaped(str(result["protocol"])),
             str(result["n_frames"]),
-            *(number(result["mean"].get(key)) for _, key in POSE_COLUMNS),
+            *(number(result["mean"].get(key)) for _, key in poses),
             *(number(result["state"].get(key)) for _, key in STATE_COLUMNS),
             number(result["runtime_ms"].get("total_median")),
         ]
@@ -65,8 +74,9 @@ def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
 
 def means_table(means: Sequence[Mapping[str, Any]]) -> str:
     """Two rows a method (and one assembly of it): the plain and the frame-weighted mean over runs."""
+    poses = pose_columns([entry["plain"]["mean"] for entry in means])
     headings = ["Method", "Assembly", "Mean", "Runs", "Frames"]
-    headings += [title for title, _ in (*POSE_COLUMNS, *STATE_COLUMNS)]
+    headings += [title for title, _ in (*poses, *STATE_COLUMNS)]
     rows = [
         [
             escaped(str(entry["method"])),
@@ -74,7 +84,7 @@ def means_table(means: Sequence[Mapping[str, Any]]) -> str:
             title,
             str(entry["n_runs"]),
             str(entry["n_frames"]),
-            *(number(entry[kind]["mean"].get(key)) for _, key in POSE_COLUMNS),
+            *(number(entry[kind]["mean"].get(key)) for _, key in poses),
             *(number(entry[kind]["state"].get(key)) for _, key in STATE_COLUMNS),
         ]
         for entry in means
@@ -85,18 +95,30 @@ def means_table(means: Sequence[Mapping[str, Any]]) -> str:
 
 def parts_table(result: Mapping[str, Any]) -> str:
     """One row a part of one result, and the mean as the last row."""
-    headings = ["Part", "Visible", "Poses", "Extra", *(title for title, _ in POSE_COLUMNS)]
+    poses = pose_columns([result["mean"]])
+    headings = ["Part", "Visible", "Poses", "Extra", *(title for title, _ in poses)]
     counts = ("n_visible", "n_poses", "false_positives")
     rows = [
         [
             escaped(str(name)),
             *(str(figures[key]) for key in counts),
-            *(number(figures.get(key)) for _, key in POSE_COLUMNS),
+            *(number(figures.get(key)) for _, key in poses),
         ]
         for name, figures in result["parts"].items()
     ]
-    means = [number(result["mean"].get(key)) for _, key in POSE_COLUMNS]
+    means = [number(result["mean"].get(key)) for _, key in poses]
     return _table(headings, [*rows, ["**mean**", "", "", "", *means]], texts=1)
+
+
+def pose_columns(means: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, str], ...]:
+    """The columns of poses, those of twins among them where they differ from the plain ones."""
+    has_twins = any(
+        figures.get(key) != figures.get(key.removesuffix(TWINS))
+        for figures in means
+        for _, key in TWIN_COLUMNS
+        if key in figures
+    )
+    return (*POSE_COLUMNS, *TWIN_COLUMNS) if has_twins else POSE_COLUMNS
 
 
 def number(value: float | int | None) -> str:

@@ -1,4 +1,4 @@
-"""Points spread over a surface: farthest-point keypoints and the diameter."""
+"""Points spread over a surface or a sphere: keypoints, samples, the diameter, directions."""
 
 from __future__ import annotations
 
@@ -20,6 +20,19 @@ def farthest_points(points: Points, count: int) -> Float64[np.ndarray, "m 3"]:
         chosen.append(int(nearest.argmax()))
         nearest = np.minimum(nearest, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return points[chosen]
+
+
+def even_directions(count: int) -> Float64[np.ndarray, "m 3"]:
+    """Unit vectors spread evenly over the sphere: a spiral of golden angles."""
+    place = np.arange(count) + 0.5
+    polar, azimuth = np.arccos(1 - 2 * place / count), np.pi * (1 + 5**0.5) * place
+    ring = np.sin(polar)
+    return np.stack([np.cos(azimuth) * ring, np.sin(azimuth) * ring, np.cos(polar)], axis=1)
+
+
+def hull_corners(vertices: Points, count: int = 512) -> Float64[np.ndarray, "corners 3"]:
+    """The vertices that lie farthest out in so many even directions: enough for a part's extent."""
+    return vertices[np.unique((vertices @ even_directions(count).T).argmax(axis=0))]
 
 
 def surface_points(

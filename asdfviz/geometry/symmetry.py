@@ -62,9 +62,11 @@ def nearest_symmetric(
 
     Exact for one continuous axis: its best turn is solved for, not searched.
     """
+    if not symmetries.is_symmetric:
+        return T_camera_part
     best, best_angle = T_camera_part, np.inf
-    for S in (np.eye(4), *symmetries.discrete):
-        candidate = T_camera_part @ S
+    for S in (None, *symmetries.discrete):
+        candidate = T_camera_part if S is None else T_camera_part @ S
         for axis in symmetries.continuous:
             candidate = candidate @ _turn_about(axis, _best_turn(candidate, T_reference, axis))
         angle = rotation_angle(candidate[:3, :3].T @ T_reference[:3, :3])

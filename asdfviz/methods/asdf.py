@@ -2,7 +2,8 @@
 
 Schieber et al., "ASDF: Assembly State Detection Utilizing Late Fusion by Integrating 6D Pose
 Estimation", ISMAR 2024. `Asdf.step` reads like the figure of the paper. With crop weights, first
-poses come from crops instead of keypoints; `--first-pose keypoints` is the paper to the letter.
+poses come from crops instead of keypoints, and so does the state by its looks where that network
+knows the states; `--first-pose keypoints` is the paper to the letter.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from asdfviz.datatypes import (
     PoseEstimate,
 )
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box
+from asdfviz.geometry.shapes import Box, Scores
 from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.first_pose import (
     CropPoseConfig,
@@ -42,13 +43,14 @@ from asdfviz.methods.part_poses import (
 )
 from asdfviz.methods.rivals import RivalsConfig, settled_poses
 from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.state_looks import StateLooks, StateLooksFrom
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.box_fit import BoxFitConfig
 from asdfviz.pose.hypotheses import Settled
 from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import ROBUST_PNP, PnpConfig
 from asdfviz.pose.translation import TranslationConfig
-from asdfviz.state.appearance import AppearanceConfig, appearance_probabilities
+from asdfviz.state.appearance import AppearanceConfig
 from asdfviz.state.fusion import FusionConfig, Pose2State
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
 
@@ -77,6 +79,11 @@ class AsdfConfig:
     """Refinement "icp"."""
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     """Further boxes of a part whose best one depth rules out."""
+    state_looks: StateLooksFrom | None = None
+    """What tells the state by its looks: boxes (the paper: states as classes of the detector) or
+    crops (the crop network, looking about the base part). Default: crops where first poses come
+    from crops and their network knows the assembly's states, unless the detector is the
+    assembly's own, whose state boxes are about as good."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """S_DL: from state boxes to probabilities."""
     relative_pose: RelativePoseConfig = field(default_factory=RelativePoseConfig)
@@ -97,6 +104,7 @@ class _Scene:
     pose2state: Pose2State
     crop_poses: CropPoses | None
     """None: first poses come from keypoints."""
+    looks: StateLooks
     group: GroupPoses
 
 
@@ -124,6 +132,8 @@ class Asdf:
         self._boxes: dict[str, Box] = {}
         self.candidates: dict[str, list[Settled]] = {}
         """First poses of the last frame with their runners-up; none where keypoints give them."""
+        self.looks: Scores | None = None
+        """S_DL of the last frame, None where nothing spoke."""
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the networks, sample the parts' surfaces and forget the sequence before.
@@ -134,13 +144,20 @@ class Asdf:
         config = self._config
         self._boxes, self._before = {}, {}
         shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
+        first = crop_poses(config.first_pose, config.crops, assembly, looker=self._given_looker)
         self._scene = _Scene(
             assembly=assembly,
             detector=self._given_detector or load_detector(config.detector, assembly),
             shapes=shapes,
             pose2state=Pose2State(assembly, config=config.fusion),
-            crop_poses=crop_poses(
-                config.first_pose, config.crops, assembly, looker=self._given_looker
+            crop_poses=first,
+            looks=StateLooks.of(
+                assembly,
+                config=config.appearance,
+                chosen=config.state_looks,
+                detector=config.detector,
+                crops=config.crops,
+                crop_poses=first,
             ),
             group=GroupPoses(assembly, shapes, config=config.group),
         )
@@ -153,6 +170,22 @@ class Asdf:
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
         config, scene, timed = self._config, self._started(), StageTimer()
+        proposed = self._propose(frame, timed)
+        poses = proposed.poses
+        with timed("state"):
+            places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
+            state = scene.pose2state.step(self.looks, places)
+        if config.group.enabled:
+            with timed("group"):
+                poses = scene.group.step(poses, state, frame)
+        return FramePrediction(frame.index, poses, state, proposed.detections, timed.seconds)
+
+    def propose(self, frame: Frame) -> FramePrediction:
+        """Poses of the next frame and `looks`, no state: for methods that find that otherwise."""
+        return self._propose(frame, StageTimer())
+
+    def _propose(self, frame: Frame, timed: StageTimer) -> FramePrediction:
+        config, scene = self._config, self._started()
         assembly, shapes = scene.assembly, scene.shapes
         self.candidates = {}
         with timed("detect"):
@@ -175,13 +208,8 @@ class Asdf:
             self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
             self._before = poses
         with timed("state"):
-            looks = appearance_probabilities(detections, assembly, config=config.appearance)
-            places = relative_pose_probabilities(poses, assembly, config=config.relative_pose)
-            state = scene.pose2state.step(looks, places)
-        if config.group.enabled:
-            with timed("group"):
-                poses = scene.group.step(poses, state, frame)
-        return FramePrediction(frame.index, poses, state, detections, timed.seconds)
+            self.looks = scene.looks.probabilities(detections, poses, frame)
+        return FramePrediction(frame.index, poses, None, detections, timed.seconds)
 
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
         config, scene = self._config, self._started()

@@ -132,11 +132,11 @@ class AsdfPlus:
         if self._scene is None:
             raise MethodError("asdf_plus: reset() must come before step()")
         config, scene, timed = self._config, self._scene, StageTimer()
-        proposed = self._asdf.step(frame)
+        proposed = self._asdf.propose(frame)
         with timed("register"):
             poses = self._followed(proposed, frame, scene)
         with timed("follow"):
-            looks = None if proposed.state is None else proposed.state.terms.get("appearance")
+            looks = self._asdf.looks
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
             first = proposed.poses.get(scene.assembly.base)
             seen = scene.fits.step(poses, scene.states.belief, frame, first=first)
@@ -159,7 +159,7 @@ class AsdfPlus:
             decision = hypotheses.step(self._proposals(name, own), frame, box_xyxy=box)
             if decision is None:
                 continue
-            score = found[name].score if name in found else 0.0
+            score = found[name].score if name in found else None
             sure = pose_confidence(decision, score, config=self._config.confidence)
             stage = own.stage if frame.depth is None and own is not None else "refined"
             poses[name] = PoseEstimate(name, decision.best.T_camera_part, sure, stage)
@@ -178,12 +178,12 @@ class AsdfPlus:
         ]
 
 
-def pose_confidence(decision: Decision, score: float, *, config: ConfidenceConfig) -> float:
+def pose_confidence(decision: Decision, score: float | None, *, config: ConfidenceConfig) -> float:
     """Probability that a decided pose is right.
 
     Args:
         decision: the pose and what speaks for it.
-        score: of the detected box, 0 without.
+        score: of the detected box, None without.
         config: weights.
     """
     best = decision.best
@@ -191,7 +191,6 @@ def pose_confidence(decision: Decision, score: float, *, config: ConfidenceConfi
         trust=best.trust,
         lead=decision.lead,
         agreeing=best.evidence.agreeing,
-        visible=best.evidence.visible,
         outline=best.evidence.outline,
         detection=score,
         config=config,

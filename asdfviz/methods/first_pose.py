@@ -18,11 +18,11 @@ from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
 from asdfviz.detector.crop_answer import CropAnswer
 from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError, WeightsError
-from asdfviz.geometry.rotation_grid import rotation_of
-from asdfviz.geometry.sampling import oriented_surface_points, surface_middle
+from asdfviz.geometry.rotation_grid import rotations_of
+from asdfviz.geometry.sampling import hull_corners, oriented_surface_points, surface_middle
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Rgb, Transform
 from asdfviz.methods.network import shipped_weights
-from asdfviz.pose.box_fit import hull_corners, is_cut_off
+from asdfviz.pose.box_fit import is_cut_off
 from asdfviz.pose.hypotheses import (
     Candidate,
     HypothesisConfig,
@@ -53,7 +53,12 @@ class LooksAtParts(Protocol):
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """The part classes that it knows."""
+        """The classes that it knows, of parts and groups."""
+        ...
+
+    @property
+    def states(self) -> Mapping[str, tuple[str, ...]]:
+        """Of every group that it knows, the states that it tells apart."""
         ...
 
     def look(
@@ -202,8 +207,8 @@ class CropPoses:
         if is_cut_off(box_xyxy, (frame.camera.width, frame.camera.height), BORDER_PX):
             guess = answer.distance(self.assembly.parts[name].diameter)
         candidates: list[Candidate] = []
-        for quaternion, probability in zip(answer.rotations, answer.probabilities, strict=True):
-            R_crop_part = rotation_of(quaternion)
+        turns = rotations_of(answer.rotations)
+        for R_crop_part, probability in zip(turns, answer.probabilities, strict=True):
             distance = guess
             if guess is not None:
                 distance = guess - float((self.middles[name] @ R_crop_part.T)[0, 2])

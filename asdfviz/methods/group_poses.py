@@ -115,7 +115,8 @@ class GroupPoses:
             if own is None or fit > self._least_to_replace(
                 name, own, T_camera_base, named, frame, certain
             ):
-                score = trust * certain * fit
+                # A root, since the three say much the same; no surer than what places it.
+                score = trust * math.sqrt(certain * fit)
                 result[name] = PoseEstimate(name, placed, score, "group")
         return result
 

@@ -60,6 +60,12 @@ def shipped_weights(assembly: Assembly, name: str) -> Path:
     return joint if joint.is_file() and not own.is_file() else own
 
 
+def has_own_detector(config: NetworkConfig, assembly: Assembly) -> bool:
+    """Whether the network is this assembly's alone: its weights lie in the assembly's folder."""
+    path = weights_path(config, assembly)
+    return path.is_file() and path.parent == Path(assembly.path).resolve().parent
+
+
 def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
     """Load the network for an assembly.
 

@@ -18,7 +18,7 @@ import numpy as np
 from asdfviz.datatypes import Frame, Part
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
-from asdfviz.geometry.transforms import apply, rotation_angle
+from asdfviz.geometry.transforms import rotation_angle
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import (
     Evidence,
@@ -106,7 +106,7 @@ class PartHypotheses:
     ) -> None:
         self._part, self._shape = part, shape
         self._config, self._registration = config, registration
-        self._middle = shape.surface.mean(axis=0)[None]
+        self._middle = np.append(shape.surface.mean(axis=0), 1.0)
         self._kept: list[Hypothesis] = []
         self._box: Box | None = None
 
@@ -238,7 +238,7 @@ class PartHypotheses:
             return None
         K = frame.camera.K
         moved = T_camera_part.copy()
-        depth = float(apply(T_camera_part, self._middle)[0, 2])
+        depth = float(T_camera_part[2] @ self._middle)
         moved[:2, 3] += depth * shift_px / np.array([K[0, 0], K[1, 1]])
         return moved
 
@@ -282,8 +282,8 @@ class PartHypotheses:
         return Decision(best, best.trust - behind)
 
     def _is_same(self, T_a: Transform, T_b: Transform) -> bool:
-        apart = apply(T_a, self._middle) - apply(T_b, self._middle)
-        if np.linalg.norm(apart) > self._config.same_distance * self._part.diameter:
+        apart = (T_a - T_b)[:3] @ self._middle
+        if math.sqrt(apart @ apart) > self._config.same_distance * self._part.diameter:
             return False
         T_near = nearest_symmetric(T_a, T_b, self._part.symmetries)
         angle = rotation_angle(T_near[:3, :3].T @ T_b[:3, :3])

@@ -11,8 +11,8 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
 from asdfviz.errors import WeightsError
-from asdfviz.geometry.sampling import oriented_surface_points
-from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box, hull_corners
+from asdfviz.geometry.sampling import hull_corners, oriented_surface_points
+from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box
 from asdfviz.pose.icp import IcpConfig, ModelCloud, register
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
 from asdfviz.pose.translation import TranslationConfig, refine_translation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 from asdfviz.datatypes import Assembly
 from asdfviz.methods.asdf import AsdfConfig
@@ -14,6 +14,7 @@ from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.part_poses import PAPER_ICP
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
+from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
 
 
@@ -67,6 +68,26 @@ def refinement_variants(assembly: Assembly) -> list[Variant]:
         Variant("asdf_plus", "asdf_plus", AsdfPlusConfig()),
     ]
     return _with_first_poses(rows, assembly)
+
+
+def weighting_variants(assembly: Assembly) -> list[Variant]:
+    """Every weight function W(d) of section 3.1.1: in the steps that are the default, and in one."""
+    base = Yolov8PoseConfig(refinement="translation")
+    several = [
+        Variant(kind, "yolov8pose", replace(base, translation=TranslationConfig(weights=kind)))
+        for kind in get_args(Weighting)
+    ]
+    single = [
+        replace(
+            row,
+            title=f"{row.title}, one step",
+            config=replace(
+                base, translation=replace(row.config.translation, coarse=False, steps=1)
+            ),
+        )
+        for row in several
+    ]
+    return _with_first_poses([*several, *single], assembly)
 
 
 def group_variants(assembly: Assembly) -> list[Variant]:

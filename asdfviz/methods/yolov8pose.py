@@ -29,11 +29,12 @@ from asdfviz.methods.part_poses import (
     poses_refined_by_depth,
 )
 from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.state_looks import StateLooks, StateLooksFrom
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import PnpConfig
 from asdfviz.pose.translation import TranslationConfig
-from asdfviz.state.appearance import AppearanceConfig, appearance_probabilities
+from asdfviz.state.appearance import AppearanceConfig
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,11 @@ class Yolov8PoseConfig:
     """Refinement "translation", section 3.1.1."""
     icp: IcpConfig = PAPER_ICP
     """Refinement "icp"."""
+    state_looks: StateLooksFrom | None = None
+    """What tells the state by its looks: boxes (the paper: states as classes of the detector) or
+    crops (the crop network, looking about the base part). Default: crops where first poses come
+    from crops and their network knows the assembly's states, unless the detector is the
+    assembly's own, whose state boxes are about as good."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """From state boxes to probabilities."""
 
@@ -80,6 +86,7 @@ class Yolov8Pose:
         self._config = config
         self._given_detector, self._given_looker = detector, looker
         self._crop_poses: CropPoses | None = None
+        self._looks: StateLooks | None = None
         self._detector: Detects | None = None
         self._assembly: Assembly | None = None
         self._shapes: dict[str, PartShape] = {}
@@ -96,6 +103,14 @@ class Yolov8Pose:
         self._crop_poses = crop_poses(
             config.first_pose, config.crops, assembly, looker=self._given_looker
         )
+        self._looks = StateLooks.of(
+            assembly,
+            config=config.appearance,
+            chosen=config.state_looks,
+            detector=config.detector,
+            crops=config.crops,
+            crop_poses=self._crop_poses,
+        )
         self._assembly = assembly
         if config.refinement != "none":
             self._shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
@@ -103,7 +118,7 @@ class Yolov8Pose:
 
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of one frame; frames before do not matter but to tell twins apart."""
-        if self._detector is None or self._assembly is None:
+        if self._detector is None or self._assembly is None or self._looks is None:
             raise MethodError("yolov8pose: reset() must come before step()")
         config, assembly, timed = self._config, self._assembly, StageTimer()
         with timed("detect"):
@@ -127,7 +142,7 @@ class Yolov8Pose:
                     icp=config.icp,
                 )
         with timed("state"):
-            looks = appearance_probabilities(detections, assembly, config=config.appearance)
+            looks = self._looks.probabilities(detections, poses, frame)
             state = None if looks is None else StateEstimate(looks, {"appearance": looks})
         return FramePrediction(frame.index, poses, state, detections, timed.seconds)
 

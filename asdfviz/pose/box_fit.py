@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
 
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Transform
@@ -71,15 +70,6 @@ def fit_to_box(
             break
         ratio = again
     return moved
-
-
-def hull_corners(vertices: Points, count: int = 512) -> Float64[np.ndarray, "corners 3"]:
-    """The vertices that lie farthest out in so many even directions: enough for a part's extent."""
-    place = np.arange(count) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * place / count), np.pi * (1 + 5**0.5) * place
-    ring = np.sin(polar)
-    directions = np.stack([np.cos(azimuth) * ring, np.sin(azimuth) * ring, np.cos(polar)])
-    return vertices[np.unique((vertices @ directions).argmax(axis=0))]
 
 
 def is_cut_off(box_xyxy: Box, size_wh: tuple[int, int], border_px: float) -> bool:

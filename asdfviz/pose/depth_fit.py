@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from asdfviz.geometry.camera import depth_gaps
 from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Transform
-from asdfviz.geometry.transforms import apply
+from asdfviz.pose.depth_kernels import front_readings
 
 HIDDEN_WEIGHT = 0.3
 """A point behind something nearer counts this much: a hand may hide it, or the pose may be wrong."""
@@ -51,14 +50,11 @@ def depth_fit(
     """
     if depth is None:
         return None
-    points = apply(T_camera_part, points_part)
-    normals = normals_part @ T_camera_part[:3, :3].T
-    front = ((points * normals).sum(axis=1) < 0) & (points[:, 2] > 1e-3)
-    gap = depth_gaps(points[front], depth, K)
-    if len(gap) < LEAST_READINGS:
+    count, on, hidden = front_readings(
+        points_part, normals_part, np.ascontiguousarray(T_camera_part), K, depth, margin
+    )
+    if count < LEAST_READINGS:
         return None
-    on = int((np.abs(gap) <= margin).sum())
-    hidden = int((gap < -margin).sum())
-    counted = len(gap) - hidden + HIDDEN_WEIGHT * hidden
-    clear = len(gap) - hidden
-    return DepthFit(on / counted, clear / len(gap), on / max(clear, 1))
+    counted = count - hidden + HIDDEN_WEIGHT * hidden
+    clear = count - hidden
+    return DepthFit(on / counted, clear / count, on / max(clear, 1))

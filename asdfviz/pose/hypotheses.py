@@ -24,8 +24,8 @@ from asdfviz.geometry.shapes import (
     Transform,
     Vector,
 )
-from asdfviz.geometry.transforms import orthonormalized, rotation_about, transform_from
-from asdfviz.pose.hypothesis_kernels import agreement, surface_step
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.pose.hypothesis_kernels import agreement, surface_fit
 
 Cells: TypeAlias = Float64[np.ndarray, "s s"]
 Poses: TypeAlias = Float64[np.ndarray, "c 4 4"]
@@ -143,7 +143,7 @@ def settle(
             continue
         has_depth = bool(found[place, 2] >= config.min_readings)
         reached = float(agreed[place]) / _most(config, has_depth)
-        T_camera_part = orthonormalized(T_camera_view @ both[place])
+        T_camera_part = T_camera_view @ both[place]
         likely = float(prior[best][place % len(best)])
         settled.append(Settled(T_camera_part, float(np.clip(reached, 0, 1)), has_depth, likely))
     return settled
@@ -236,16 +236,16 @@ def _refined(
     """By depth where there is enough of it, by the outline otherwise."""
     if int((view.measured > 0).sum()) < config.min_readings:
         return _by_outline(T_view_part, surface, view, config)
-    T_now = T_view_part
-    for step in range(config.steps):
-        reach = config.reach * (2.0 if step < 2 else 1.0)
-        twist = surface_step(
-            surface.points, surface.normals, T_now, view.focal, view.outline, view.measured, reach
-        )
-        T_now = _turned(T_now, twist[:3], twist[3:])
-        if float(np.abs(twist).max()) < 1e-4:
-            break
-    return T_now
+    return surface_fit(
+        surface.points,
+        surface.normals,
+        np.ascontiguousarray(T_view_part),
+        view.focal,
+        view.outline,
+        view.measured,
+        config.reach,
+        config.steps,
+    )
 
 
 def _by_outline(

@@ -125,3 +125,36 @@ def surface_step(points, normals, T, focal, outline, measured, reach):
         # What depth does not see (a turn about a symmetry axis, a slide along a face) stays.
         H[a, a] += count * 0.02 * (scale**2 if a < 3 else 1.0)
     return np.linalg.solve(H, g)
+
+
+@kernel
+@no_type_check
+def surface_fit(points, normals, T_start, focal, outline, measured, reach, steps):
+    """The pose after so many steps of `surface_step` at most, the first two with twice the reach."""
+    T = T_start.copy()
+    for step in range(steps):
+        wide = 2.0 if step < 2 else 1.0
+        twist = surface_step(points, normals, T, focal, outline, measured, wide * reach)
+        angle = np.sqrt(twist[0] ** 2 + twist[1] ** 2 + twist[2] ** 2)
+        if angle > 1e-9:
+            _turn(T, twist / angle, min(angle, 0.5))
+        for a in range(3):
+            T[a, 3] += twist[3 + a]
+        if np.abs(twist).max() < 1e-4:
+            break
+    return T
+
+
+@kernel
+@no_type_check
+def _turn(T, axis, angle):
+    """Turn a pose in place about its own origin: axis of length 1 in the outer frame, radians."""
+    x, y, z = axis[0], axis[1], axis[2]
+    sine, rest = np.sin(angle), 1.0 - np.cos(angle)
+    for column in range(3):
+        a, b, c = T[0, column], T[1, column], T[2, column]
+        # Rodrigues: v + sin (axis x v) + (1 - cos) (axis (axis . v) - v)
+        along = x * a + y * b + z * c
+        T[0, column] = a + sine * (y * c - z * b) + rest * (x * along - a)
+        T[1, column] = b + sine * (z * a - x * c) + rest * (y * along - b)
+        T[2, column] = c + sine * (x * b - y * a) + rest * (z * along - c)

@@ -20,10 +20,10 @@ from asdfviz.data.truth import STATES
 from asdfviz.datatypes import KEYPOINTS, Assembly, Part
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.camera import project
+from asdfviz.geometry.sampling import hull_corners
 from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels, Points, Transform
 from asdfviz.geometry.symmetry import canonical
 from asdfviz.geometry.transforms import apply
-from asdfviz.pose.box_fit import hull_corners
 
 Flags: TypeAlias = Float32[np.ndarray, "n"]
 

@@ -8,7 +8,8 @@ ray, and the part moves by the mean of the shifts, weighted by W(d_i), which fav
 Readings of what the paper leaves open:
 
 - Weight: W(d) = exp(-d^2 / (2 sigma^2)). It lets go of what lies in front (a hand) and behind (the
-  table past a silhouette that is off by some pixels) entirely, which 1 / (1 + d^2) does not.
+  table past a silhouette that is off by some pixels) entirely, which 1 / (1 + d^2) does not. The
+  other functions of `Weighting` are there to compare with (`asdfviz ablate weighting`).
 - Nearest: the box is cut into cells and the nearest point of every cell is kept. The nearest points
   of the whole part would be its near end alone; keeping more than one a cell lets hidden points in,
   which pulled a part of 100 mm 5 mm towards the camera.
@@ -22,30 +23,23 @@ Readings of what the paper leaves open:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64
 
-from asdfviz.geometry.camera import project
-from asdfviz.geometry.shapes import (
-    Box,
-    Depth,
-    Intrinsics,
-    Pixels,
-    Points,
-    Scores,
-    Transform,
-    Vector,
-)
+from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply, transform_from
+from asdfviz.pose.depth_kernels import ray_shifts
 
 Shifts: TypeAlias = Float64[np.ndarray, "readings"]
 """The d_i of the points that have a reading, metres."""
-Places: TypeAlias = Int64[np.ndarray, "cells"]
-"""Row numbers of the points that are kept."""
-Flags: TypeAlias = Bool[np.ndarray, "n"]
-"""One yes or no a point."""
+Weighting: TypeAlias = Literal["gaussian", "huber", "cauchy", "nearest", "uniform"]
+"""W(d) by d over its scale s. gaussian: exp(-(d/s)^2 / 2). huber: 1 up to s, then s/d. cauchy:
+1 / (1 + (d/s)^2). nearest: 1 for the smallest `NEAREST_SHARE` of the shifts, 0 for the others.
+uniform: 1, a plain mean."""
+NEAREST_SHARE = 0.5
+"""Share of the shifts that the weighting "nearest" keeps."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +50,10 @@ class TranslationConfig:
     """Section 3.1.1 on or off."""
     surface_points: int = 1500
     """Points sampled on each part's surface."""
+    weights: Weighting = "gaussian"
+    """W(d), which favours small shifts. Paper: not given."""
     sigma: float = 0.005
-    """Scale of W(d) = exp(-d^2 / 2 sigma^2) in the last step, metres."""
+    """Scale of W(d) in the last step, metres."""
     steps: int = 4
     """Weighted steps; sigma doubles for each step before the last."""
     coarse: bool = True
@@ -104,20 +100,25 @@ def refine_translation(
     if not config.enabled or depth is None:
         return None
     points_camera = apply(T_camera_part, points_part)
-    reader = _Reader(depth, K, config)
+    middle = points_camera.mean(axis=0)
     total = np.zeros(3)
+
+    def shifts_in(box_xyxy: Box) -> Shifts:
+        """The d_i: how far along its ray the measured surface lies behind each visible point."""
+        return ray_shifts(points_camera, total, K, depth, box_xyxy, config.cells, config.edge)
+
     if config.coarse:
-        shifts = reader.shifts(points_camera + total, _shrunk(box_xyxy, config.coarse_area))
+        shifts = shifts_in(_shrunk(box_xyxy, config.coarse_area))
         if len(shifts) >= config.min_points:
-            total = total + _along_ray(points_camera + total, _common_shift(shifts, config))
+            total = total + _along_ray(middle + total, _common_shift(shifts, config))
     for step in reversed(range(config.steps)):
-        shifts = reader.shifts(points_camera + total, box_xyxy)
-        weights = np.exp(-0.5 * (shifts / (config.sigma * 2**step)) ** 2)
+        shifts = shifts_in(box_xyxy)
+        weights = weights_of(shifts, config.sigma * 2**step, kind=config.weights)
         if len(shifts) < config.min_points or weights.sum() < 1e-6:
             return None
         mean_shift = float((weights * shifts).sum() / weights.sum())
-        total = total + _along_ray(points_camera + total, mean_shift)
-    shifts = reader.shifts(points_camera + total, box_xyxy)
+        total = total + _along_ray(middle + total, mean_shift)
+    shifts = shifts_in(box_xyxy)
     if len(shifts) < config.min_points or float(np.linalg.norm(total)) > config.max_shift:
         return None
     if float((np.abs(shifts) < 2 * config.sigma).mean()) < config.min_agreement:
@@ -125,63 +126,35 @@ def refine_translation(
     return transform_from(T_camera_part[:3, :3], T_camera_part[:3, 3] + total)
 
 
-def _along_ray(points_camera: Points, shift: float) -> Vector:
+def weights_of(shifts: Shifts, scale: float, *, kind: Weighting) -> Scores:
+    """W(d_i) of every shift, at least 0.
+
+    Args:
+        shifts: along the rays, metres.
+        scale: the shift from which it counts clearly less, metres.
+        kind: the function.
+    """
+    off = np.abs(shifts) / scale
+    if kind == "gaussian":
+        return np.exp(-0.5 * off**2)
+    if kind == "huber":
+        return 1 / np.maximum(off, 1.0)
+    if kind == "cauchy":
+        return 1 / (1 + off**2)
+    if kind == "nearest":
+        count = max(1, round(NEAREST_SHARE * len(shifts)))
+        return (off <= np.sort(off)[count - 1 : count]).astype(np.float64)
+    return np.ones(len(shifts))
+
+
+def _along_ray(middle: Vector, shift: float) -> Vector:
     """The shift along the ray through the part's middle, which keeps its place in the image."""
-    middle = points_camera.mean(axis=0)
     return shift * middle / np.linalg.norm(middle)
 
 
 def _shrunk(box_xyxy: Box, share: float) -> Box:
     center, half = (box_xyxy[:2] + box_xyxy[2:]) / 2, (box_xyxy[2:] - box_xyxy[:2]) / 2 * share
     return np.concatenate([center - half, center + half])
-
-
-class _Reader:
-    """Reads a depth image for points of a part."""
-
-    def __init__(self, depth: Depth, K: Intrinsics, config: TranslationConfig) -> None:
-        self._depth, self._K, self._config = depth, K, config
-
-    def shifts(self, points_camera: Points, box_xyxy: Box) -> Shifts:
-        """The d_i: how far along its ray the measured surface lies behind each visible point."""
-        front = points_camera[points_camera[:, 2] > 1e-6]
-        pixels = project(front, self._K)
-        inside = _inside(pixels, box_xyxy, self._depth.shape)
-        front, pixels = front[inside], pixels[inside]
-        nearest = _nearest_of_cells(pixels, front[:, 2], box_xyxy, self._config.cells)
-        visible = front[nearest]
-        measured, valid = _readings(self._depth, pixels[nearest], self._config.edge)
-        z = visible[:, 2]
-        return ((measured - z) * np.linalg.norm(visible, axis=1) / z)[valid]
-
-
-def _inside(pixels: Pixels, box_xyxy: Box, shape: tuple[int, ...]) -> Flags:
-    height, width = shape
-    low = np.maximum(box_xyxy[:2], 0)
-    high = np.minimum(box_xyxy[2:], [width - 1, height - 1])
-    return np.all((pixels >= low) & (pixels <= high), axis=1)
-
-
-def _nearest_of_cells(pixels: Pixels, z: Scores, box_xyxy: Box, cells: int) -> Places:
-    """Places of the nearest point of every cell of the box that has any."""
-    extent = np.maximum(box_xyxy[2:] - box_xyxy[:2], 1e-6)
-    cell = np.clip((pixels - box_xyxy[:2]) / extent * cells, 0, cells - 1).astype(np.int64)
-    from_near = np.argsort(z, kind="stable")
-    flat = (cell[:, 1] * cells + cell[:, 0])[from_near]
-    return from_near[np.unique(flat, return_index=True)[1]]
-
-
-def _readings(depth: Depth, pixels: Pixels, edge: float) -> tuple[Scores, Flags]:
-    """Depth at the nearest pixel, and whether it is a reading away from holes and edges."""
-    height, width = depth.shape
-    u, v = np.rint(pixels).astype(np.intp).T
-    offsets = np.arange(-1, 2)
-    rows = np.clip(v[:, None, None] + offsets[None, :, None], 0, height - 1)
-    columns = np.clip(u[:, None, None] + offsets[None, None, :], 0, width - 1)
-    patch = depth[rows, columns].reshape(-1, 9).astype(np.float64)
-    center = patch[:, 4]
-    low = np.where(patch > 0, patch, center[:, None]).min(axis=1)
-    return center, (center > 0) & (patch.max(axis=1) - low <= edge)
 
 
 def _common_shift(shifts: Shifts, config: TranslationConfig) -> float:

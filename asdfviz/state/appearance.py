@@ -24,12 +24,15 @@ from asdfviz.geometry.shapes import Scores
 
 @dataclass(frozen=True)
 class AppearanceConfig:
-    """How box scores become probabilities; the paper gives no numbers."""
+    """How box scores and crops become probabilities; the paper gives no numbers."""
 
     temperature: float = 0.2
     """Softmax temperature, in units of the box score: 0.2 makes 0.9 against 0 a ratio of 90."""
     absence: float = 0.2
     """Score of a state without a class where no state box is found, 0 to 1."""
+    error_odds: float = 0.3
+    """Crops: how much likelier each error is than a correct state before anything is seen. Training
+    shows all states alike often; people make fewer mistakes."""
 
 
 def appearance_probabilities(

@@ -60,6 +60,8 @@ class Looks:
     def __init__(self, *, config: ColorConfig) -> None:
         self._config = config
         self._learnt: dict[str, list[Look]] = {}
+        self._known: dict[str, Look] = {}
+        """What `of` says of parts of which nothing was learnt since."""
 
     def is_wanted(self, name: str) -> bool:
         """Whether more is to be learnt of a part."""
@@ -84,16 +86,19 @@ class Looks:
         off = (look.middle - beside.middle) / self._config.least_spread
         if float(np.linalg.norm(off)) > self._config.apart:
             self._learnt.setdefault(name, []).append(look)
+            self._known.pop(name, None)
 
     def of(self, name: str) -> Look | None:
         """The part's look, the median over the frames; None before there are enough."""
         learnt = self._learnt.get(name, ())
         if len(learnt) < self._config.least_frames:
             return None
-        return Look(
-            np.median([look.middle for look in learnt], axis=0),
-            np.median([look.spread for look in learnt], axis=0),
-        )
+        if name not in self._known:
+            self._known[name] = Look(
+                np.median([look.middle for look in learnt], axis=0),
+                np.median([look.spread for look in learnt], axis=0),
+            )
+        return self._known[name]
 
 
 def color_features(rgb: UInt8[np.ndarray, "... 3"]) -> Float32[np.ndarray, "... 3"]:

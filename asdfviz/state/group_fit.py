@@ -29,7 +29,7 @@ from jaxtyping import Float32, Int32
 from asdfviz.geometry.shapes import Depth, Scores
 from asdfviz.state.colors import ColorConfig
 from asdfviz.state.ground import GroundConfig, InverseDepth
-from asdfviz.state.group_kernels import sum_spoken
+from asdfviz.state.group_kernels import climb, sum_spoken
 
 Ratios: TypeAlias = Float32[np.ndarray, "k h w"]
 """How much likelier each pixel's colour is on each part, and last on the ground, than anywhere;
@@ -206,25 +206,22 @@ def best_spoken(
         steps: one after the other, cells to the sides and radians about the middle.
         rounds: so often each of them is taken, at most.
     """
-    best = STILL
-    most = spoken(scene, measured, nearer=nearer, config=config)
-    for shift, turn in steps:
-        for _ in range(rounds):
-            start = best
-            for change in (Move(shift), Move(0.0, shift), Move(0.0, 0.0, turn)):
-                for sign in (1.0, -1.0) if change != STILL else ():
-                    move = Move(
-                        best.right + sign * change.right,
-                        best.down + sign * change.down,
-                        best.turn + sign * change.turn,
-                    )
-                    said = spoken(scene, measured, nearer=nearer, config=config, move=move)
-                    if said.value > most.value:
-                        best, most = move, said
-                        break
-            if best == start:
-                break
-    return most, best
+    total, counts, move = climb(
+        scene.inverse_depth,
+        scene.ids,
+        measured.base,
+        measured.depth,
+        measured.ratios,
+        measured.ground,
+        nearer,
+        config.sigma,
+        config.most,
+        config.least,
+        config.hidden,
+        np.array(steps, np.float64),
+        rounds,
+    )
+    return Said(float(total), *(int(count) for count in counts)), Move(*map(float, move))
 
 
 def nearer_by(base: InverseDepth, depth: Depth, *, config: GroupFitConfig) -> float:

@@ -56,3 +56,62 @@ def sum_spoken(inverse_depth, ids, base, depth, ratios, ground, move, sigma, mos
             counts[4] += i == base
             counts[5] += i == base and value > 0.0
     return total, counts
+
+
+@kernel
+@no_type_check
+def climb(
+    inverse_depth,
+    ids,
+    base,
+    depth,
+    ratios,
+    ground,
+    nearer,
+    sigma,
+    most,
+    least,
+    hidden,
+    steps,
+    rounds,
+):
+    """Move a scene uphill by steps (cells, radians), each taken so often at most.
+
+    Returns the sum and counts of `sum_spoken` at the best move, and right, down and turn of that.
+    """
+    best = np.zeros(3)
+    lies = np.array([0.0, 0.0, 1.0, 0.0, nearer])
+    total, counts = sum_spoken(
+        inverse_depth, ids, base, depth, ratios, ground, lies, sigma, most, least, hidden
+    )
+    for k in range(len(steps)):
+        for _ in range(rounds):
+            is_better = False
+            for axis in range(3):
+                step = steps[k, 1] if axis == 2 else steps[k, 0]
+                if step == 0.0:
+                    continue
+                for sign in (1.0, -1.0):
+                    move = best.copy()
+                    move[axis] += sign * step
+                    lies[0], lies[1] = move[0], move[1]
+                    lies[2], lies[3] = np.cos(move[2]), np.sin(move[2])
+                    value, found = sum_spoken(
+                        inverse_depth,
+                        ids,
+                        base,
+                        depth,
+                        ratios,
+                        ground,
+                        lies,
+                        sigma,
+                        most,
+                        least,
+                        hidden,
+                    )
+                    if value > total:
+                        best, total, counts, is_better = move, value, found, True
+                        break
+            if not is_better:
+                break
+    return total, counts, best

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -144,3 +146,14 @@ def _expand(start: Tensor, count: Tensor) -> tuple[Tensor, Tensor]:
     owner = torch.repeat_interleave(count)
     place = torch.arange(len(owner), device=start.device) - (count.cumsum(0) - count)[owner]
     return owner, start[owner] + place
+
+
+def thinned(mesh: Mesh, faces: int) -> Mesh:
+    """The mesh with about so many faces; as it is where the simplifier is not installed."""
+    if len(mesh.faces) <= faces or find_spec("fast_simplification") is None:
+        return mesh
+    import fast_simplification  # pyright: ignore[reportMissingTypeStubs] - it has none
+
+    simplify = cast(Any, fast_simplification).simplify
+    vertices, kept = simplify(mesh.vertices * 1e3, np.array(mesh.faces), target_count=faces, agg=3)
+    return Mesh(np.asarray(vertices, np.float64) / 1e3, np.asarray(kept, np.int32))

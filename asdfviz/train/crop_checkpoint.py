@@ -42,7 +42,7 @@ def save_crop_checkpoint(
         average: of its weights.
         progress: how far the run is.
         optimizer: with its state.
-        about: "classes" and "shape", which must be the same when the run goes on.
+        about: "classes", "states" and "shape", which must be the same when the run goes on.
     """
     content = {
         "network": network.state_dict(),
@@ -87,20 +87,27 @@ def resume_crops(
 
 
 @torch.no_grad()
-def begin_crops_from(network: CropNetwork, checkpoint: Path, *, names: Sequence[str]) -> None:
+def begin_crops_from(
+    network: CropNetwork,
+    checkpoint: Path,
+    *,
+    names: Sequence[str],
+    states: Mapping[str, Sequence[str]],
+) -> None:
     """Take over what another run learned; a class of the same name keeps its own tables.
 
     Args:
         network: to change.
         checkpoint: last.pt of the other run.
         names: classes of `network`.
+        states: of its groups.
 
     Raises:
         WeightsError: the checkpoint is corrupt, or of another shape of network.
     """
     content = load_checkpoint(checkpoint)
     there: dict[str, Any] = json.loads(content["about"])
-    shape = {**there.get("shape", {}), "classes": network.classes}
+    shape = {**there.get("shape", {}), "classes": network.classes, "states": network.states}
     if shape != json.loads(json.dumps(network.shape)):
         raise WeightsError(
             f"'{checkpoint}' has the shape {there.get('shape')}, not that of a crop network of "
@@ -109,6 +116,10 @@ def begin_crops_from(network: CropNetwork, checkpoint: Path, *, names: Sequence[
     known = [str(name) for name in there["classes"]]
     average = cast(dict[str, Tensor], content["average"])
     for name, tensor in network.state_dict().items():
+        if name.startswith("to_states."):
+            if there.get("states") == json.loads(json.dumps(states)):
+                tensor.copy_(average[name])
+            continue  # those of other groups are others
         source = average[name]
         if source.shape == tensor.shape and not _is_by_class(name):
             tensor.copy_(source)
@@ -131,6 +142,7 @@ def export(
     progress: Progress,
     *,
     names: Sequence[str],
+    states: Mapping[str, Sequence[str]],
     found: Sequence[CropValidation],
 ) -> Path:
     """Write a run's weights as half-precision safetensors, and beside them how they came to be.
@@ -140,12 +152,14 @@ def export(
         network: the weights to export.
         progress: how far the run is.
         names: of the classes.
+        states: of every group.
         found: what validation said of these weights.
     """
     path = config.output / CROP_WEIGHTS
-    save_crop_network(network, path, classes=names)
+    save_crop_network(network, path, classes=names, states=states)
     record = {
         "classes": list(names),
+        "states": {name: list(of) for name, of in states.items()},
         "command": made_by(),
         "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
         "torch": torch.__version__,

@@ -43,6 +43,7 @@ class CropTrainConfig:
     """Largest gradient norm."""
     outline_gain: float = 1.0
     place_gain: float = 1.0
+    state_gain: float = 1.0
     grid: int = GRID
     """Rotations."""
     generators: int = 1

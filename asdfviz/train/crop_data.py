@@ -36,7 +36,9 @@ class Crops:
     pictures: UInt8[Tensor, "n 4 h w"]
     """RGB, and 255 where the part is visible."""
     labels: Int64[Tensor, "n"]
-    """Part class."""
+    """Class."""
+    states: Int64[Tensor, "n"]
+    """The place of what is shown among the network's states; -1 for a part."""
     T_crop_part: Float32[Tensor, "n 4 4"]
     focal: Float32[Tensor, "n"]
     """Pixels; the principal point is the middle."""
@@ -74,7 +76,7 @@ class Crops:
 
 
 class CropMaker:
-    """Makes crops of all part classes of several assemblies."""
+    """Makes crops of all parts and groups of several assemblies."""
 
     def __init__(
         self,
@@ -89,11 +91,12 @@ class CropMaker:
     def make(
         self, count: int, *, rng: np.random.Generator, labels: Sequence[int] | None = None
     ) -> Crops:
-        """So many crops, their classes drawn evenly from all or from `labels`."""
-        allowed = np.arange(len(self.classes)) if labels is None else np.asarray(labels)
+        """So many crops; their classes as `CropConfig` says, or drawn evenly from `labels`."""
         made: list[Crops] = []
         while (missing := count - sum(len(c) for c in made)) > 0:
-            wanted = allowed[rng.integers(len(allowed), size=min(missing, BATCH))]
+            batch = min(missing, BATCH)
+            drawn = self._drawer.labels(rng, batch)
+            wanted = drawn if labels is None else rng.choice(np.asarray(labels), size=batch)
             scenes = [self._drawer.draw(rng, int(label)) for label in wanted]
             rendered = render_crops(scenes, self._drawer.bank, rng=rng)
             shown = rendered.visible.sum((1, 2)) / rendered.silhouette.sum((1, 2)).clamp(min=1)
@@ -104,6 +107,7 @@ class CropMaker:
             whole = Crops(
                 torch.cat([rgb, seen], dim=1),
                 torch.tensor([s.label for s in scenes], device=device),
+                torch.tensor([s.state for s in scenes], device=device),
                 to_tensor(np.stack([s.T_crop_part for s in scenes]).astype(np.float32), device),
                 torch.tensor([s.focal for s in scenes], dtype=torch.float32, device=device),
             )

@@ -1,4 +1,4 @@
-"""Draws what a training crop shows: a part on its own or joined with others, clutter, hands, a plane.
+"""Draws what a training crop shows: a part on its own or joined, a group, clutter, hands, a plane.
 
 Frame: the crop's own camera (x right, y down, z forward), which looks at the middle of the part's
 box. Every pose is exact; nothing is rendered here.
@@ -6,32 +6,30 @@ box. Every pose is exact; nothing is rendered here.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
-from typing import Any, cast
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
-from asdfviz.datatypes import Assembly, Mesh, State
-from asdfviz.detector.crop_classes import part_classes
+from asdfviz.datatypes import Assembly, State
+from asdfviz.detector.crop_classes import CORNERS, CropClass, crop_classes
 from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
+from asdfviz.geometry.sampling import hull_corners
 from asdfviz.geometry.shapes import Rotation, Transform, Vector
 from asdfviz.geometry.transforms import inverse, rotation_about, transform_from
-from asdfviz.pose.box_fit import hull_corners
 from asdfviz.synth.hands import GRASPS, hand_mesh
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
 from asdfviz.synth.looks import part_colors, random_hue, skin
-from asdfviz.synth.mesh_bank import MeshBank
+from asdfviz.synth.mesh_bank import MeshBank, thinned
 from asdfviz.synth.primitives import distractor_meshes
 
-CORNERS = 96
-"""Of a part, from which boxes and lowest points are taken."""
 STORED_PIXELS = 128
 """Side of a stored crop; it is cut to the network's input with any roll while training."""
 PART_FACES, HAND_FACES = 700, 1200
 """Meshes are thinned to this for speed: a crop shows no more."""
+NEARLY = (0.012, 0.07)
+"""From its place to where a part is that has nearly come there, metres."""
 FOCALS = (303.6, 607.2)
 """Of the frames that crops come from, pixels: 640 and 1280 wide."""
 
@@ -42,8 +40,14 @@ class CropConfig:
 
     distance: tuple[float, float] = (0.35, 1.1)
     """From the camera to the part, metres."""
+    groups: float = 0.5
+    """A group is shown for its state; otherwise a part."""
     joined: float = 0.5
     """A part that can be joined is shown so."""
+    waiting: float = 0.3
+    """Beside a group lies or comes a part that is not joined yet, for each of those."""
+    almost: float = 0.4
+    """And it has nearly come to its place, where it is easily taken for joined."""
     neighbours: float = 0.5
     """Other things stand beside or behind it."""
     occluder: float = 0.3
@@ -70,9 +74,11 @@ class Thing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CropScene:
-    """What one crop shows; the first thing is the part itself."""
+    """What one crop shows; the first thing is the part itself, or the base part of the group."""
 
     label: int
+    state: int
+    """The place of what is shown among the network's states; -1 for a part."""
     focal: float
     """Of the stored crop, pixels; its centre is the principal point."""
     detail: float
@@ -90,50 +96,67 @@ class CropScene:
 
 
 class CropDrawer:
-    """Draws scenes of all parts of several assemblies."""
+    """Draws scenes of all parts and groups of several assemblies."""
 
     def __init__(
         self, assemblies: Sequence[Assembly], *, config: CropConfig, device: str = "cpu"
     ) -> None:
-        self.classes = part_classes(assemblies)
+        self.classes = crop_classes(assemblies)
         self._assemblies, self._config = tuple(assemblies), config
-        meshes = [_light(p.mesh, PART_FACES) for a in assemblies for p in a.parts.values()]
+        meshes = [thinned(p.mesh, PART_FACES) for a in assemblies for p in a.parts.values()]
         names = [(i, name) for i, a in enumerate(assemblies) for name in a.parts]
         self._place = {key: place for place, key in enumerate(names)}
         self._solids = range(len(meshes), len(meshes) + len(distractor_meshes()))
         meshes += distractor_meshes()
         self._hands = range(len(meshes), len(meshes) + len(GRASPS))
-        meshes += [_light(hand_mesh(i).mesh, HAND_FACES) for i in range(len(GRASPS))]
+        meshes += [thinned(hand_mesh(i).mesh, HAND_FACES) for i in range(len(GRASPS))]
         self._corners = [hull_corners(m.vertices, CORNERS) for m in meshes]
         self.bank = MeshBank.of(meshes, device=device)
         self._states = [
             [[s for s in assemblies[c.assembly].states if _joins(s, name)] for name in c.parts]
             for c in self.classes
         ]
+        counts = np.array([len(c.states) for c in self.classes])
+        self._first_state = np.cumsum(counts) - counts
+        parts = np.flatnonzero(counts == 0)
+        self._chances = self._config.groups * counts / max(counts.sum(), 1)
+        self._chances[parts] = (1 - self._chances.sum()) / len(parts)
+
+    def labels(self, rng: np.random.Generator, count: int) -> Int64[np.ndarray, "n"]:
+        """Classes to draw: parts evenly, and groups by the number of their states."""
+        return rng.choice(len(self.classes), size=count, p=self._chances)
 
     def draw(self, rng: np.random.Generator, label: int) -> CropScene:
         """One crop of a class."""
-        config, part_class = self._config, self.classes[label]
-        assembly = self._assemblies[part_class.assembly]
-        copy = int(rng.integers(len(part_class.parts)))
-        name = part_class.parts[copy]
-        joined = self._joined(rng, label, copy)
-        mesh = self._place[part_class.assembly, name]
+        config, crop_class = self._config, self.classes[label]
+        assembly, copy = self._assemblies[crop_class.assembly], 0
+        state = int(rng.integers(len(crop_class.states))) if crop_class.states else None
+        if state is None:
+            copy = int(rng.integers(len(crop_class.parts)))
+            joined = self._joined(rng, label, copy)
+        else:
+            joined = dict(joined_poses(assembly.states[state], rng))
+        name = crop_class.parts[copy]
+        mesh = self._place[crop_class.assembly, name]
         T_crop_part, extent = _centred(
-            self._corners[mesh], random_rotation(rng), float(rng.uniform(*config.distance))
+            crop_class.corners, random_rotation(rng), float(rng.uniform(*config.distance))
         )
         colors = part_colors(assembly, rng, true_share=config.true_colors)
         T_crop_base = T_crop_part @ inverse(joined[name])
         things = [Thing(mesh, T_crop_part, colors[name])]
         for other, T_base_other in joined.items():
             if other != name:
-                place = self._place[part_class.assembly, other]
+                place = self._place[crop_class.assembly, other]
                 things.append(Thing(place, T_crop_base @ T_base_other, colors[other]))
         normal, height = self._plane(rng, things)
+        if state is not None:
+            things += self._waiting(rng, crop_class, joined, colors, T_crop_part, extent)
         things += self._around(rng, things, extent)
         focal = CROP_PIXELS * float(T_crop_part[2, 3]) / (CONTEXT * extent)
         frame_focal = FOCALS[int(rng.integers(len(FOCALS)))] * rng.uniform(0.98, 1.02)
-        return CropScene(label, focal, frame_focal / focal, tuple(things), normal, height)
+        shown = -1 if state is None else int(self._first_state[label]) + state
+        detail = frame_focal / focal
+        return CropScene(label, shown, focal, detail, tuple(things), normal, height)
 
     def _joined(self, rng: np.random.Generator, label: int, copy: int) -> dict[str, Transform]:
         """T_base_part of a state that joins the part, or of the part alone."""
@@ -152,6 +175,42 @@ class CropDrawer:
         )
         gap = 0.0 if rng.random() < self._config.standing else rng.uniform(0, 0.2)
         return normal, lowest - gap
+
+    def _waiting(
+        self,
+        rng: np.random.Generator,
+        crop_class: CropClass,
+        joined: Mapping[str, Transform],
+        colors: Mapping[str, Vector],
+        T_crop_base: Transform,
+        extent: float,
+    ) -> list[Thing]:
+        """Parts that are not joined, lying beside the group or held before it."""
+        middle = T_crop_base[:3, :3] @ crop_class.middle + T_crop_base[:3, 3]
+        found: list[Thing] = []
+        for name in self._assemblies[crop_class.assembly].parts:
+            if name in joined or rng.random() > self._config.waiting:
+                continue
+            mesh = self._place[crop_class.assembly, name]
+            if rng.random() < self._config.almost:
+                T_crop_part = T_crop_base @ self._almost_joined(rng, crop_class, name)
+            else:
+                R = random_rotation(rng)
+                beside = _direction(rng) * extent * rng.uniform(0.25, 0.65)
+                where = middle + beside + [0, 0, rng.uniform(-0.35, 0.25) * extent]
+                T_crop_part = transform_from(R, where - R @ self._corners[mesh].mean(axis=0))
+            found.append(Thing(mesh, T_crop_part, colors[name]))
+        return found
+
+    def _almost_joined(
+        self, rng: np.random.Generator, crop_class: CropClass, name: str
+    ) -> Transform:
+        """T_base_part of a part that has nearly come to one of its places."""
+        states = [s for s in self._assemblies[crop_class.assembly].states if _joins(s, name)]
+        T = joined_poses(states[int(rng.integers(len(states)))], rng)[name]
+        R = rotation_about(_unit(rng), float(rng.uniform(0.0, 0.7)))
+        shift = _unit(rng) * rng.uniform(*NEARLY)
+        return transform_from(R @ T[:3, :3], T[:3, 3] + shift)
 
     def _around(
         self, rng: np.random.Generator, things: Sequence[Thing], extent: float
@@ -199,17 +258,6 @@ class CropDrawer:
         return Thing(self._hands[int(rng.integers(len(self._hands)))], T, skin(rng).color)
 
 
-def _light(mesh: Mesh, faces: int) -> Mesh:
-    """The mesh with about so many faces; as it is where the simplifier is not installed."""
-    if len(mesh.faces) <= faces or find_spec("fast_simplification") is None:
-        return mesh
-    import fast_simplification  # pyright: ignore[reportMissingTypeStubs] - it has none
-
-    simplify = cast(Any, fast_simplification).simplify
-    vertices, kept = simplify(mesh.vertices * 1e3, np.array(mesh.faces), target_count=faces, agg=3)
-    return Mesh(np.asarray(vertices, np.float64) / 1e3, np.asarray(kept, np.int32))
-
-
 def _joins(state: State, name: str) -> bool:
     return name in state.T_base_part and len(state.T_base_part) > 1
 
@@ -217,6 +265,10 @@ def _joins(state: State, name: str) -> bool:
 def _direction(rng: np.random.Generator) -> Vector:
     angle = rng.random() * 2 * np.pi
     return np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def _unit(rng: np.random.Generator) -> Vector:
+    return (v := rng.normal(size=3)) / np.linalg.norm(v)
 
 
 def _moved(T: Transform, points: Float64[np.ndarray, "_ 3"]) -> Float64[np.ndarray, "_ 3"]:

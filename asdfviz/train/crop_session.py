@@ -17,7 +17,6 @@ from typing import TypeVar
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import binary_cross_entropy_with_logits, log_softmax, smooth_l1_loss
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.detector.crop_network import CropNetwork
@@ -33,15 +32,15 @@ from asdfviz.train.crop_checkpoint import (
 )
 from asdfviz.train.crop_config import CropTrainConfig, check_crop_config
 from asdfviz.train.crop_data import CropMaker, Crops
+from asdfviz.train.crop_losses import LOSSES, crop_losses
 from asdfviz.train.crop_pool import CropPool, ShardFolder, await_shards, generating
 from asdfviz.train.crop_validation import CropValidation, scene_views, validate_crops
 from asdfviz.train.crop_views import ViewMaker, Views
 from asdfviz.train.log import CsvLog, Meter, write_curve
 from asdfviz.train.schedule import make_optimizer, rate_at
 
-LOSSES = ("rotation", "place", "outline")
 LOG_SECONDS = 20.0
-FIGURES = ("found1", "found5", "found20", "best_deg", "mean_deg")
+FIGURES = ("found1", "found5", "found20", "best_deg", "mean_deg", "state")
 VALIDATION_SEED = 987_654_321
 VALIDATION_BATCH = 128
 _Rows = TypeVar("_Rows", Crops, Views)
@@ -72,10 +71,11 @@ class CropSession:
         self.maker = CropMaker(self.assemblies, device=config.device)
         self.classes = self.maker.classes
         self.names = [c.name for c in self.classes]
-        self.views = ViewMaker(
-            self.classes, self.assemblies, grid=config.grid, device=config.device
-        )
-        network = CropNetwork(classes=len(self.classes), grid=config.grid).to(config.device)
+        self.states = {c.name: c.states for c in self.classes if c.states}
+        self.views = ViewMaker(self.classes, grid=config.grid, device=config.device)
+        count = sum(len(states) for states in self.states.values())
+        network = CropNetwork(classes=len(self.classes), grid=config.grid, states=count)
+        network.to(config.device)
         self.network = network
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
         self.optimizer = make_optimizer(
@@ -85,7 +85,7 @@ class CropSession:
         self.progress = Progress()
         self._before, self._began = 0.0, time.monotonic()
         if config.start is not None:
-            begin_crops_from(network, config.start, names=self.names)
+            begin_crops_from(network, config.start, names=self.names, states=self.states)
             self.average.state = {k: v.clone() for k, v in network.state_dict().items()}
         self._resume()
         self.log = CsvLog(
@@ -148,7 +148,7 @@ class CropSession:
             batch = self.views.views(pool.draw(config.batch, rng=self.rng), rng=self.rng)
             target = self.views.targets(batch.quaternions, batch.labels)
         losses = self._losses(batch, target)
-        gains = losses.new_tensor([1.0, config.place_gain, config.outline_gain])
+        gains = losses.new_tensor([1.0, config.place_gain, config.outline_gain, config.state_gain])
         total = (losses * gains).sum()
         if not bool(torch.isfinite(total)):
             raise InputError(
@@ -170,10 +170,7 @@ class CropSession:
         pictures = batch.pictures.contiguous(memory_format=torch.channels_last)
         with torch.autocast(torch.device(config.device).type, torch.bfloat16, enabled=half):
             out = self.network(pictures, batch.labels)
-        rotation = -(target * log_softmax(out.rotations.float(), dim=1)).sum(1).mean()
-        place = smooth_l1_loss(out.place.float(), batch.place, beta=0.1)
-        outline = binary_cross_entropy_with_logits(out.outline.float(), batch.outline)
-        return torch.stack([rotation, place, outline])
+        return crop_losses(out, batch, target=target, views=self.views)
 
     def validate(self) -> tuple[CropValidation, ...]:
         """Validate the averaged weights; keep and export them if they are the best so far."""
@@ -188,17 +185,25 @@ class CropSession:
         values = {"step": float(self.progress.step), "minutes": self.seconds / 60}
         for one in found:
             rows = np.array([[*c.found, c.best_deg, c.mean_deg] for c in one.classes])
-            for figure, value in zip(FIGURES, rows.mean(axis=0), strict=True):
-                values[f"{one.name}:{figure}"] = float(value)
+            figures = (*rows.mean(axis=0), one.state)
+            values |= {f"{one.name}:{f}": float(v) for f, v in zip(FIGURES, figures, strict=True)}
         # Parts in scenes are what counts; without any, crops of the training's own kind.
-        values["score"] = score = found[-1].score
+        values["score"] = score = (found[-1].score + found[0].state) / 2
         self.validation_log.add(values)
         shown = [f"{one.name}:{figure}" for one in found for figure in ("found1", "found20")]
+        shown.append(f"{found[0].name}:state")
         path = config.output / "validation.png"
         write_curve(path, self.validation_log, x="minutes", curves=shown)
         if score > self.progress.best:
             self.progress.best, self.progress.seconds = score, self.seconds
-            export(self.config, network, self.progress, names=self.names, found=found)
+            export(
+                self.config,
+                network,
+                self.progress,
+                names=self.names,
+                states=self.states,
+                found=found,
+            )
         return found
 
     def _pools(self, stop: Callable[[], bool]) -> Iterator[CropPool]:
@@ -249,14 +254,13 @@ class CropSession:
     def checkpoint(self) -> None:
         """Write last.pt with all that is needed to go on."""
         self.progress.seconds = self.seconds
-        about = {"classes": self.names, "shape": self.network.shape}
         save_crop_checkpoint(
             self.last,
             network=self.network,
             average=self.average,
             progress=self.progress,
             optimizer=self.optimizer,
-            about=about,
+            about=self._about(),
         )
 
     def _resume(self) -> None:
@@ -267,9 +271,12 @@ class CropSession:
             network=self.network,
             average=self.average,
             optimizer=self.optimizer,
-            about={"classes": self.names, "shape": self.network.shape},
+            about=self._about(),
         )
         self._before = self.progress.seconds
+
+    def _about(self) -> dict[str, object]:
+        return {"classes": self.names, "states": self.states, "shape": self.network.shape}
 
     def _logged(self, meter: Meter) -> CropReport:
         report = self._report(meter)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,7 +12,7 @@ import torch
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly
-from asdfviz.detector.crop_classes import PartClass, class_name
+from asdfviz.detector.crop_classes import CropClass, class_name
 from asdfviz.detector.crop_cut import CROP_PIXELS, crop_camera, cut
 from asdfviz.detector.crop_looker import REACH
 from asdfviz.detector.crop_network import STRIDE, CropNetwork
@@ -41,6 +42,8 @@ class CropScore:
     """Mean intersection over union of the visible outline; NaN for scenes, which have none."""
     place: float
     """Median error of the middle, as a share of the crop's side."""
+    state: float
+    """Share of crops whose most probable state is right; NaN for parts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,25 +58,33 @@ class CropValidation:
         """0 to 1: mean over classes of the share found by the best and by the best five."""
         return float(np.mean([(c.found[0] + c.found[1]) / 2 for c in self.classes]))
 
+    @property
+    def state(self) -> float:
+        """Mean over groups of the share of crops whose state is right; NaN where none is shown."""
+        known = [c.state for c in self.classes if not math.isnan(c.state)]
+        return float(np.mean(known)) if known else math.nan
+
     def as_json(self) -> dict[str, object]:
-        """Plain numbers and lists."""
+        """Plain numbers and lists; None for what is not known."""
         return {
             "name": self.name,
             "score": self.score,
-            "classes": [asdict(c) for c in self.classes],
+            "state": _known(self.state),
+            "classes": [{k: _known(v) for k, v in asdict(c).items()} for c in self.classes],
         }
 
     def table(self) -> str:
         """One line a class, for people."""
         lines = [
             f"{self.name}: score {self.score:.3f}",
-            f"{'class':<46}{'n':>5}{'1':>6}{'5':>6}{'20':>6}{'best':>7}{'mean':>7}{'iou':>6}{'place':>7}",
+            f"{'class':<46}{'n':>5}{'1':>6}{'5':>6}{'20':>6}{'best':>7}{'mean':>7}{'iou':>6}{'place':>7}"
+            f"{'state':>7}",
         ]
         for c in (*self.classes, self._overall()):
             shares = "".join(f"{100 * f:>6.0f}" for f in c.found)
             lines.append(
                 f"{c.label:<46}{c.crops:>5}{shares}{c.best_deg:>7.1f}{c.mean_deg:>7.1f}"
-                f"{c.outline:>6.2f}{c.place:>7.3f}"
+                f"{c.outline:>6.2f}{c.place:>7.3f}{c.state:>7.2f}"
             )
         return "\n".join(lines)
 
@@ -82,14 +93,15 @@ class CropValidation:
         values = [float(v) for v in np.mean(np.array(rows), axis=0)]
         count = len(BEST)
         total = sum(c.crops for c in self.classes)
-        return CropScore("mean over classes", total, tuple(values[:count]), *values[count:])
+        found, others = tuple(values[:count]), values[count:]
+        return CropScore("mean over classes", total, found, *others, state=self.state)
 
 
 def validate_crops(
     network: CropNetwork,
     views: Sequence[Views],
     maker: ViewMaker,
-    classes: Sequence[PartClass],
+    classes: Sequence[CropClass],
     *,
     name: str,
 ) -> CropValidation:
@@ -110,6 +122,8 @@ def validate_crops(
             ).sqrt().cpu().numpy() / 2
             if bool(batch.outline.isnan().any()):
                 outline = outline * np.nan
+            said = maker.own_states(out.states.float(), batch.labels).argmax(1)
+            right = torch.where(batch.states < 0, torch.nan, (said == batch.states).float())
         quaternions = batch.quaternions.double().cpu().numpy()
         labels = batch.labels.cpu().numpy()
         for i, label in enumerate(int(v) for v in labels):
@@ -117,10 +131,16 @@ def validate_crops(
             close = classes[label].equivalents.closeness(quaternions[i], peak)
             error = float(np.rad2deg(angles_of(close))[0])
             found = [float(ranked[i, :k].min() < NEAR_DEG) for k in BEST]
-            row = np.array([*found, ranked[i, 0], error, outline[i], place[i]], np.float64)
+            figures = [*found, ranked[i, 0], error, outline[i], place[i], float(right[i])]
+            row = np.array(figures, np.float64)
             rows.setdefault(label, []).append(row)
     scores = [_score(classes[label].name, np.stack(rows[label])) for label in sorted(rows)]
     return CropValidation(name, tuple(scores))
+
+
+def _known(value: object) -> object:
+    """None instead of NaN, which JSON has not."""
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _score(label: str, rows: Float64[np.ndarray, "n f"]) -> CropScore:
@@ -133,13 +153,14 @@ def _score(label: str, rows: Float64[np.ndarray, "n f"]) -> CropScore:
         mean_deg=float(np.median(rows[:, count + 1])),
         outline=float(rows[:, count + 2].mean()),
         place=float(np.median(rows[:, count + 3])),
+        state=float(rows[:, count + 4].mean()),
     )
 
 
 def scene_views(
     folders: Iterable[Path],
     assemblies: Sequence[Assembly],
-    classes: Sequence[PartClass],
+    classes: Sequence[CropClass],
 ) -> list[Views]:
     """Crops of the parts in scenes, cut as in use, with boxes as wrong as a detector's.
 
@@ -181,6 +202,7 @@ def _views(rows: Sequence[tuple[np.ndarray, int, np.ndarray, np.ndarray]]) -> Vi
     return Views(
         pictures.float() / 255 - 0.5,
         torch.tensor([r[1] for r in rows]),
+        torch.full((len(rows),), -1),
         to_tensor(np.stack([r[2] for r in rows]), "cpu", dtype=torch.float32),
         to_tensor(np.stack([r[3] for r in rows]), "cpu", dtype=torch.float32),
         torch.full((len(rows), cells, cells), torch.nan),

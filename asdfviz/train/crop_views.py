@@ -15,15 +15,12 @@ from jaxtyping import Float32, Int64
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
-from asdfviz.datatypes import Assembly
-from asdfviz.detector.crop_classes import PartClass
+from asdfviz.detector.crop_classes import CropClass
 from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
 from asdfviz.detector.crop_network import STRIDE
 from asdfviz.geometry.rotation_grid import Quaternions, even_rotations
-from asdfviz.pose.box_fit import hull_corners
 from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_data import Crops
-from asdfviz.train.crop_scenes import CORNERS
 
 SOFTNESS = 0.22
 """Radians by which the target distribution spreads about the true rotation."""
@@ -38,6 +35,8 @@ class Views:
     pictures: Float32[Tensor, "b 3 s s"]
     """RGB, -0.5 to 0.5."""
     labels: Int64[Tensor, "b"]
+    states: Int64[Tensor, "b"]
+    """As `Crops.states`."""
     quaternions: Float32[Tensor, "b 4"]
     """True R_crop_part."""
     place: Float32[Tensor, "b 3"]
@@ -51,17 +50,13 @@ class ViewMaker:
 
     def __init__(
         self,
-        classes: Sequence[PartClass],
-        assemblies: Sequence[Assembly],
+        classes: Sequence[CropClass],
         *,
         grid: int,
         device: str = "cpu",
     ) -> None:
         self.device = device
-        corners = [
-            hull_corners(assemblies[c.assembly].parts[c.parts[0]].mesh.vertices, CORNERS)
-            for c in classes
-        ]
+        corners = [c.corners for c in classes]
         most = max(len(c) for c in corners)
         padded = np.stack([c[np.arange(most) % len(c)] for c in corners])
         self._corners = to_tensor(padded.astype(np.float32), device)
@@ -72,6 +67,12 @@ class ViewMaker:
         )
         self._grid = to_tensor(even_rotations(grid).astype(np.float32), device)
         self._first, self._second = _spans(classes, device)
+        own = torch.zeros(len(classes), sum(len(c.states) for c in classes), dtype=torch.bool)
+        first = 0
+        for label, crop_class in enumerate(classes):
+            own[label, first : first + len(crop_class.states)] = True
+            first += len(crop_class.states)
+        self._own_states = own.to(device)
 
     def views(self, crops: Crops, *, rng: np.random.Generator, jitter: float = 1.0) -> Views:
         """Show crops with any roll.
@@ -104,6 +105,7 @@ class ViewMaker:
         return Views(
             rgb - 0.5,
             crops.labels,
+            crops.states,
             _quaternions(R_view_part),
             self._places(R_view_part, t, focal, crops.labels),
             avg_pool2d(seen, STRIDE)[:, 0],
@@ -126,6 +128,12 @@ class ViewMaker:
             total = squared if total is None else total + squared
         assert total is not None
         return 2 * torch.arccos(total.amax(1).clamp(max=1).sqrt().clamp(max=1 - 1e-7))
+
+    def own_states(
+        self, logits: Float32[Tensor, "b t"], labels: Int64[Tensor, "b"]
+    ) -> Float32[Tensor, "b t"]:
+        """Logits of states, minus infinity for those of other groups."""
+        return logits.masked_fill(~self._own_states[labels], -torch.inf)
 
     def _boxes(self, crops: Crops, R_stored_rolled: Tensor) -> tuple[Tensor, Tensor]:
         """Middle and longer side of the true box in the rolled view, at depth 1."""
@@ -160,12 +168,12 @@ class ViewMaker:
         return (gray + (rgb - gray) * keep + noise * each(0.0, 0.02)).clamp(0, 1)
 
 
-def _spans(classes: Sequence[PartClass], device: str) -> tuple[Tensor, Tensor]:
+def _spans(classes: Sequence[CropClass], device: str) -> tuple[Tensor, Tensor]:
     """Quaternions whose products with a rotation span its equivalents, padded by repeats."""
     firsts: list[Quaternions] = []
     seconds: list[Quaternions] = []
-    for part_class in classes:
-        first, second = part_class.equivalents.spanning(np.array([0.0, 0.0, 0.0, 1.0]))
+    for crop_class in classes:
+        first, second = crop_class.equivalents.spanning(np.array([0.0, 0.0, 0.0, 1.0]))
         firsts.append(first)
         seconds.append(second)
     most = max(len(f) for f in firsts)

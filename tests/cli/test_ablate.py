@@ -18,6 +18,7 @@ from asdfviz.methods.variants import (
     group_variants,
     refinement_variants,
     state_variants,
+    weighting_variants,
 )
 
 FRAMES = 3
@@ -71,11 +72,14 @@ def test_every_variant_is_a_config_of_its_method() -> None:
         *refinement_variants(assembly),
         *group_variants(assembly),
         *state_variants(assembly),
+        *weighting_variants(assembly),
     ):
         assert isinstance(variant.config, find_method(variant.method).config)
         assert variant.title.endswith(variant.config.first_pose)
-    titles = [variant.title for variant in refinement_variants(assembly)]
-    assert len(set(titles)) == len(titles)
+    for variants in (refinement_variants(assembly), weighting_variants(assembly)):
+        assert len({variant.title for variant in variants}) == len(variants)
+    kinds = {v.config.translation.weights for v in weighting_variants(assembly)}
+    assert kinds == {"gaussian", "huber", "cauchy", "nearest", "uniform"}
     assert {v.paper for v in refinement_variants(assembly)} == {"none", "icp", "translation", ""}
 
 

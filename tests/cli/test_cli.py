@@ -12,10 +12,13 @@ from pathlib import Path
 import pytest
 from exits import exit_code
 
+from asdfviz.cli.run import method_apart
 from asdfviz.cli.synth import SynthPacks
 from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import check_run_folder, load_run
 from asdfviz.errors import RenderError
+from asdfviz.methods.following import FollowConfig
+from asdfviz.methods.icg import IcgConfig
 from asdfviz.synth.packs import PackConfig
 
 README = Path(__file__).resolve().parents[2] / "README.md"
@@ -80,6 +83,37 @@ def test_the_help_of_run_shows_the_options_of_the_method(
     assert "--detector.confidence" in shown
     assert exit_code("run", "--method", "nonsense", "--help") == 2
     assert "no method 'nonsense'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "--method icg --report-lost {s} --out {o}",
+        "--report-lost --method=icg --out={o} {s}",
+        "{s} --follow.margin 0.03 --out {o} --report-lost -m icg",
+        "--out {o} --follow.margin=0.03 --report-lost {s} --format folder --method icg",
+    ],
+)
+def test_a_method_s_options_stand_anywhere(line: str) -> None:
+    words = ["run", *line.format(s="scene", o="runs/x").split()]
+    kept, chosen = method_apart(words)
+    assert chosen is not None
+    spec, config = chosen
+    assert spec.name == "icg"
+    assert isinstance(config, IcgConfig)
+    assert config.report_lost
+    assert config.follow.margin == (0.03 if "margin" in line else FollowConfig().margin)
+    own = [word for word in kept[1:] if not word.startswith("-")]
+    assert "scene" in own
+    assert "--report-lost" not in kept
+    assert not any("margin" in word for word in kept)
+
+
+def test_an_option_that_no_method_has_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code("run", "--method", "icg", "--report-list", "sample") == 2
+    error = capsys.readouterr().err
+    assert "--report-list" in error
+    assert "asdfviz run --method icg" in error
 
 
 def test_a_file_where_results_should_go_is_said_before_the_work(

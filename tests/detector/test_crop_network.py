@@ -19,9 +19,12 @@ K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
 SMALL = {"grid": 120, "widths": (8, 8, 16, 16, 16), "hidden": 32, "own": 16}
 
 
-def network(classes: int = 2, seed: int = 0) -> CropNetwork:
+STATES = {"a//group": ("bare", "joined"), "b//group": ("bare", "joined", "wrong")}
+
+
+def network(classes: int = 2, seed: int = 0, states: int = 0) -> CropNetwork:
     torch.manual_seed(seed)
-    return CropNetwork(classes=classes, **SMALL).eval()
+    return CropNetwork(classes=classes, states=states, **SMALL).eval()
 
 
 def test_outputs_depend_on_the_part_and_have_the_promised_shapes() -> None:
@@ -32,34 +35,45 @@ def test_outputs_depend_on_the_part_and_have_the_promised_shapes() -> None:
     assert out.rotations.shape == (2, 120)
     assert out.place.shape == (2, 3)
     assert out.outline.shape == (2, 24, 24)
+    assert out.states.shape == (2, 0)
     assert not torch.allclose(out.rotations[0], out.rotations[1])
 
 
 def test_the_full_network_fits_the_weight_limit(tmp_path: Path) -> None:
     path = tmp_path / "crops.safetensors"
-    save_crop_network(CropNetwork(classes=28), path, classes=[f"a/{i}" for i in range(28)])
+    names = [f"a/{i}" for i in range(28)]
+    states = {"a//group": [f"state {i}" for i in range(36)]}
+    save_crop_network(CropNetwork(classes=28, states=36), path, classes=names, states=states)
     assert path.stat().st_size < 7e6
 
 
 def test_weights_come_back(tmp_path: Path) -> None:
-    net, path = network(), tmp_path / "crops.safetensors"
-    save_crop_network(net, path, classes=["a/x", "a/y"])
+    net, path = network(states=5), tmp_path / "crops.safetensors"
+    save_crop_network(net, path, classes=["a//group", "b//group"], states=STATES)
     loaded = load_crop_network(path)
-    assert loaded.classes == ("a/x", "a/y")
+    assert loaded.classes == ("a//group", "b//group")
+    assert loaded.states == STATES
+    assert loaded.spans == {"a//group": slice(0, 2), "b//group": slice(2, 5)}
     crops, part = torch.rand(2, 3, CROP_PIXELS, CROP_PIXELS) - 0.5, torch.tensor([0, 1])
     with torch.inference_mode():
         want, got = net(crops, part), loaded.network(crops, part)
     assert torch.allclose(want.rotations, got.rotations, atol=0.02)
     assert torch.allclose(want.outline, got.outline, atol=0.02)
+    assert torch.allclose(want.states, got.states, atol=0.02)
 
 
-@pytest.mark.parametrize("fault", ["missing", "cut short", "text", "other classes", "not finite"])
+FAULTS = ["missing", "cut short", "text", "other classes", "other states", "not finite"]
+
+
+@pytest.mark.parametrize("fault", FAULTS)
 def test_bad_weights_are_refused(tmp_path: Path, fault: str) -> None:
     path = tmp_path / "crops.safetensors"
     net = network()
     if fault == "not finite":
         net.to_place.bias.data.fill_(torch.nan)
-    save_crop_network(net, path, classes=["a/x"] if fault == "other classes" else ["a/x", "a/y"])
+    classes = ["a/x"] if fault == "other classes" else ["a/x", "a/y"]
+    states = STATES if fault == "other states" else {}
+    save_crop_network(net, path, classes=classes, states=states)
     if fault == "missing":
         path.unlink()
     elif fault == "cut short":
@@ -105,7 +119,7 @@ def test_the_picture_follows_the_crops_camera(extent: float) -> None:
 
 def test_looking_answers_for_known_classes_alone(tmp_path: Path) -> None:
     path = tmp_path / "crops.safetensors"
-    save_crop_network(network(), path, classes=["a/x", "a/y"])
+    save_crop_network(network(), path, classes=["a/x", "a/y"], states={})
     looker = CropLooker(path, config=CropLookerConfig(count=5))
     rgb = np.random.default_rng(0).integers(0, 255, (240, 320, 3), dtype=np.uint8)
     box = np.array([100.0, 100, 150, 160])
@@ -118,3 +132,19 @@ def test_looking_answers_for_known_classes_alone(tmp_path: Path) -> None:
     assert looker.look(rgb, K, {}) == {}
     far, near = (replace(answer, place=np.array([0, 0, size])) for size in (-0.1, 0.1))
     assert far.distance(0.1) > near.distance(0.1) > 0
+
+
+def test_a_group_is_told_its_own_states_alone(tmp_path: Path) -> None:
+    path = tmp_path / "crops.safetensors"
+    net = network(classes=3, states=5)
+    assert net.to_states is not None
+    net.to_states.weight.data.zero_()
+    net.to_states.bias.data = torch.tensor([9.0, 9.0, 0.0, 1.0, 2.0])
+    save_crop_network(net, path, classes=["a//group", "b//group", "b/x"], states=STATES)
+    looker = CropLooker(path)
+    rgb = np.zeros((240, 320, 3), np.uint8)
+    box = np.array([100.0, 100, 150, 160])
+    answers = looker.look(rgb, K, {"group": ("b//group", box), "part": ("b/x", box)})
+    odds = np.exp([0.0, 1.0, 2.0])
+    assert answers["group"].states == pytest.approx(odds / odds.sum(), abs=1e-3)
+    assert len(answers["part"].states) == 0

@@ -9,6 +9,7 @@ import pytest
 from asdfviz.datatypes import FramePrediction
 from asdfviz.errors import MethodError, WeightsError
 from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import NetworkConfig
 from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig
@@ -48,6 +49,23 @@ def test_shrunken_noisy_keypoints_still_end_at_the_true_place(toy, detector) -> 
         assert asdf.poses[name].stage == "refined"
         assert raw.poses[name].stage == "pnp"
         assert 0 < asdf.poses[name].score <= 0.8
+
+
+def test_what_is_proposed_is_the_step_without_its_state(toy, detector) -> None:
+    poses = toy.poses(joined=False)
+    detector.answers[1] = tuple(toy.detection(name, T) for name, T in poses.items())
+    config = AsdfConfig(group=GroupConfig(enabled=False))
+    frame = toy.frame(1, poses)
+    whole, proposed = started(toy, detector, config), started(toy, detector, config)
+    said, half = whole.step(frame), proposed.propose(frame)
+    assert said.state is not None
+    assert half.state is None
+    assert set(half.poses) == set(said.poses)
+    for name, pose in half.poses.items():
+        assert np.array_equal(pose.T_camera_part, said.poses[name].T_camera_part)
+    looks = said.state.terms.get("appearance")
+    assert (proposed.looks is None) == (looks is None)
+    assert looks is None or np.array_equal(looks, np.array(proposed.looks))
 
 
 def test_without_depth_poses_stay_at_pnp(toy, detector) -> None:

@@ -30,6 +30,7 @@ class FakeLooker:
     classes: tuple[str, ...] = ("toy/base", "toy/block")
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     outlines: dict[str, np.ndarray] = field(default_factory=dict)
+    states: dict[str, tuple[str, ...]] = field(default_factory=dict)
     calls: int = 0
 
     def look(self, rgb, K, boxes) -> Mapping[str, CropAnswer]:
@@ -43,7 +44,9 @@ class FakeLooker:
             rotations = np.concatenate([even_rotations(7), quaternion_of(R_crop_part)[None]])
             shown = np.repeat(self.outlines[name][:, :, None], 3, axis=2).astype(np.uint8) * 255
             outline = cut(shown, camera, K)[:, :, 0].reshape(24, 4, 24, 4).mean(axis=(1, 3)) / 255
-            answers[name] = CropAnswer(camera, rotations, np.full(8, 0.125), np.zeros(3), outline)
+            answers[name] = CropAnswer(
+                camera, rotations, np.full(8, 0.125), np.zeros(3), outline, np.zeros(0)
+            )
         return answers
 
 
@@ -172,7 +175,7 @@ def test_weights_of_another_assembly_are_refused(
     from asdfviz.detector.crop_weights import save_crop_network
 
     network = CropNetwork(classes=1, grid=60, widths=(8, 8, 8, 8, 8), hidden=8, own=8)
-    save_crop_network(network, tmp_path / "crops.safetensors", classes=["other/base"])
+    save_crop_network(network, tmp_path / "crops.safetensors", classes=["other/base"], states={})
     method = Asdf(AsdfConfig(), detector=detector)
     with pytest.raises(WeightsError, match="other/base"):
         method.reset(moved_to(assembly, tmp_path), replace_camera(), None)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from asdfviz.geometry.camera import project
+from asdfviz.geometry.sampling import hull_corners
 from asdfviz.geometry.transforms import apply
-from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box, hull_corners
+from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box
 
 SIZE = (640, 360)
 

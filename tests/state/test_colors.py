@@ -54,6 +54,14 @@ def test_a_few_frames_of_another_thing_do_not_change_a_look(looks: Looks) -> Non
     assert ratio(looks, "cover", pixels(RED, seed=5), ColorConfig()) > 1.0
 
 
+def test_what_is_learnt_later_counts(looks: Looks) -> None:
+    assert ratio(looks, "cover", pixels(BLUE), ColorConfig()) < 0
+    assert looks.of("cover") is looks.of("cover")
+    for seed in range(8):
+        looks.learn("cover", pixels(BLUE, seed=seed), around=pixels(GRAY))
+    assert ratio(looks, "cover", pixels(BLUE, seed=9), ColorConfig()) > 1.0
+
+
 def test_what_looks_like_the_table_beside_it_is_not_learnt() -> None:
     """A flat part whose pose is wrong: what is seen there is the table."""
     looks = Looks(config=ColorConfig())

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,7 @@ import torch
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
-from asdfviz.detector.crop_classes import part_classes
+from asdfviz.detector.crop_classes import crop_classes
 from asdfviz.detector.crop_cut import CROP_PIXELS
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import load_crop_network
@@ -20,10 +22,13 @@ from asdfviz.train.checkpoint import Average, Progress
 from asdfviz.train.crop_checkpoint import begin_crops_from, save_crop_checkpoint
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import CropMaker, Crops
+from asdfviz.train.crop_losses import crop_losses
 from asdfviz.train.crop_pool import CropPool, ShardFolder
 from asdfviz.train.crop_session import CropSession
 from asdfviz.train.crop_views import ViewMaker
 from asdfviz.train.schedule import rate_at
+
+STATES = {"a//group": ["s", "t"]}
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +43,7 @@ def crops(maker: CropMaker) -> Crops:
 
 @pytest.fixture(scope="module")
 def views(assembly: Assembly) -> ViewMaker:
-    return ViewMaker(part_classes([assembly]), [assembly], grid=600)
+    return ViewMaker(crop_classes([assembly]), grid=600)
 
 
 def pixels_of(points: np.ndarray, focal: float, side: int) -> np.ndarray:
@@ -50,6 +55,8 @@ def test_where_a_crop_shows_the_part_its_pose_projects_to(assembly, maker, crops
     for i in range(len(crops)):
         part = assembly.parts[maker.classes[int(crops.labels[i])].parts[0]]
         T = crops.T_crop_part[i].double().numpy()
+        if crops.states[i] >= 0:
+            continue  # of a group the rest hides the base part
         corners = apply(T, part.mesh.vertices)
         low, high = (
             f(pixels_of(corners, float(crops.focal[i]), side), axis=0) for f in (np.min, np.max)
@@ -62,6 +69,62 @@ def test_where_a_crop_shows_the_part_its_pose_projects_to(assembly, maker, crops
         # The box lies about the middle and has the size that crops are cut for.
         assert (low + high) / 2 == pytest.approx([(side - 1) / 2] * 2, abs=1.5)
         assert (high - low).max() == pytest.approx(CROP_PIXELS / 1.25, abs=3)
+
+
+def test_a_group_lies_about_the_middle_and_has_all_that_the_state_joins(
+    assembly: Assembly, maker: CropMaker
+) -> None:
+    groups = [i for i, c in enumerate(maker.classes) if c.states]
+    crops = maker.make(24, rng=np.random.default_rng(3), labels=groups)
+    states = maker.classes[groups[0]].states
+    assert set(crops.states.tolist()) <= set(range(len(states)))
+    assert len(set(crops.states.tolist())) > 1
+    side = crops.pictures.shape[3]
+    shown = 0
+    for i in range(len(crops)):
+        T = crops.T_crop_part[i].double().numpy()
+        middle = apply(T, maker.classes[groups[0]].middle[None])
+        at = pixels_of(middle, float(crops.focal[i]), side)[0]
+        assert at == pytest.approx([(side - 1) / 2] * 2, abs=1.5)
+        state = assembly.states[int(crops.states[i])]
+        corners = np.concatenate(
+            [
+                apply(T @ T_base_part, assembly.parts[name].mesh.vertices)
+                for name, T_base_part in state.T_base_part.items()
+                if name not in state.joints
+            ]
+        )
+        pixels = pixels_of(corners, float(crops.focal[i]), side)
+        shown += bool(np.all((pixels >= 0) & (pixels < side)))
+    assert shown >= 0.8 * len(crops)
+
+
+def test_a_group_learns_among_its_own_states(assembly: Assembly) -> None:
+    other = load_assembly("corner_clamp")
+    classes = crop_classes([assembly, other])
+    views = ViewMaker(classes, grid=60)
+    count = sum(len(c.states) for c in classes)
+    labels = torch.tensor([len(classes) - 2, len(classes) - 1])
+    own = views.own_states(torch.zeros(2, count), labels)
+    first = len(assembly.states)
+    assert torch.isfinite(own[0]).tolist() == [i < first for i in range(count)]
+    assert torch.isfinite(own[1]).tolist() == [i >= first for i in range(count)]
+
+
+def test_parts_say_nothing_of_states(maker: CropMaker, crops: Crops, views: ViewMaker) -> None:
+    batch = views.views(crops, rng=np.random.default_rng(1))
+    target = views.targets(batch.quaternions, batch.labels)
+    count = sum(len(c.states) for c in maker.classes)
+    network = CropNetwork(classes=len(maker.classes), grid=600, states=count)
+    out = network(batch.pictures, batch.labels)
+    losses = crop_losses(out, batch, target=target, views=views)
+    assert bool(torch.isfinite(losses).all())
+    parts = batch.states < 0
+    changed = replace(out, states=torch.where(parts[:, None], out.states + 5, out.states * 1.0))
+    changed.states[parts, 0] += 9
+    assert torch.allclose(losses, crop_losses(changed, batch, target=target, views=views))
+    alone = replace(batch, states=torch.full_like(batch.states, -1))
+    assert float(crop_losses(out, alone, target=target, views=views)[3].detach()) == 0.0
 
 
 def test_the_same_seed_makes_the_same_crops(maker: CropMaker, crops: Crops) -> None:
@@ -175,8 +238,12 @@ def test_a_run_trains_stops_goes_on_and_exports(tmp_path: Path) -> None:
     assert [score.crops for score in found[0].classes]
     assert "mean over classes" in found[0].table()
     loaded = load_crop_network(tmp_path / "crops.safetensors")
-    assert loaded.classes == ("corner_clamp/base", "corner_clamp/jaw", "corner_clamp/bolt")
-    assert (tmp_path / "crops.json").is_file()
+    parts = ("corner_clamp/base", "corner_clamp/jaw", "corner_clamp/bolt")
+    assert loaded.classes == (*parts, "corner_clamp//group")
+    assert loaded.states == {"corner_clamp//group": ("base", "jaw", "bolt", "jaw_reversed")}
+    record = json.loads((tmp_path / "crops.json").read_text(), parse_constant=pytest.fail)
+    assert record["states"] == {"corner_clamp//group": ["base", "jaw", "bolt", "jaw_reversed"]}
+    assert [score["label"] for score in record["validation"][0]["classes"]]
     assert (tmp_path / "curve.png").is_file()
     with pytest.raises(WeightsError, match="another run folder"):
         CropSession(run_config(tmp_path, grid=240))
@@ -202,7 +269,7 @@ def test_the_rate_warms_up_holds_and_falls() -> None:
 
 def test_a_run_begins_with_what_another_ones_classes_share(tmp_path: Path) -> None:
     torch.manual_seed(1)
-    old, new = CropNetwork(classes=2, grid=64), CropNetwork(classes=3, grid=64)
+    old, new = CropNetwork(classes=2, grid=64, states=2), CropNetwork(classes=3, grid=64, states=2)
     checkpoint = tmp_path / "last.pt"
     save_crop_checkpoint(
         checkpoint,
@@ -210,9 +277,15 @@ def test_a_run_begins_with_what_another_ones_classes_share(tmp_path: Path) -> No
         average=Average(old, decay=0.9),
         progress=Progress(),
         optimizer=torch.optim.AdamW(old.parameters()),
-        about={"classes": ["a/x", "a/y"], "shape": old.shape},
+        about={"classes": ["a/x", "a/y"], "states": STATES, "shape": old.shape},
     )
-    begin_crops_from(new, checkpoint, names=["b/x", "a/y", "b/z"])
+    assert new.to_states is not None
+    assert old.to_states is not None
+    own = new.to_states.weight.clone()
+    begin_crops_from(new, checkpoint, names=["b/x", "a/y", "b/z"], states={"b//group": ["s", "t"]})
+    assert torch.equal(new.to_states.weight, own)
+    begin_crops_from(new, checkpoint, names=["b/x", "a/y", "b/z"], states=STATES)
+    assert torch.equal(new.to_states.weight, old.to_states.weight)
     assert torch.equal(new.features.weight, old.features.weight)
     assert torch.equal(new.to_grid.weight, old.to_grid.weight)
     rows = old.own_layer.weight.view(2, -1)
@@ -221,4 +294,4 @@ def test_a_run_begins_with_what_another_ones_classes_share(tmp_path: Path) -> No
     table, before = new.know_quarter.table.weight, old.know_quarter.table.weight
     assert torch.equal(table[1], before[1])
     with pytest.raises(WeightsError, match="has the shape"):
-        begin_crops_from(CropNetwork(classes=2, grid=128), checkpoint, names=["p", "q"])
+        begin_crops_from(CropNetwork(classes=2, grid=128), checkpoint, names=["p", "q"], states={})

@@ -1,0 +1,60 @@
+"""Twins: parts of one detector class and one mesh, which no camera can tell apart.
+
+By name, a pose that lies on the other twin is wrong. BOP knows one object with several instances
+instead; `exchanged` gives the poses of twins to the true ones frame by frame, for the figures whose
+names end in `_twins`, and `asdfviz.evaluate.bop` does as BOP does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, cast
+
+import numpy as np
+from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
+
+from asdfviz.datatypes import Assembly, PoseEstimate
+from asdfviz.evaluate.pose_errors import ErrorModel, pose_error
+from asdfviz.geometry.shapes import Transform
+
+FAR = 0.1
+"""Metres of ADD(S): a pose farther off is wrong for every twin alike, so it counts no more than this."""
+OWN_NAME = 1e-9
+"""Metres by which a pose's own name is preferred where both fit as well."""
+
+
+def twin_groups(assembly: Assembly) -> tuple[tuple[str, ...], ...]:
+    """All parts, in groups of those that cannot be told apart; one without twins stands alone."""
+    groups: dict[tuple[str, bytes, bytes], list[str]] = {}
+    for name, part in assembly.parts.items():
+        key = (part.detector_class, part.mesh.vertices.tobytes(), part.mesh.faces.tobytes())
+        groups.setdefault(key, []).append(name)
+    return tuple(tuple(names) for names in groups.values())
+
+
+def exchanged(
+    poses: Mapping[str, PoseEstimate],
+    truth: Mapping[str, Transform],
+    names: Sequence[str],
+    model: ErrorModel,
+) -> dict[str, PoseEstimate]:
+    """Give the poses of twins to the true ones with the least sum of ADD(S), none of it above FAR.
+
+    Args:
+        poses: of the frame, by the name that the run gave them.
+        truth: T_camera_part of the parts that are there.
+        names: of the twins.
+        model: of any of them.
+
+    Returns:
+        The poses by the name of the true twin; a twin for which none is left is absent.
+    """
+    said = [name for name in names if name in poses]
+    there = [name for name in names if name in truth]
+    cost = np.zeros((len(said), len(there)))
+    for i, name in enumerate(said):
+        for j, other in enumerate(there):
+            error = pose_error(poses[name].T_camera_part, truth[other], model)
+            cost[i, j] = min(error.add_s, FAR) - OWN_NAME * (name == other)
+    assign = cast(Any, optimize).linear_sum_assignment
+    return {there[j]: poses[said[i]] for i, j in zip(*assign(cost), strict=True)}
