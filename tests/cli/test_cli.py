@@ -66,8 +66,13 @@ def test_help_shows_an_example(command: str, capsys: pytest.CaptureFixture[str])
     ],
 )
 def test_bad_input_exits_2_with_one_line(
-    arguments: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     assert exit_code(*arguments) == 2
     error = capsys.readouterr().err
     assert said in error
