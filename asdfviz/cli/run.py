@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, TypeAlias, cast
 
@@ -14,8 +14,6 @@ from asdfviz.datatypes import FramePrediction, Run, Sequence
 from asdfviz.errors import AsdfvizError, InputError, RunError, Stopped
 from asdfviz.methods.spec import MethodSpec
 
-OWN_OPTIONS = ("--method", "-m", "--out", "--assembly", "--format")
-"""Of `asdfviz run` itself, each with a value; all others are the method's."""
 Chosen: TypeAlias = tuple[MethodSpec, object]
 """A method and its config."""
 
@@ -86,6 +84,13 @@ class RunMethod:
         print(folder)
         if len(result.predictions) < len(sequence):
             raise Stopped(saved)
+
+
+OWN_OPTIONS = (
+    "-m",
+    *(f"--{field.name}" for field in fields(RunMethod) if field.name != "sequence"),
+)
+"""Of `asdfviz run` itself, each with a value; all others are the method's."""
 
 
 def _saved(run: Run, sequence: Sequence, out: Path) -> tuple[Path, str]:

@@ -6,8 +6,9 @@ wide as the assembly gets, so that it does not depend on what is joined, nor on 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 
@@ -60,6 +61,18 @@ def crop_classes(assemblies: Sequence[Assembly]) -> tuple[CropClass, ...]:
     classes = [c for i, assembly in enumerate(assemblies) for c in _part_classes(assembly, i)]
     classes += [_group_class(assembly, i) for i, assembly in enumerate(assemblies)]
     return tuple(classes)
+
+
+def group_states(classes: Sequence[CropClass]) -> dict[str, tuple[str, ...]]:
+    """Of every group among the classes the states that are told apart, in order."""
+    return {c.name: c.states for c in classes if c.states}
+
+
+def state_spans(states: Mapping[str, Sequence[str]]) -> dict[str, slice]:
+    """Where the states of each group lie among the network's outputs: one group's after another's."""
+    ends = accumulate(len(of) for of in states.values())
+    pairs = zip(states.items(), ends, strict=True)
+    return {name: slice(end - len(of), end) for (name, of), end in pairs}
 
 
 def group_radius(assembly: Assembly) -> float:

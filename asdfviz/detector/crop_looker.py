@@ -15,7 +15,7 @@ from asdfviz.detector.crop_cut import crop_camera, cut
 from asdfviz.detector.crop_weights import load_crop_network
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.geometry.rotation_grid import even_rotations, modes
-from asdfviz.geometry.shapes import Box, Intrinsics, Rgb, Scores
+from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
 
 REACH = 0.5
 """Radius of a peak of the distribution, radians: its surroundings count to it."""
@@ -80,18 +80,13 @@ class CropLooker:
         probabilities = out.rotations.float().softmax(1).double().cpu().numpy()
         places = out.place.float().double().cpu().numpy()
         outlines = out.outline.float().sigmoid().double().cpu().numpy()
-        logits = out.states.float().double().cpu().numpy()
+        logits = out.states.double()
         answers: dict[str, CropAnswer] = {}
         for i, (name, camera) in enumerate(cameras.items()):
             rotations, weights = modes(
                 probabilities[i], self._grid, count=self._config.count, reach=REACH
             )
-            states = _softmax(logits[i, self._span.get(known[name][0], slice(0))])
+            span = self._span.get(known[name][0], slice(0))
+            states = logits[i, span].softmax(0).cpu().numpy()
             answers[name] = CropAnswer(camera, rotations, weights, places[i], outlines[i], states)
         return answers
-
-
-def _softmax(logits: Scores) -> Scores:
-    """Probabilities; none of none."""
-    odds = np.exp(logits - logits.max(initial=-np.inf))
-    return odds / max(float(odds.sum()), 1.0)

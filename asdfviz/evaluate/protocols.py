@@ -99,6 +99,13 @@ def pose_figures(
     return parts, {key: mean(figures[key] for figures in parts.values()) for key in keys}
 
 
+def twins_matter(means: Iterable[Mapping[str, object]], figures: Iterable[str]) -> bool:
+    """Whether any of the figures of twins, by their names, differs from the plain one in any mean."""
+    keys = tuple(figures)
+    pairs = ((one, key) for one in means for key in keys if key in one)
+    return any(one[key] != one.get(key.removesuffix(TWINS)) for one, key in pairs)
+
+
 def _by_part(records: Iterable[PoseRecord], assembly: Assembly) -> dict[str, list[PoseRecord]]:
     by_part: dict[str, list[PoseRecord]] = {name: [] for name in assembly.parts}
     for record in records:

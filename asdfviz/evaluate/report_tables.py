@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from asdfviz.evaluate.protocols import TWINS
+from asdfviz.evaluate.protocols import TWINS, twins_matter
 from asdfviz.evaluate.report_style import escape, part_color
 from asdfviz.evaluate.tables import UNDEFINED
 
@@ -82,11 +82,7 @@ class Row:
 
 def pose_columns(reports: Iterable[Mapping[str, Any]]) -> tuple[Column, ...]:
     """The columns of poses under the strict rules, by reports or means."""
-    has_twins = any(
-        report["mean"].get(c.key) != report["mean"].get(c.key.removesuffix(TWINS))
-        for report in reports
-        for c in TWIN_POSES
-    )
+    has_twins = twins_matter((report["mean"] for report in reports), (c.key for c in TWIN_POSES))
     return (*POSES, *TWIN_POSES) if has_twins else POSES
 
 

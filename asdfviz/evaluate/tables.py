@@ -9,7 +9,7 @@ import html
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from asdfviz.evaluate.protocols import TWINS
+from asdfviz.evaluate.protocols import TWINS, twins_matter
 
 UNDEFINED = "-"
 
@@ -112,12 +112,7 @@ def parts_table(result: Mapping[str, Any]) -> str:
 
 def pose_columns(means: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, str], ...]:
     """The columns of poses, those of twins among them where they differ from the plain ones."""
-    has_twins = any(
-        figures.get(key) != figures.get(key.removesuffix(TWINS))
-        for figures in means
-        for _, key in TWIN_COLUMNS
-        if key in figures
-    )
+    has_twins = twins_matter(means, (key for _, key in TWIN_COLUMNS))
     return (*POSE_COLUMNS, *TWIN_COLUMNS) if has_twins else POSE_COLUMNS
 
 

@@ -124,13 +124,12 @@ class AsdfTrack:
             parts.tracker.move(frame)
             poses = parts.settle(frame, joined)
         with timed("fuse"):
-            looks = None if proposed.state is None else proposed.state.terms.get("appearance")
             # What the state holds together cannot bear witness for the state.
             free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
             places = relative_pose_probabilities(free, assembly, config=config.relative_pose)
             first = proposed.poses.get(assembly.base)
             seen = scene.fits.step(poses, scene.states.belief, frame, first=first)
-            scene.state = followed_state(scene.states, looks, places, seen)
+            scene.state = followed_state(scene.states, self._asdf.looks, places, seen)
         runtime = {**proposed.runtime, **timed.seconds}
         return FramePrediction(frame.index, poses, scene.state, proposed.detections, runtime)
 

@@ -1,13 +1,14 @@
 """GBOT with re-initialisation: every tenth frame a detector's poses correct the tracker's.
 
-The published code compares an angle with itself where it asks whether the tracker's pose is near
-enough to be kept, so that it always takes the detector's. What it means is done here; `faithful`
-does what it does.
+With crop weights, those come from crops around the boxes; the paper's own from keypoints. The
+published code compares an angle with itself where it asks whether the tracker's pose is near enough
+to be kept, so that it always takes the detector's. What it means is done here; `faithful` does what
+it does.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 
@@ -23,6 +24,13 @@ from asdfviz.datatypes import (
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.assignment import assign_detections
+from asdfviz.methods.first_pose import (
+    CropPoseConfig,
+    CropPoses,
+    FirstPose,
+    LooksAtParts,
+    crop_poses,
+)
 from asdfviz.methods.gbot import Gbot, GbotConfig
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
 from asdfviz.methods.part_poses import (
@@ -57,6 +65,12 @@ class GbotReinitConfig(GbotConfig):
     """The network; score as in GBOT's evaluator."""
     pnp: PnpConfig = field(default_factory=PnpConfig)
     """From keypoints to a pose."""
+    first_pose: FirstPose | None = None
+    """What the detector's poses come from: keypoints (the paper) or hypotheses (crops around the
+    boxes). Default: hypotheses if crop weights lie beside the assembly (crops.safetensors) or are
+    named and it does not run as published, else keypoints."""
+    crops: CropPoseConfig = field(default_factory=CropPoseConfig)
+    """Poses from crops."""
     every: int = 10
     """Frames from one re-initialisation to the next."""
     every_lost: int = 3
@@ -71,20 +85,33 @@ class GbotReinitConfig(GbotConfig):
     faithful: bool = False
     """Take every detected pose, as the published code does by a slip."""
 
+    @property
+    def verified(self) -> bool:
+        """Whether the picture decides between the detector's pose and the tracked one."""
+        return not (self.published or self.faithful)
+
 
 class GbotReinit(Gbot):
     """GBOT, with a detector that finds lost and new parts."""
 
-    def __init__(self, config: GbotReinitConfig, *, detector: Detects | None = None) -> None:
+    def __init__(
+        self,
+        config: GbotReinitConfig,
+        *,
+        detector: Detects | None = None,
+        looker: LooksAtParts | None = None,
+    ) -> None:
         """Keep the config.
 
         Args:
             config: the options.
             detector: used instead of the configured network.
+            looker: used instead of the configured crop network.
         """
         super().__init__(config)
         self._options = config
-        self._given_detector = detector
+        self._given_detector, self._given_looker = detector, looker
+        self._crop_poses: CropPoses | None = None
         self._found: tuple[Assembly, Detects] | None = None
         self._frames = 0
         self._boxes: dict[str, Box] = {}
@@ -98,7 +125,12 @@ class GbotReinit(Gbot):
             WeightsError: there are no weights for this assembly.
         """
         super().reset(assembly, camera, initial)
-        detector = self._given_detector or load_detector(self._options.detector, assembly)
+        options = self._options
+        detector = self._given_detector or load_detector(options.detector, assembly)
+        first_pose = options.first_pose or (None if options.verified else "keypoints")
+        self._crop_poses = crop_poses(
+            first_pose, options.crops, assembly, looker=self._given_looker
+        )
         self._found = assembly, detector
         self._shapes = part_shapes(assembly, surface_points=TranslationConfig().surface_points)
         self._frames = 0
@@ -108,32 +140,52 @@ class GbotReinit(Gbot):
         """Every so many frames, detect and replace what is too far off."""
         self._frames += 1
         options = self._options
-        verified = not (options.published or options.faithful)
-        if self._frames % (options.every_lost if verified and following.lost else options.every):
+        searching = options.verified and following.lost
+        if self._frames % (options.every_lost if searching else options.every):
             return
         if self._found is None:
             raise MethodError("gbot_reinit: reset() must come before step()")
         (assembly, detector), tracker = self._found, following.tracker
         with timed("detect"):
             detections = detector.detect(frame.rgb)
-        with timed("pnp"):
+        with timed("pnp" if self._crop_poses is None else "crops"):
             found = assign_detections(detections, assembly, previous=self._boxes)
             self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
-            poses = poses_from_keypoints(found, frame, assembly, config=options.pnp)
-            if verified:
-                poses = self._put_right(poses, found, frame)
+            starts = self._starts(found, frame, assembly)
         with timed("track"):
-            seen = {name: pose.T_camera_part for name, pose in poses.items()}
+            seen = {name: Ts[0] for name, Ts in starts.items()}
             off = self._too_far(seen, tracker, assembly)
-            if verified:
-                lost = {n: T for n, T in seen.items() if n in following.lost}
-                off = self._fitting({**off, **lost}, tracker, frame, assembly)
+            if options.verified:
+                doubted = {n: starts[n] for n in seen if n in off or n in following.lost}
+                off = self._fitting(doubted, tracker, frame)
             tracker.replace(frame, off)
             new = {name: T for name, T in seen.items() if name not in tracker.names}
             if new:
                 tracker.add(frame, new)
                 self.rejoin(tracker, assembly)
             following.placed([*off, *new])
+
+    def _starts(
+        self, found: Mapping[str, Detection], frame: Frame, assembly: Assembly
+    ) -> dict[str, list[Transform]]:
+        """Where the detector has each part, the likeliest pose first.
+
+        Keypoints find places long before they tell rotations apart, so their poses are to be tried
+        in all quarter turns; crops have their own runners-up.
+        """
+        if self._crop_poses is not None:
+            settled = self._crop_poses.settled(found, frame, use_depth=True)
+            return {name: [one.T_camera_part for one in best] for name, best in settled.items()}
+        poses = poses_from_keypoints(found, frame, assembly, config=self._options.pnp)
+        if not self._options.verified:
+            return {name: [pose.T_camera_part] for name, pose in poses.items()}
+        return {
+            name: [
+                turned(pose.T_camera_part, R, centre=assembly.parts[name].middle)
+                for R in QUARTER_TURNS
+            ]
+            for name, pose in self._put_right(poses, found, frame).items()
+        }
 
     def _too_far(
         self, seen: Mapping[str, Transform], tracker: Tracker, assembly: Assembly
@@ -163,20 +215,16 @@ class GbotReinit(Gbot):
         )
 
     def _fitting(
-        self, seen: Mapping[str, Transform], tracker: Tracker, frame: Frame, assembly: Assembly
+        self, starts: Mapping[str, Sequence[Transform]], tracker: Tracker, frame: Frame
     ) -> dict[str, Transform]:
-        """Where the picture fits better than at the tracked poses: near the detector's, in any turn.
-
-        A detector finds places long before it tells rotations apart.
-        """
+        """Where the picture fits better than at the tracked poses."""
         found: dict[str, Transform] = {}
-        for name, T_seen in seen.items():
-            centre = assembly.parts[name].middle
-            starts = [turned(T_seen, R, centre=centre) for R in QUARTER_TURNS]
-            rough = tracker.trials(frame, name, starts, rounds=ROUGH_ROUNDS)
+        for name, Ts in starts.items():
+            rough = tracker.trials(frame, name, Ts, rounds=ROUGH_ROUNDS)
             rough = sorted(rough, key=attrgetter("score"), reverse=True)[:KEPT]
-            starts = [tracker.poses[name], *(trial.T_camera_part for trial in rough)]
-            now, *others = tracker.trials(frame, name, starts)
+            now, *others = tracker.trials(
+                frame, name, [tracker.poses[name], *(trial.T_camera_part for trial in rough)]
+            )
             best = max(others, key=attrgetter("score"))
             is_sure = best.confidence >= tracker.config.confidence.lost_below
             if is_sure and best.score > now.score + self._options.margin:

@@ -170,20 +170,8 @@ def spoken(
         config: what counts.
         move: how the scene lies in the view.
     """
-    cos, sin = np.cos(move.turn), np.sin(move.turn)
-    total, counts = sum_spoken(
-        scene.inverse_depth,
-        scene.ids,
-        measured.base,
-        measured.depth,
-        measured.ratios,
-        measured.ground,
-        np.array([move.right, move.down, cos, sin, nearer]),
-        config.sigma,
-        config.most,
-        config.least,
-        config.hidden,
-    )
+    at = np.array([move.right, move.down, move.turn])
+    total, counts = sum_spoken(_cells(scene, measured), _limits(config), at, nearer)
     return Said(float(total), *(int(count) for count in counts))
 
 
@@ -206,22 +194,20 @@ def best_spoken(
         steps: one after the other, cells to the sides and radians about the middle.
         rounds: so often each of them is taken, at most.
     """
-    total, counts, move = climb(
-        scene.inverse_depth,
-        scene.ids,
-        measured.base,
-        measured.depth,
-        measured.ratios,
-        measured.ground,
-        nearer,
-        config.sigma,
-        config.most,
-        config.least,
-        config.hidden,
-        np.array(steps, np.float64),
-        rounds,
-    )
+    cells, each = _cells(scene, measured), np.array(steps, np.float64)
+    total, counts, move = climb(cells, _limits(config), nearer, each, rounds)
     return Said(float(total), *(int(count) for count in counts)), Move(*map(float, move))
+
+
+def _cells(scene: Drawn, measured: Measured) -> tuple[object, ...]:
+    """As `sum_spoken` takes them."""
+    drawn = (scene.inverse_depth, scene.ids)
+    return (*drawn, measured.base, measured.depth, measured.ratios, measured.ground)
+
+
+def _limits(config: GroupFitConfig) -> tuple[float, float, float, float]:
+    """As `sum_spoken` takes them."""
+    return config.sigma, config.most, config.least, config.hidden
 
 
 def nearer_by(base: InverseDepth, depth: Depth, *, config: GroupFitConfig) -> float:

@@ -19,9 +19,19 @@ def _part_at(ids, row, column):
 
 @kernel
 @no_type_check
-def sum_spoken(inverse_depth, ids, base, depth, ratios, ground, move, sigma, most, least, hidden):
-    """Sum over the cells of what each says for a scene that lies as `move` (right, down, cosine and
-    sine of the turn, metres nearer) says; and the counts of `Said`."""
+def sum_spoken(cells, limits, move, nearer):
+    """Sum over the cells of what each says for a scene; and the counts of `Said`.
+
+    Args:
+        cells: inverse depth and ids of the scene as drawn; number of the base, depth, ratios and
+            ground as measured.
+        limits: sigma, most, least and hidden of the config.
+        move: how the scene lies: cells to the right and down, radians.
+        nearer: than drawn, metres.
+    """
+    inverse_depth, ids, base, depth, ratios, ground = cells
+    sigma, most, least, hidden = limits
+    cos, sin = np.cos(move[2]), np.sin(move[2])
     height, width = depth.shape
     last = len(ratios) - 1
     total = 0.0
@@ -34,12 +44,12 @@ def sum_spoken(inverse_depth, ids, base, depth, ratios, ground, move, sigma, mos
             if z <= 0.0:
                 continue
             x = column - middle_column - move[0]
-            c = int(np.floor(move[2] * x + move[3] * y + middle_column + 0.5))
-            r = int(np.floor(move[2] * y - move[3] * x + middle_row + 0.5))
+            c = int(np.floor(cos * x + sin * y + middle_column + 0.5))
+            r = int(np.floor(cos * y - sin * x + middle_row + 0.5))
             i = _part_at(ids, r, c)
             is_group = i >= 0
             if is_group:
-                surface = 1.0 / inverse_depth[r, c] - move[4]
+                surface = 1.0 / inverse_depth[r, c] - nearer
             elif ground[row, column] > 0.0:
                 i, surface = last, 1.0 / ground[row, column]
             else:
@@ -60,30 +70,13 @@ def sum_spoken(inverse_depth, ids, base, depth, ratios, ground, move, sigma, mos
 
 @kernel
 @no_type_check
-def climb(
-    inverse_depth,
-    ids,
-    base,
-    depth,
-    ratios,
-    ground,
-    nearer,
-    sigma,
-    most,
-    least,
-    hidden,
-    steps,
-    rounds,
-):
+def climb(cells, limits, nearer, steps, rounds):
     """Move a scene uphill by steps (cells, radians), each taken so often at most.
 
-    Returns the sum and counts of `sum_spoken` at the best move, and right, down and turn of that.
+    Returns the sum and counts of `sum_spoken` at the best move, and that.
     """
     best = np.zeros(3)
-    lies = np.array([0.0, 0.0, 1.0, 0.0, nearer])
-    total, counts = sum_spoken(
-        inverse_depth, ids, base, depth, ratios, ground, lies, sigma, most, least, hidden
-    )
+    total, counts = sum_spoken(cells, limits, best, nearer)
     for k in range(len(steps)):
         for _ in range(rounds):
             is_better = False
@@ -94,21 +87,7 @@ def climb(
                 for sign in (1.0, -1.0):
                     move = best.copy()
                     move[axis] += sign * step
-                    lies[0], lies[1] = move[0], move[1]
-                    lies[2], lies[3] = np.cos(move[2]), np.sin(move[2])
-                    value, found = sum_spoken(
-                        inverse_depth,
-                        ids,
-                        base,
-                        depth,
-                        ratios,
-                        ground,
-                        lies,
-                        sigma,
-                        most,
-                        least,
-                        hidden,
-                    )
+                    value, found = sum_spoken(cells, limits, move, nearer)
                     if value > total:
                         best, total, counts, is_better = move, value, found, True
                         break

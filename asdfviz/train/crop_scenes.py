@@ -13,11 +13,17 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from asdfviz.datatypes import Assembly, State
-from asdfviz.detector.crop_classes import CORNERS, CropClass, crop_classes
+from asdfviz.detector.crop_classes import (
+    CORNERS,
+    CropClass,
+    crop_classes,
+    group_states,
+    state_spans,
+)
 from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
 from asdfviz.geometry.sampling import hull_corners
 from asdfviz.geometry.shapes import Rotation, Transform, Vector
-from asdfviz.geometry.transforms import inverse, rotation_about, transform_from
+from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
 from asdfviz.synth.hands import GRASPS, hand_mesh
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
 from asdfviz.synth.looks import part_colors, random_hue, skin
@@ -112,12 +118,11 @@ class CropDrawer:
         meshes += [thinned(hand_mesh(i).mesh, HAND_FACES) for i in range(len(GRASPS))]
         self._corners = [hull_corners(m.vertices, CORNERS) for m in meshes]
         self.bank = MeshBank.of(meshes, device=device)
-        self._states = [
-            [[s for s in assemblies[c.assembly].states if _joins(s, name)] for name in c.parts]
-            for c in self.classes
-        ]
+        self._joining = {
+            (i, name): [s for s in assemblies[i].states if _joins(s, name)] for i, name in names
+        }
+        self._spans = state_spans(group_states(self.classes))
         counts = np.array([len(c.states) for c in self.classes])
-        self._first_state = np.cumsum(counts) - counts
         parts = np.flatnonzero(counts == 0)
         self._chances = self._config.groups * counts / max(counts.sum(), 1)
         self._chances[parts] = (1 - self._chances.sum()) / len(parts)
@@ -133,7 +138,7 @@ class CropDrawer:
         state = int(rng.integers(len(crop_class.states))) if crop_class.states else None
         if state is None:
             copy = int(rng.integers(len(crop_class.parts)))
-            joined = self._joined(rng, label, copy)
+            joined = self._joined(rng, crop_class.assembly, crop_class.parts[copy])
         else:
             joined = dict(joined_poses(assembly.states[state], rng))
         name = crop_class.parts[copy]
@@ -150,20 +155,20 @@ class CropDrawer:
                 things.append(Thing(place, T_crop_base @ T_base_other, colors[other]))
         normal, height = self._plane(rng, things)
         if state is not None:
-            things += self._waiting(rng, crop_class, joined, colors, T_crop_part, extent)
+            things += self._waiting(rng, crop_class, joined, colors, T_crop_base, extent)
         things += self._around(rng, things, extent)
         focal = CROP_PIXELS * float(T_crop_part[2, 3]) / (CONTEXT * extent)
         frame_focal = FOCALS[int(rng.integers(len(FOCALS)))] * rng.uniform(0.98, 1.02)
-        shown = -1 if state is None else int(self._first_state[label]) + state
+        shown = -1 if state is None else self._spans[crop_class.name].start + state
         detail = frame_focal / focal
         return CropScene(label, shown, focal, detail, tuple(things), normal, height)
 
-    def _joined(self, rng: np.random.Generator, label: int, copy: int) -> dict[str, Transform]:
+    def _joined(self, rng: np.random.Generator, assembly: int, name: str) -> dict[str, Transform]:
         """T_base_part of a state that joins the part, or of the part alone."""
-        states = self._states[label][copy]
+        states = self._joining[assembly, name]
         if states and rng.random() < self._config.joined:
             return dict(joined_poses(states[int(rng.integers(len(states)))], rng))
-        return {self.classes[label].parts[copy]: np.eye(4)}
+        return {name: np.eye(4)}
 
     def _plane(self, rng: np.random.Generator, things: Sequence[Thing]) -> tuple[Vector, float]:
         """A plane behind all things, tilted towards the camera."""
@@ -171,7 +176,7 @@ class CropDrawer:
         lying = np.array([np.cos(azimuth), np.sin(azimuth), 0.0]) * np.sin(tilt)
         normal = lying - np.array([0.0, 0.0, np.cos(tilt)])
         lowest = min(
-            float((_moved(t.T_crop_mesh, self._corners[t.mesh]) @ normal).min()) for t in things
+            float((apply(t.T_crop_mesh, self._corners[t.mesh]) @ normal).min()) for t in things
         )
         gap = 0.0 if rng.random() < self._config.standing else rng.uniform(0, 0.2)
         return normal, lowest - gap
@@ -186,14 +191,14 @@ class CropDrawer:
         extent: float,
     ) -> list[Thing]:
         """Parts that are not joined, lying beside the group or held before it."""
-        middle = T_crop_base[:3, :3] @ crop_class.middle + T_crop_base[:3, 3]
+        middle = apply(T_crop_base, crop_class.middle[None])[0]
         found: list[Thing] = []
         for name in self._assemblies[crop_class.assembly].parts:
             if name in joined or rng.random() > self._config.waiting:
                 continue
             mesh = self._place[crop_class.assembly, name]
             if rng.random() < self._config.almost:
-                T_crop_part = T_crop_base @ self._almost_joined(rng, crop_class, name)
+                T_crop_part = T_crop_base @ self._almost_joined(rng, crop_class.assembly, name)
             else:
                 R = random_rotation(rng)
                 beside = _direction(rng) * extent * rng.uniform(0.25, 0.65)
@@ -202,11 +207,9 @@ class CropDrawer:
             found.append(Thing(mesh, T_crop_part, colors[name]))
         return found
 
-    def _almost_joined(
-        self, rng: np.random.Generator, crop_class: CropClass, name: str
-    ) -> Transform:
+    def _almost_joined(self, rng: np.random.Generator, assembly: int, name: str) -> Transform:
         """T_base_part of a part that has nearly come to one of its places."""
-        states = [s for s in self._assemblies[crop_class.assembly].states if _joins(s, name)]
+        states = self._joining[assembly, name]
         T = joined_poses(states[int(rng.integers(len(states)))], rng)[name]
         R = rotation_about(_unit(rng), float(rng.uniform(0.0, 0.7)))
         shift = _unit(rng) * rng.uniform(*NEARLY)
@@ -269,10 +272,6 @@ def _direction(rng: np.random.Generator) -> Vector:
 
 def _unit(rng: np.random.Generator) -> Vector:
     return (v := rng.normal(size=3)) / np.linalg.norm(v)
-
-
-def _moved(T: Transform, points: Float64[np.ndarray, "_ 3"]) -> Float64[np.ndarray, "_ 3"]:
-    return points @ T[:3, :3].T + T[:3, 3]
 
 
 def _centred(

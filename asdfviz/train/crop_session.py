@@ -19,6 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from asdfviz.data.assembly import load_assembly
+from asdfviz.detector.crop_classes import group_states
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import network_of_shape
 from asdfviz.detector.precision import has_bfloat16
@@ -71,7 +72,7 @@ class CropSession:
         self.maker = CropMaker(self.assemblies, device=config.device)
         self.classes = self.maker.classes
         self.names = [c.name for c in self.classes]
-        self.states = {c.name: c.states for c in self.classes if c.states}
+        self.states = group_states(self.classes)
         self.views = ViewMaker(self.classes, grid=config.grid, device=config.device)
         count = sum(len(states) for states in self.states.values())
         network = CropNetwork(classes=len(self.classes), grid=config.grid, states=count)

@@ -15,7 +15,7 @@ from jaxtyping import Float32, Int64
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, grid_sample
 
-from asdfviz.detector.crop_classes import CropClass
+from asdfviz.detector.crop_classes import CropClass, group_states, state_spans
 from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
 from asdfviz.detector.crop_network import STRIDE
 from asdfviz.geometry.rotation_grid import Quaternions, even_rotations
@@ -68,10 +68,9 @@ class ViewMaker:
         self._grid = to_tensor(even_rotations(grid).astype(np.float32), device)
         self._first, self._second = _spans(classes, device)
         own = torch.zeros(len(classes), sum(len(c.states) for c in classes), dtype=torch.bool)
-        first = 0
+        spans = state_spans(group_states(classes))
         for label, crop_class in enumerate(classes):
-            own[label, first : first + len(crop_class.states)] = True
-            first += len(crop_class.states)
+            own[label, spans.get(crop_class.name, slice(0))] = True
         self._own_states = own.to(device)
 
     def views(self, crops: Crops, *, rng: np.random.Generator, jitter: float = 1.0) -> Views:

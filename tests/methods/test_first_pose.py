@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Assembly
+from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate
 from asdfviz.detector.crop_answer import CropAnswer
 from asdfviz.detector.crop_cut import crop_camera, cut
 from asdfviz.errors import MethodError, WeightsError
 from asdfviz.geometry.rotation_grid import even_rotations, quaternion_of
-from asdfviz.geometry.transforms import rotation_about, rotation_angle
+from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods.asdf import Asdf, AsdfConfig
-from asdfviz.methods.first_pose import CropPoseConfig, chosen_first_pose
+from asdfviz.methods.first_pose import CropPoseConfig, FirstPose, chosen_first_pose
+from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
 from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig
 from asdfviz.pose.hypotheses import HypothesisConfig
 
@@ -105,6 +106,30 @@ def test_keypoints_stay_the_paper_to_the_letter(toy, detector, scene) -> None:
     method.reset(toy.assembly, frame.camera, None)
     assert {p.stage for p in method.step(frame).poses.values()} == {"pnp"}
     assert looker.calls == 0
+
+
+@pytest.mark.parametrize(
+    ("published", "first_pose", "asked"),
+    [(True, "hypotheses", True), (True, None, False), (False, None, True)],
+)
+def test_reinitialisation_takes_poses_from_crops(
+    toy, detector, scene, *, published: bool, first_pose: FirstPose | None, asked: bool
+) -> None:
+    poses, frame, looker = scene
+    far = rotation_about(np.array([0.0, 0, 1]), np.deg2rad(40.0))
+    started = {
+        name: PoseEstimate(
+            name, transform_from(T[:3, :3] @ far, T[:3, 3] + [0.0, 0.06, 0.0]), 1.0, "truth"
+        )
+        for name, T in poses.items()
+    }
+    config = GbotReinitConfig(every=1, published=published, first_pose=first_pose, report_lost=True)
+    method = GbotReinit(config, detector=detector, looker=looker)
+    method.reset(toy.assembly, frame.camera, FramePrediction(0, started, None))
+    said = method.step(frame).poses
+    assert (looker.calls > 0) == asked
+    if published and asked:  # else the picture decides, by colours learnt at the wrong place
+        assert all(distance_mm(said[name], T) < 12 for name, T in poses.items())
 
 
 def test_the_pose_before_is_one_hypothesis_of_asdf(toy, detector, scene) -> None:
