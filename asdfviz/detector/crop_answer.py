@@ -8,8 +8,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.detector.crop_cut import CROP_PIXELS, CropCamera
-from asdfviz.geometry.rotation_grid import Quaternions
-from asdfviz.geometry.shapes import Scores, Vector
+from asdfviz.geometry.rotation_grid import Quaternions, quaternion_of
+from asdfviz.geometry.shapes import Rotation, Scores, Vector
+
+REACH = 0.5
+"""Radius of a peak of the distribution, radians: its surroundings count to it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,6 +24,11 @@ class CropAnswer:
     rotations: Quaternions
     """R_crop_part of the separate peaks, most probable first."""
     probabilities: Scores
+    """Of each peak with its surroundings."""
+    grid: Quaternions
+    """All rotations R_crop_part that the network weighs,"""
+    distribution: Float64[np.ndarray, "_"]
+    """and the probability of each."""
     place: Vector
     """As `CropOutput.place`."""
     outline: Float64[np.ndarray, "s s"]
@@ -35,3 +43,13 @@ class CropAnswer:
             diameter: of the part, metres.
         """
         return float(self.camera.K[0, 0]) * diameter / (CROP_PIXELS * float(np.exp(self.place[2])))
+
+    def likelihood(self, R_camera_part: Rotation) -> float:
+        """Probability of a rotation with its surroundings, over that of the highest peak.
+
+        About 1 for what the network prefers, 0 for what it rules out; one of several rotations
+        that look alike is compared with its like.
+        """
+        quaternion = quaternion_of(self.camera.R_camera_crop.T @ R_camera_part)
+        near = np.abs(self.grid @ quaternion) >= np.cos(REACH / 2)
+        return float(self.distribution[near].sum()) / max(float(self.probabilities[0]), 1e-12)

@@ -10,15 +10,12 @@ import numpy as np
 import torch
 
 from asdfviz.detector.blocks import Conv
-from asdfviz.detector.crop_answer import CropAnswer
+from asdfviz.detector.crop_answer import REACH, CropAnswer
 from asdfviz.detector.crop_cut import crop_camera, cut
 from asdfviz.detector.crop_weights import load_crop_network
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.geometry.rotation_grid import even_rotations, modes
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
-
-REACH = 0.5
-"""Radius of a peak of the distribution, radians: its surroundings count to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,5 +85,14 @@ class CropLooker:
             )
             span = self._span.get(known[name][0], slice(0))
             states = logits[i, span].softmax(0).cpu().numpy()
-            answers[name] = CropAnswer(camera, rotations, weights, places[i], outlines[i], states)
+            answers[name] = CropAnswer(
+                camera=camera,
+                rotations=rotations,
+                probabilities=weights,
+                grid=self._grid,
+                distribution=probabilities[i],
+                place=places[i],
+                outline=outlines[i],
+                states=states,
+            )
         return answers

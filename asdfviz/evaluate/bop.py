@@ -1,7 +1,7 @@
 """Average recall of the BOP challenge 2019: VSD, MSSD and MSPD at all their thresholds.
 
 Targets are the parts of which 10 % can be seen; a target without an estimate fails at every
-threshold. Twins (`asdfviz.evaluate.twins`) are instances of one object, as there: of its estimates in
+threshold. Twins (`asdfviz.state.twins`) are instances of one object, as there: of its estimates in
 a frame the surest ones count, as many as there are targets, and at every threshold each of them, the
 surest first, passes the free target that it is nearest to, if it is near enough. As in bop_toolkit's eval_bop19_pose.py the recall is taken over all targets of the sequence
 together, so the mean is not that of the parts where they are seen unequally often. Shares in percent.
@@ -20,8 +20,8 @@ from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Mes
 from asdfviz.evaluate.bop_errors import BopModel, bop_model, mspd, mssd, vsd
 from asdfviz.evaluate.protocols import VISIBLE, Figures
 from asdfviz.evaluate.records import PoseRecord
-from asdfviz.evaluate.twins import twin_groups
 from asdfviz.geometry.shapes import Depth, Ids, Intrinsics, Transform
+from asdfviz.state.twins import twin_groups
 
 SHARES = np.arange(0.05, 0.51, 0.05)
 """Thresholds of MSSD and taus of VSD in diameters, and thresholds of VSD itself."""

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, PoseEstimate, Run
 from asdfviz.errors import RunError
 from asdfviz.evaluate.pose_errors import ErrorModel, PoseError, error_model, pose_error
-from asdfviz.evaluate.twins import exchanged, twin_groups
+from asdfviz.evaluate.twins import exchanged
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import is_rigid
+from asdfviz.state.twins import twin_groups
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Twins: parts of one detector class and one mesh, which no camera can tell apart.
+"""Twins (`asdfviz.state.twins`) in evaluation: parts that no camera can tell apart.
 
 By name, a pose that lies on the other twin is wrong. BOP knows one object with several instances
 instead; `exchanged` gives the poses of twins to the true ones frame by frame, for the figures whose
@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
-from asdfviz.datatypes import Assembly, PoseEstimate
+from asdfviz.datatypes import PoseEstimate
 from asdfviz.evaluate.pose_errors import ErrorModel, pose_error
 from asdfviz.geometry.shapes import Transform
 
@@ -21,15 +21,6 @@ FAR = 0.1
 """Metres of ADD(S): a pose farther off is wrong for every twin alike, so it counts no more than this."""
 OWN_NAME = 1e-9
 """Metres by which a pose's own name is preferred where both fit as well."""
-
-
-def twin_groups(assembly: Assembly) -> tuple[tuple[str, ...], ...]:
-    """All parts, in groups of those that cannot be told apart; one without twins stands alone."""
-    groups: dict[tuple[str, bytes, bytes], list[str]] = {}
-    for name, part in assembly.parts.items():
-        key = (part.detector_class, part.mesh.vertices.tobytes(), part.mesh.faces.tobytes())
-        groups.setdefault(key, []).append(name)
-    return tuple(tuple(names) for names in groups.values())
 
 
 def exchanged(

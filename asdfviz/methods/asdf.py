@@ -26,6 +26,7 @@ from asdfviz.methods.first_pose import (
     CropPoseConfig,
     CropPoses,
     FirstPose,
+    LookedAt,
     LooksAtParts,
     best_settled,
     crop_poses,
@@ -42,17 +43,18 @@ from asdfviz.methods.part_poses import (
     poses_refined_by_depth,
 )
 from asdfviz.methods.rivals import RivalsConfig, settled_poses
+from asdfviz.methods.second_look import SecondLook, SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.state_looks import StateLooks, StateLooksFrom
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.box_fit import BoxFitConfig
-from asdfviz.pose.hypotheses import Settled
 from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import ROBUST_PNP, PnpConfig
 from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.appearance import AppearanceConfig
 from asdfviz.state.fusion import FusionConfig, Pose2State
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
+from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,8 @@ class AsdfConfig:
     """Refinement "translation", section 3.1.1."""
     icp: IcpConfig = PAPER_ICP
     """Refinement "icp"."""
+    second_look: SecondLookConfig = field(default_factory=SecondLookConfig)
+    """Where the detector looks again for parts that it missed; the paper does not."""
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     """Further boxes of a part whose best one depth rules out."""
     state_looks: StateLooksFrom | None = None
@@ -106,6 +110,8 @@ class _Scene:
     """None: first poses come from keypoints."""
     looks: StateLooks
     group: GroupPoses
+    twins: PlaceNames
+    second_look: SecondLook
 
 
 class Asdf:
@@ -130,7 +136,7 @@ class Asdf:
         self._scene: _Scene | None = None
         self._before: Mapping[str, PoseEstimate] = {}
         self._boxes: dict[str, Box] = {}
-        self.candidates: dict[str, list[Settled]] = {}
+        self.looked_at: dict[str, LookedAt] = {}
         """First poses of the last frame with their runners-up; none where keypoints give them."""
         self.looks: Scores | None = None
         """S_DL of the last frame, None where nothing spoke."""
@@ -145,9 +151,10 @@ class Asdf:
         self._boxes, self._before = {}, {}
         shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
         first = crop_poses(config.first_pose, config.crops, assembly, looker=self._given_looker)
+        detector = self._given_detector or load_detector(config.detector, assembly)
         self._scene = _Scene(
             assembly=assembly,
-            detector=self._given_detector or load_detector(config.detector, assembly),
+            detector=detector,
             shapes=shapes,
             pose2state=Pose2State(assembly, config=config.fusion),
             crop_poses=first,
@@ -160,6 +167,8 @@ class Asdf:
                 crop_poses=first,
             ),
             group=GroupPoses(assembly, shapes, config=config.group),
+            twins=PlaceNames(assembly),
+            second_look=SecondLook(assembly, detector, config=config.second_look),
         )
 
     @property
@@ -173,12 +182,20 @@ class Asdf:
         proposed = self._propose(frame, timed)
         poses = proposed.poses
         with timed("state"):
+            names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
+            poses = renamed_poses(poses, names)
+            self.rename(names)
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
             state = scene.pose2state.step(self.looks, places)
         if config.group.enabled:
             with timed("group"):
                 poses = scene.group.step(poses, state, frame)
         return FramePrediction(frame.index, poses, state, proposed.detections, timed.seconds)
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._boxes = renamed(self._boxes, names)
+        self._before = renamed_poses(self._before, names)
 
     def propose(self, frame: Frame) -> FramePrediction:
         """Poses of the next frame and `looks`, no state: for methods that find that otherwise."""
@@ -187,9 +204,11 @@ class Asdf:
     def _propose(self, frame: Frame, timed: StageTimer) -> FramePrediction:
         config, scene = self._config, self._started()
         assembly, shapes = scene.assembly, scene.shapes
-        self.candidates = {}
+        self.looked_at = {}
         with timed("detect"):
             detections = scene.detector.detect(frame.rgb)
+            found = assign_detections(detections, assembly, previous=self._boxes)
+            detections = scene.second_look.step(frame, detections, found)
         with timed("pnp" if scene.crop_poses is None else "crops"):
             found = assign_detections(detections, assembly, previous=self._boxes)
             poses = self._first_poses(found, frame)
@@ -216,9 +235,9 @@ class Asdf:
         if scene.crop_poses is not None:
             before = {name: pose.T_camera_part for name, pose in self._before.items()}
             use_depth = config.refinement != "none"
-            settled = scene.crop_poses.settled(found, frame, use_depth=use_depth, previous=before)
-            self.candidates |= settled
-            return best_settled(settled, found)
+            looks = scene.crop_poses.looked_at(found, frame, use_depth=use_depth, previous=before)
+            self.looked_at |= looks
+            return best_settled(looks, found)
         poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)
         return poses_fitted_to_boxes(poses, found, scene.shapes, frame, config=config.box_fit)
 

@@ -8,6 +8,7 @@ average. A pose's score is the probability that it is right.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from asdfviz.datatypes import (
@@ -21,17 +22,14 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.assignment import assign_detections
-from asdfviz.methods.first_pose import LooksAtParts
+from asdfviz.methods.first_pose import LookedAt, LooksAtParts
 from asdfviz.methods.followed_state import FOLLOWED, followed_state
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
+from asdfviz.methods.kept_poses import Decision, HypothesesConfig, Proposal
 from asdfviz.methods.network import Detects
-from asdfviz.methods.part_hypotheses import (
-    Decision,
-    HypothesesConfig,
-    PartHypotheses,
-    Proposal,
-)
+from asdfviz.methods.one_place import OnePlace
+from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
@@ -42,6 +40,7 @@ from asdfviz.state.relative_pose import (
     relative_pose_probabilities,
 )
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
+from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class AsdfPlusConfig(AsdfConfig):
     joined: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=True))
     """State helps pose, after the registration."""
     relative_pose: RelativePoseConfig = field(
-        default_factory=lambda: RelativePoseConfig(sigma_translation=0.02)
+        default_factory=lambda: RelativePoseConfig(sigma_translation=0.02, doubted=1.0)
     )
     """S_P; narrower than ASDF's, as the poses are."""
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
@@ -77,6 +76,8 @@ class _Scene:
     states: StateFilter
     fits: GroupFits
     group: GroupPoses
+    twins: PlaceNames
+    one_place: OnePlace
 
 
 class AsdfPlus:
@@ -125,6 +126,8 @@ class AsdfPlus:
             StateFilter(assembly, config=config.smoothing),
             GroupFits(assembly, shapes, config=config.group_fit),
             GroupPoses(assembly, shapes, config=config.joined),
+            PlaceNames(assembly),
+            OnePlace(assembly),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -134,7 +137,7 @@ class AsdfPlus:
         config, scene, timed = self._config, self._scene, StageTimer()
         proposed = self._asdf.propose(frame)
         with timed("register"):
-            poses = self._followed(proposed, frame, scene)
+            poses = self._named_by_place(self._followed(proposed, frame, scene), scene)
         with timed("follow"):
             looks = self._asdf.looks
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
@@ -147,6 +150,17 @@ class AsdfPlus:
         runtime = {**proposed.runtime, **timed.seconds}
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
 
+    def _named_by_place(
+        self, poses: Mapping[str, PoseEstimate], scene: _Scene
+    ) -> dict[str, PoseEstimate]:
+        """Give twins the names that belong to their places, now and from now on."""
+        names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
+        swapped = renamed(scene.hypotheses, names)
+        scene.hypotheses.update(swapped)
+        self._boxes = renamed(self._boxes, names)
+        self._asdf.rename(names)
+        return renamed_poses(poses, names)
+
     def _followed(
         self, proposed: FramePrediction, frame: Frame, scene: _Scene
     ) -> dict[str, PoseEstimate]:
@@ -156,7 +170,13 @@ class AsdfPlus:
         for name, hypotheses in scene.hypotheses.items():
             box = found[name].box_xyxy if name in found else None
             own = proposed.poses.get(name)
-            decision = hypotheses.step(self._proposals(name, own), frame, box_xyxy=box)
+            look = self._asdf.looked_at.get(name)
+            decision = hypotheses.step(
+                self._proposals(own, look),
+                frame,
+                box_xyxy=box,
+                likely=None if look is None else look.likely,
+            )
             if decision is None:
                 continue
             score = found[name].score if name in found else None
@@ -164,17 +184,22 @@ class AsdfPlus:
             stage = own.stage if frame.depth is None and own is not None else "refined"
             poses[name] = PoseEstimate(name, decision.best.T_camera_part, sure, stage)
         self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
-        return poses
+        intruders = scene.one_place.intruders(
+            {name: pose.T_camera_part for name, pose in poses.items()},
+            {name: pose.score for name, pose in poses.items()},
+        )
+        return {name: pose for name, pose in poses.items() if name not in intruders}
 
-    def _proposals(self, name: str, own: PoseEstimate | None) -> list[Proposal]:
+    def _proposals(self, own: PoseEstimate | None, look: LookedAt | None) -> list[Proposal]:
         """ASDF's pose, then the runners-up of its first pose; nothing where ASDF ruled all out."""
         if own is None:
             return []
-        runners = self._asdf.candidates.get(name, [])
-        likely = runners[0].likely if runners else 1.0
+        if look is None:
+            return [Proposal(own.T_camera_part, 1.0)]
+        first, *others = look.settled
         return [
-            Proposal(own.T_camera_part, likely, is_fitted=bool(runners) and runners[0].refined),
-            *(Proposal(r.T_camera_part, r.likely, is_fitted=r.refined) for r in runners[1:]),
+            Proposal(own.T_camera_part, first.likely, is_fitted=first.refined),
+            *(Proposal(r.T_camera_part, r.likely, is_fitted=r.refined) for r in others),
         ]
 
 

@@ -28,9 +28,12 @@ from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joints import deviation
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
+from asdfviz.state.twins import PlaceNames
 from asdfviz.track.presets import FINE, TrackerConfig
 
-TRACKED_PLACES = RelativePoseConfig(sigma_translation=0.012, sigma_rotation=0.3, temperature=1.0)
+TRACKED_PLACES = RelativePoseConfig(
+    sigma_translation=0.012, sigma_rotation=0.3, temperature=1.0, doubted=1.0
+)
 """Tracked poses are millimetres off, where detected ones are centimetres."""
 
 
@@ -76,6 +79,7 @@ class _Scene:
     parts: PartTracks
     states: StateFilter
     fits: GroupFits
+    twins: PlaceNames
     state: StateEstimate | None = None
 
 
@@ -106,6 +110,7 @@ class AsdfTrack:
             parts=PartTracks(assembly, camera, tracker=config.tracker, refind=config.refind),
             states=StateFilter(assembly, config=config.smoothing),
             fits=GroupFits(assembly, self._asdf.shapes, config=config.group_fit),
+            twins=PlaceNames(assembly),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -114,11 +119,14 @@ class AsdfTrack:
             raise MethodError("asdf_track: reset() must come before step()")
         config, scene, timed = self._config, self._scene, StageTimer()
         assembly, parts = scene.assembly, scene.parts
-        proposed = self._asdf.step(frame)
+        proposed = self._asdf.propose(frame)
         if frame.depth is None:  # to the tracker, depth that measured nothing
             frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
         with timed("refind"):
-            parts.refind(frame, proposed.poses, scene.state)
+            parts.refind(frame, proposed.poses, self._asdf.looked_at, scene.state)
+            names = scene.twins.changes(parts.tracker.poses)
+            parts.rename(frame, names)
+            self._asdf.rename(names)
         with timed("track"):
             joined = self._join(scene)
             parts.tracker.move(frame)

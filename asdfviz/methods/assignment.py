@@ -1,7 +1,8 @@
 """Gives detections to parts by name: the best box of each class, and identical parts told apart.
 
-Each part is there once, so a second box of its class is a false one. Identical parts share a class;
-they keep their names by staying near where they were in the previous frame.
+Each part is there once, so a second box of its class is a false one, and so is one that a surer box
+of another class fills. Identical parts share a class; they keep their names by staying near where
+they were in the previous frame.
 """
 
 from __future__ import annotations
@@ -15,6 +16,10 @@ from asdfviz.geometry.shapes import Box
 
 MAX_OVERLAP = 0.5
 """Two boxes of a class that overlap more (intersection over union) are one object."""
+SAME_PLACE = 0.7
+"""So are two boxes of different parts: then the surer class is right. Two parts never fill one box."""
+SURER = 1.5
+"""By this factor its score must be higher."""
 
 
 def assign_detections(
@@ -35,9 +40,12 @@ def assign_detections(
     for part in assembly.parts.values():
         names.setdefault(part.detector_class, []).append(part.name)
     assigned: dict[str, Detection] = {}
+    of_parts = [d for d in detections if d.label in names]
     for label, parts in names.items():
         candidates = sorted(
-            (d for d in detections if d.label == label), key=lambda d: d.score, reverse=True
+            (d for d in of_parts if d.label == label and not _is_doubted(d, of_parts)),
+            key=lambda d: d.score,
+            reverse=True,
         )
         boxes = _best_apart(candidates, len(parts))
         assigned.update(_named(boxes, parts, previous or {}))
@@ -50,6 +58,16 @@ def rival_boxes(
     """The next best boxes of the same class that show another object than `taken`, best first."""
     same = sorted((d for d in detections if d.label == taken.label), key=lambda d: -d.score)
     return tuple(_best_apart([taken, *(d for d in same if d is not taken)], count + 1)[1:])
+
+
+def _is_doubted(detection: Detection, others: Sequence[Detection]) -> bool:
+    """Whether a surer box of another class fills the same place."""
+    return any(
+        other.label != detection.label
+        and other.score > SURER * detection.score
+        and overlap(other.box_xyxy, detection.box_xyxy) > SAME_PLACE
+        for other in others
+    )
 
 
 def _best_apart(candidates: Sequence[Detection], count: int) -> list[Detection]:

@@ -6,7 +6,7 @@ network is loaded.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias, runtime_checkable
@@ -43,8 +43,6 @@ SURFACE_POINTS = 1500
 """Points that stand for a part's surface there."""
 BORDER_PX = 3.0
 """A box that comes this near to the image's border is cut off and says nothing of size."""
-PREVIOUS_PROBABILITY = 1.0
-"""Weight of the previous frame's pose among the hypotheses, over that of the most probable one."""
 
 
 @runtime_checkable
@@ -66,6 +64,22 @@ class LooksAtParts(Protocol):
     ) -> Mapping[str, CropAnswer]:
         """Look at parts: for each its class and its box."""
         ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LookedAt:
+    """What a crop tells of one part."""
+
+    settled: tuple[Settled, ...]
+    """Poses on which outline (and depth) agree, best first; at least one."""
+    answer: CropAnswer
+    """What the network said."""
+    detection: Detection
+    """Around which the crop was cut."""
+
+    def likely(self, T_camera_part: Transform) -> float:
+        """The network's preference for a pose's rotation, 0 to 1."""
+        return min(1.0, self.answer.likelihood(T_camera_part[:3, :3]))
 
 
 @dataclass(frozen=True)
@@ -169,34 +183,34 @@ class CropPoses:
             previous: T_camera_part of the frame before, as further hypotheses.
         """
         return best_settled(
-            self.settled(found, frame, use_depth=use_depth, previous=previous), found
+            self.looked_at(found, frame, use_depth=use_depth, previous=previous), found
         )
 
-    def settled(
+    def looked_at(
         self,
         found: Mapping[str, Detection],
         frame: Frame,
         *,
         use_depth: bool,
         previous: Mapping[str, Transform] | None = None,
-    ) -> dict[str, list[Settled]]:
-        """As `poses`, with the runners-up of every part that has a pose, best first."""
+    ) -> dict[str, LookedAt]:
+        """As `poses`, with the runners-up of every part that has a pose, and the answers."""
         boxes = {
             name: (class_name(self.assembly, self.assembly.parts[name]), d.box_xyxy)
             for name, d in found.items()
         }
         answers = self.looker.look(frame.rgb, frame.camera.K, boxes)
-        kept: dict[str, list[Settled]] = {}
+        kept: dict[str, LookedAt] = {}
         for name, answer in answers.items():
             view = _view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
             candidates = self._candidates(name, answer, found[name].box_xyxy, frame)
             if previous and name in previous:
                 R_before = previous[name][:3, :3]
-                likely = PREVIOUS_PROBABILITY * float(answer.probabilities.max())
+                likely = answer.likelihood(R_before) * float(answer.probabilities[0])
                 candidates.insert(0, Candidate(R_before, likely, candidates[0].distance))
             best = settle(candidates, self.surfaces[name], view, config=self.config)
             if best:
-                kept[name] = best
+                kept[name] = LookedAt(tuple(best), answer, found[name])
         return kept
 
     def _candidates(
@@ -243,13 +257,15 @@ def crop_poses(
 
 
 def best_settled(
-    settled: Mapping[str, Sequence[Settled]], found: Mapping[str, Detection]
+    looked_at: Mapping[str, LookedAt], found: Mapping[str, Detection]
 ) -> dict[str, PoseEstimate]:
     """The winners; a score is that of the box times how well the pose agrees."""
-    return {
-        name: PoseEstimate(name, s[0].T_camera_part, found[name].score * s[0].agreement, "crop")
-        for name, s in settled.items()
-    }
+    poses: dict[str, PoseEstimate] = {}
+    for name, look in looked_at.items():
+        best = look.settled[0]
+        score = found[name].score * best.agreement
+        poses[name] = PoseEstimate(name, best.T_camera_part, score, "crop")
+    return poses
 
 
 def _view(answer: CropAnswer, box_xyxy: Box, frame: Frame, *, use_depth: bool) -> PartView:

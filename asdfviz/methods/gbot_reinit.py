@@ -174,8 +174,8 @@ class GbotReinit(Gbot):
         in all quarter turns; crops have their own runners-up.
         """
         if self._crop_poses is not None:
-            settled = self._crop_poses.settled(found, frame, use_depth=True)
-            return {name: [one.T_camera_part for one in best] for name, best in settled.items()}
+            looks = self._crop_poses.looked_at(found, frame, use_depth=True)
+            return {n: [one.T_camera_part for one in look.settled] for n, look in looks.items()}
         poses = poses_from_keypoints(found, frame, assembly, config=self._options.pnp)
         if not self._options.verified:
             return {name: [pose.T_camera_part] for name, pose in poses.items()}

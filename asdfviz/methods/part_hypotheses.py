@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,13 @@ from asdfviz.datatypes import Frame, Part
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.methods.kept_poses import (
+    Decision,
+    HypothesesConfig,
+    Hypothesis,
+    Likely,
+    Proposal,
+)
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import (
     Evidence,
@@ -27,70 +35,8 @@ from asdfviz.methods.registration import (
     registered,
 )
 
-
-@dataclass(frozen=True)
-class HypothesesConfig:
-    """How poses are kept and compared; the paper has no such step."""
-
-    kept: int = 4
-    """Poses of a part that are kept side by side."""
-    memory: float = 0.5
-    """Weight of a frame in a pose's trust, where all of the part is seen, 0 to 1."""
-    outline: float = 0.6
-    """Weight of the box's overlap against the depth's agreement."""
-    network: float = 0.6
-    """Weight of the network's own preference."""
-    overtaken: float = 0.5
-    """Share of its trust that a pose loses for each share of the depth that a new one explains
-    better."""
-    beside: float = 0.3
-    """Share of its agreement that a pose beside the detected box keeps, 0 to 1."""
-    left: float = 0.6
-    """Where less of the visible depth agrees, the part may have gone where its box is, 0 to 1."""
-    same_angle_deg: float = 20.0
-    """Poses turned less than this against each other, and"""
-    same_distance: float = 0.1
-    """with centres nearer than this share of the diameter, are one."""
-    enough: float = 0.75
-    """A trusted pose whose depth agrees this well, 0 to 1, and that the frame's own first pose
-    confirms, is not tried against others."""
-    moved_px: float = 2.0
-    """A box that moved farther starts its poses at the new place as well, pixels."""
-    unseen: float = 0.35
-    """A part without a box keeps its pose where at least this share of the depth agrees, 0 to 1."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Proposal:
-    """A first pose of this frame."""
-
-    T_camera_part: Transform
-    likely: float
-    """The network's preference, 0 to 1, 1 for the one that it prefers."""
-    is_fitted: bool = False
-    """Whether depth has turned it already; others are registered."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Hypothesis:
-    """A pose with what spoke for it."""
-
-    T_camera_part: Transform
-    trust: float
-    """Agreement over time, about 0 to 1."""
-    evidence: Evidence
-    """In this frame."""
-    frames: int
-    """In which it was there, this one counted."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Decision:
-    """The most trusted pose, and how far the next one is behind."""
-
-    best: Hypothesis
-    lead: float
-    """Over the most trusted pose that is another one; the trust itself where there is none."""
+UNKNOWN = 0.5
+"""Taken for the network's preference before the first frame."""
 
 
 class PartHypotheses:
@@ -116,6 +62,7 @@ class PartHypotheses:
         frame: Frame,
         *,
         box_xyxy: Box | None,
+        likely: Likely | None = None,
     ) -> Decision | None:
         """Take in a frame; None where nothing is known of the part, or nothing seen of it.
 
@@ -123,12 +70,15 @@ class PartHypotheses:
             proposals: this frame's first poses, the preferred one first; registered or not.
             frame: with depth; without, the first proposal is the answer.
             box_xyxy: where the part was detected, pixels, or None.
+            likely: of any pose; left out, the proposals' own preferences stand for it.
         """
+        if likely is None and proposals:
+            likely = partial(self._likely, proposals)
         if frame.depth is None:
-            return self._without_depth(proposals, frame, box_xyxy)
+            return self._without_depth(proposals, frame, box_xyxy, likely)
         found: list[Hypothesis] = []
         for place, old in enumerate(self._kept):
-            found.append(self._carried(old, proposals, frame, box_xyxy))
+            found.append(self._carried(old, likely, frame, box_xyxy))
             if place == 0 and self._is_settled(found[0], proposals):
                 found += [replace(rest, frames=rest.frames + 1) for rest in self._kept[1:]]
                 proposals = proposals[:1]  # it may have moved a little
@@ -138,7 +88,7 @@ class PartHypotheses:
                 self._is_same(proposal.T_camera_part, other.T_camera_part) for other in found
             ):
                 continue
-            found.append(self._begun(proposal, frame, box_xyxy))
+            found.append(self._begun(proposal, frame, box_xyxy, likely))
         self._box = box_xyxy if box_xyxy is not None else self._box
         self._kept = self._apart(self._overtaken(found))[: self._config.kept]
         return self._decided(box_xyxy)
@@ -157,19 +107,19 @@ class PartHypotheses:
         return [one if one.frames == 1 else replace(one, trust=left(one)) for one in found]
 
     def _without_depth(
-        self, proposals: Sequence[Proposal], frame: Frame, box_xyxy: Box | None
-    ) -> Decision | None:
-        if not proposals:
-            return None
-        first = self._begun(proposals[0], frame, box_xyxy)
-        return Decision(first, first.trust)
-
-    def _carried(
         self,
-        old: Hypothesis,
         proposals: Sequence[Proposal],
         frame: Frame,
         box_xyxy: Box | None,
+        likely: Likely | None,
+    ) -> Decision | None:
+        if not proposals:
+            return None
+        first = self._begun(proposals[0], frame, box_xyxy, likely)
+        return Decision(first, first.trust)
+
+    def _carried(
+        self, old: Hypothesis, likely: Likely | None, frame: Frame, box_xyxy: Box | None
     ) -> Hypothesis:
         """A kept pose in the new frame: where it was, or where the box went."""
         # Not registered anew: that draws what rests to the table, and what moves is found again.
@@ -179,13 +129,14 @@ class PartHypotheses:
             seen_there = self._judged(moved, frame, box_xyxy)
             if self._value(seen_there) > self._value(seen):
                 T_camera_part, seen = moved, seen_there
+        liked = self._liked(T_camera_part, old.liked, old.frames, likely)
         weight = self._config.memory * max(seen.visible, 0.05)
-        trust = old.trust + weight * (
-            self._agreement(T_camera_part, seen, proposals, box_xyxy) - old.trust
-        )
-        return Hypothesis(T_camera_part, trust, seen, old.frames + 1)
+        trust = old.trust + weight * (self._agreement(seen, liked, box_xyxy) - old.trust)
+        return Hypothesis(T_camera_part, trust, liked, seen, old.frames + 1)
 
-    def _begun(self, proposal: Proposal, frame: Frame, box_xyxy: Box | None) -> Hypothesis:
+    def _begun(
+        self, proposal: Proposal, frame: Frame, box_xyxy: Box | None, likely: Likely | None
+    ) -> Hypothesis:
         """A new pose, registered unless depth has turned it already."""
         T_camera_part = proposal.T_camera_part
         seen = self._judged(T_camera_part, frame, box_xyxy)
@@ -196,29 +147,36 @@ class PartHypotheses:
             seen_fitted = self._judged(fitted, frame, box_xyxy)
             if self._value(seen_fitted) > self._value(seen):
                 T_camera_part, seen = fitted, seen_fitted
+        liked = self._liked(T_camera_part, UNKNOWN, 0, likely)
         # What is hidden cannot be trusted yet.
-        trust = seen.visible * self._agreement(T_camera_part, seen, [proposal], box_xyxy)
-        return Hypothesis(T_camera_part, trust, seen, 1)
+        trust = seen.visible * self._agreement(seen, liked, box_xyxy)
+        return Hypothesis(T_camera_part, trust, liked, seen, 1)
+
+    def _liked(
+        self, T_camera_part: Transform, before: float, frames: int, likely: Likely | None
+    ) -> float:
+        """The network's preference over time: a mean at first, then one that forgets."""
+        if likely is None:
+            return before
+        weight = max(self._config.network_memory, 1 / (frames + 2))
+        return before + weight * (likely(T_camera_part) - before)
+
+    def _likely(self, proposals: Sequence[Proposal], T_camera_part: Transform) -> float:
+        """What the network thought of the proposal that is this pose; 0 where none is."""
+        return max(
+            (p.likely for p in proposals if self._is_same(p.T_camera_part, T_camera_part)),
+            default=0.0,
+        )
 
     def _judged(self, T_camera_part: Transform, frame: Frame, box_xyxy: Box | None) -> Evidence:
         return evidence(
             T_camera_part, self._shape, frame, box_xyxy=box_xyxy, config=self._registration
         )
 
-    def _agreement(
-        self,
-        T_camera_part: Transform,
-        seen: Evidence,
-        proposals: Sequence[Proposal],
-        box_xyxy: Box | None,
-    ) -> float:
-        """What this frame says of a pose, about 0 to 1; half of the visible seen through is 0."""
+    def _agreement(self, seen: Evidence, liked: float, box_xyxy: Box | None) -> float:
+        """What speaks for a pose, about 0 to 1; half of the visible seen through is 0."""
         config = self._config
-        likely = max(
-            (p.likely for p in proposals if self._is_same(p.T_camera_part, T_camera_part)),
-            default=0.0,
-        )
-        spoken = 2 * seen.agreeing - 1 + config.network * likely
+        spoken = 2 * seen.agreeing - 1 + config.network * liked
         weights = 1 + config.network
         if box_xyxy is None:
             return spoken / weights

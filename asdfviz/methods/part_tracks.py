@@ -5,15 +5,18 @@ The tracker moves poses; here is decided from where it starts and whom it is bel
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from functools import partial
 from operator import attrgetter
+from typing import TypeAlias
 
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import inverse
+from asdfviz.methods.first_pose import LookedAt
+from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.refinding import (
     QUARTER_TURNS,
     TILTS,
@@ -24,38 +27,14 @@ from asdfviz.methods.refinding import (
     places_in,
     turned,
 )
+from asdfviz.methods.track_memory import Track
 from asdfviz.methods.tracking import load_bodies
+from asdfviz.state.twins import renamed
 from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
-YOUNG = 5
-"""Frames in which a part must have been sure before its pose has a start on others."""
-
-
-@dataclass(slots=True, eq=False)
-class Track:
-    """What is remembered of one part."""
-
-    T_now: Transform
-    """The last pose that the tracker was sure of."""
-    T_before: Transform | None = None
-    """The one a frame earlier, if it was sure of both."""
-    unsure: int = 0
-    """Frames since it was sure."""
-    age: int = 0
-    """Frames in which it was sure."""
-    rival: Transform | None = None
-    """Another pose that fits about as well, from this one (T_part_rival)."""
-    explore: bool = True
-    """Whether other turns of a pose that is sure may be tried."""
-    lead: float = 0.0
-    """How much better the rival fitted so far, summed over frames."""
-
-    @property
-    def is_new(self) -> bool:
-        """Whether it was sure too seldom yet to be believed."""
-        return self.age < YOUNG
+Value: TypeAlias = Callable[[Trial], float]
 
 
 class PartTracks:
@@ -70,16 +49,22 @@ class PartTracks:
         self.tracks: dict[str, Track] = {}
         self._assembly = assembly
         self._config = refind
+        self._one_place = OnePlace(assembly)
         self._frames = 0
 
     def refind(
-        self, frame: Frame, proposed: Mapping[str, PoseEstimate], state: StateEstimate | None
+        self,
+        frame: Frame,
+        proposed: Mapping[str, PoseEstimate],
+        looked_at: Mapping[str, LookedAt],
+        state: StateEstimate | None,
     ) -> None:
         """Put every part where it fits best, the base part first; take in those seen first.
 
         Args:
             frame: the new frame.
             proposed: the detector's poses.
+            looked_at: what they came from; none where keypoints gave them.
             state: what was said of the frame before.
         """
         self._frames += 1
@@ -89,7 +74,10 @@ class PartTracks:
             self.tracks |= {name: Track(T) for name, T in new.items()}
         base = self._assembly.base
         for name in sorted(self.tracks, key=lambda name: name != base):
-            self._look_for(name, frame, proposed.get(name), state)
+            self.tracks[name].support.fade(self._config.support)
+            if name in looked_at and name in proposed:
+                self._believe_the_detector(name, frame, proposed[name], looked_at[name])
+            self._look_for(name, frame, proposed.get(name), looked_at.get(name), state)
 
     def settle(self, frame: Frame, joined: frozenset[str]) -> dict[str, PoseEstimate]:
         """Keep the tracker's poses that fit, put the others back, and return what is to be said.
@@ -104,7 +92,13 @@ class PartTracks:
         said: dict[str, PoseEstimate] = {}
         back: dict[str, Transform] = {}
         seen: list[str] = []
-        for name, T_found in self.tracker.poses.items():
+        poses = self.tracker.poses
+        intruders = self._one_place.intruders(poses, sure, joined=joined)
+        for name in intruders:
+            del self.tracks[name]
+        for name, T_found in poses.items():
+            if name in intruders:
+                continue
             track = self.tracks[name]
             visible = evidence[name].visible
             track.explore = name not in joined and visible >= self._config.seen
@@ -124,15 +118,44 @@ class PartTracks:
             stage = "group" if name in joined else "tracked"
             said[name] = PoseEstimate(name, track.T_now, sure[name], stage)
         self.tracker.learn(frame, seen)
-        self.tracker.release()
+        self.tracker.drop(intruders)  # lets all go that were held
         self.tracker.replace(frame, back)
         return said
+
+    def rename(self, frame: Frame, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        poses = renamed({n: T for n, T in self.tracker.poses.items() if n in names}, names)
+        if not poses:
+            return
+        self.tracks = renamed(self.tracks, names)
+        self.tracker.drop([name for name in names if name in self.tracker.names])
+        self.tracker.add(frame, poses)
+
+    def _believe_the_detector(
+        self, name: str, frame: Frame, proposal: PoseEstimate, look: LookedAt
+    ) -> None:
+        """Begin anew where the detector keeps finding a part that is tracked elsewhere."""
+        track, centre = self.tracks[name], self.bodies[name].model.centre
+        if not track.explore and not track.unsure:  # the state holds it
+            return
+        T_now, T_seen = track.T_now, proposal.T_camera_part
+        if track.support.hear(
+            T_now[:3, :3] @ centre + T_now[:3, 3],
+            T_seen[:3, :3] @ centre + T_seen[:3, 3],
+            score=look.detection.score,
+            diameter=self._assembly.parts[name].diameter,
+            config=self._config.support,
+        ):
+            self.tracks[name] = Track(T_seen)
+            self.tracker.drop([name])
+            self.tracker.add(frame, {name: T_seen})
 
     def _look_for(
         self,
         name: str,
         frame: Frame,
         proposal: PoseEstimate | None,
+        look: LookedAt | None,
         state: StateEstimate | None,
     ) -> None:
         """Try all starts of one part and put it where it fits best."""
@@ -140,25 +163,43 @@ class PartTracks:
         centre = self.bodies[name].model.centre
         on = tracker.trials(frame, name, self._carried_on(track, proposal, centre))
         best = max(on, key=attrgetter("score"))
-        starts = self._jumps(name, track, proposal, state)
+        starts = self._jumps(name, track, proposal, look, state)
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
-        rough = sorted(rough, key=attrgetter("score"), reverse=True)[: config.kept]
-        promising = [t.T_camera_part for t in rough if t.score > best.score - config.doubt]
-        best = self._decided(track, best, tracker.trials(frame, name, promising))
+        value = partial(self._value, look, frame, centre)
+        rough = sorted(rough, key=value, reverse=True)[: config.kept]
+        promising = [t.T_camera_part for t in rough if value(t) > value(best) - config.doubt]
+        best = self._decided(track, best, tracker.trials(frame, name, promising), value)
         if track.rival is not None and track.explore:
             rival = tracker.trials(frame, name, [best.T_camera_part @ track.rival])[0]
-            best = self._believed(track, best, rival)
+            best = self._believed(track, best, rival, value)
         tracker.replace(frame, {name: best.T_camera_part})
         if track.age == 0:  # its colours were learnt at a pose that may have been poor
             tracker.drop([name])
             tracker.add(frame, {name: best.T_camera_part})
 
-    def _decided(self, track: Track, best: Trial, jumps: list[Trial]) -> Trial:
+    def _value(self, look: LookedAt | None, frame: Frame, centre: Vector, trial: Trial) -> float:
+        """How a trial fits, and what the networks think of its rotation and its place.
+
+        The tracker's colours and depth hardly tell a part from the same part turned round.
+        """
+        if look is None:
+            return trial.score
+        T, K = trial.T_camera_part, frame.camera.K
+        x, y, z = K @ (T[:3, :3] @ centre + T[:3, 3])
+        x0, y0, x1, y1 = look.detection.box_xyxy
+        is_inside = z > 0 and x0 * z <= x <= x1 * z and y0 * z <= y <= y1 * z
+        liked = self._config.rotation_weight * trial.evidence.visible * look.likely(T)
+        return trial.score + liked + self._config.box_weight * look.detection.score * is_inside
+
+    def _decided(self, track: Track, best: Trial, jumps: list[Trial], value: Value) -> Trial:
         """The pose that carries on, or one that is clearly better; one a little better is watched."""
-        jump = max(jumps, key=attrgetter("score"), default=best)
-        ahead = jump.score - best.score
-        if ahead > (0.0 if track.is_new else self._config.margin):
+        if not jumps:
+            return best
+        jump = max(jumps, key=value)
+        ahead = value(jump) - value(best)
+        is_clear = jump.score - best.score > self._config.margin
+        if ahead > 0.0 and (track.is_new or is_clear):
             track.rival = None
             return jump
         if ahead > 0.0 and track.rival is None and track.explore:
@@ -166,9 +207,9 @@ class PartTracks:
             track.lead = 0.0
         return best
 
-    def _believed(self, track: Track, best: Trial, rival: Trial) -> Trial:
+    def _believed(self, track: Track, best: Trial, rival: Trial, value: Value) -> Trial:
         """The rival once it has been ahead for long enough; it is forgotten when it falls behind."""
-        track.lead += rival.score - best.score
+        track.lead += value(rival) - value(best)
         if track.lead < -self._config.margin:
             track.rival = None
         elif track.lead > self._config.lead:
@@ -195,6 +236,7 @@ class PartTracks:
         name: str,
         track: Track,
         proposal: PoseEstimate | None,
+        look: LookedAt | None,
         state: StateEstimate | None,
     ) -> list[Transform]:
         """Starts that jump: as the detector sees it, as the states have it, quarter turns.
@@ -209,6 +251,7 @@ class PartTracks:
         if proposal is not None:
             T = proposal.T_camera_part
             starts.append(T)
+            starts += [one.T_camera_part for one in look.settled[1:]] if look is not None else []
             if searching:
                 starts += [turned(T, R @ tilt, centre=centre) for R in QUARTER_TURNS]
         others = QUARTER_TURNS[1:]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from asdfviz.geometry.transforms import (
     rotation_angle,
     transform_from,
 )
+from asdfviz.methods.place_support import SupportConfig
 from asdfviz.state.joints import nearest_in_joint
 
 SAME = 0.005
@@ -41,6 +42,12 @@ class RefindConfig:
     that the state joins, or that are hidden, are left in peace."""
     lead: float = 0.45
     """Sum of scores by which a pose that fits a little better must be ahead over frames."""
+    rotation_weight: float = 0.5
+    """Of the crop network's preference for a rotation, 0 to 1, where all of the part is seen."""
+    box_weight: float = 0.2
+    """Of a detected box of score 1 that has the part's centre inside."""
+    support: SupportConfig = field(default_factory=SupportConfig)
+    """When the detector is believed that a part is elsewhere."""
     seen: float = 0.7
     """Visible share from which turns are tried."""
     rough_rounds: int = 3

@@ -11,7 +11,8 @@ A part's likelihood under a state is
 - joined there:     eps + (1 - eps) * ((1 - u) * g + u * n)
 - not joined there: eps + (1 - eps) * (1 - max over its places of ((1 - v) * n + v * g))
 
-with eps the share of poses that are plainly wrong, doubt = 1 - score of base * score of part,
+with eps the share of poses that are plainly wrong, raised by `doubted` * doubt where scores are
+probabilities of being right, doubt = 1 - score of base * score of part,
 u = `wrong_rotations` * doubt and v = 1 - doubt. A lightly trained network finds parts long before
 it tells their rotations apart, and its scores say so: then a part as far from the base as it should
 be speaks for the joined states whatever its rotation, though less than one that fits. With scores
@@ -50,6 +51,9 @@ class RelativePoseConfig:
     since two parts err, and more for a lightly trained network (GBOT switches at 0.35)."""
     outliers: float = 0.05
     """eps: share of part poses that are plainly wrong, 0 to 1."""
+    doubted: float = 0.0
+    """Share of the doubt in a pose that counts to eps; 1 where scores are probabilities of being
+    right, so that a pose which is hardly believed says hardly anything."""
     wrong_rotations: float = 0.9
     """u of a pose with score 0: share of joined parts of which the rotation says nothing, 0 to 1."""
     temperature: float = 1.5
@@ -139,7 +143,8 @@ def _log_likelihoods(
         fit_of_state[list(place.states)] = (1.0 - u) * fit + u * near
         best = max(best, (1.0 - v) * near + v * fit)
     fit_of_state = np.where(np.isnan(fit_of_state), 1.0 - best, fit_of_state)
-    return np.log(config.outliers + (1.0 - config.outliers) * fit_of_state)
+    outliers = config.outliers + (1.0 - config.outliers) * config.doubted * doubt
+    return np.log(outliers + (1.0 - outliers) * fit_of_state)
 
 
 def _bell(x: float | np.floating[Any]) -> float:

@@ -13,6 +13,7 @@ from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import load_crop_network, save_crop_network
 from asdfviz.errors import WeightsError
 from asdfviz.geometry.camera import project
+from asdfviz.geometry.rotation_grid import rotations_of
 from asdfviz.geometry.transforms import apply, inverse, transform_from
 
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
@@ -148,3 +149,18 @@ def test_a_group_is_told_its_own_states_alone(tmp_path: Path) -> None:
     odds = np.exp([0.0, 1.0, 2.0])
     assert answers["group"].states == pytest.approx(odds / odds.sum(), abs=1e-3)
     assert len(answers["part"].states) == 0
+
+
+def test_an_answer_tells_how_likely_any_rotation_is(tmp_path: Path) -> None:
+    path = tmp_path / "crops.safetensors"
+    save_crop_network(network(seed=3), path, classes=["a/x", "a/y"], states={})
+    looker = CropLooker(path, config=CropLookerConfig(count=5))
+    rgb = np.random.default_rng(0).integers(0, 255, (240, 320, 3)).astype(np.uint8)
+    answer = looker.look(rgb, K, {"x": ("a/x", np.array([240.0, 30, 300, 90]))})["x"]
+    assert answer.distribution.sum() == pytest.approx(1.0)
+    best, second = (answer.camera.R_camera_crop @ R for R in rotations_of(answer.rotations)[:2])
+    assert answer.likelihood(best) == pytest.approx(1.0, abs=0.25)
+    expected = answer.probabilities[1] / answer.probabilities[0]
+    assert answer.likelihood(second) == pytest.approx(expected, abs=0.25)
+    faint = rotations_of(answer.grid[answer.distribution.argmin()][None])[0]
+    assert answer.likelihood(answer.camera.R_camera_crop @ faint) < answer.likelihood(best)

@@ -12,8 +12,8 @@ from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Pos
 from asdfviz.evaluate.bop import passed
 from asdfviz.evaluate.evaluate import evaluate_run
 from asdfviz.evaluate.tables import markdown_table, parts_table
-from asdfviz.evaluate.twins import twin_groups
 from asdfviz.geometry.transforms import transform_from
+from asdfviz.state.twins import twin_groups
 
 MakeTruth = Callable[..., FrameTruth]
 MakeRun = Callable[..., Run]

@@ -7,7 +7,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlus, AsdfPlusConfig
-from asdfviz.methods.part_hypotheses import HypothesesConfig
+from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.registration import RegistrationConfig, evidence, registered
 from asdfviz.methods.yolov8pose import Yolov8Pose

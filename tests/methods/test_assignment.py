@@ -70,3 +70,17 @@ def test_two_boxes_on_one_object_are_one(assembly: Assembly, box_at: Callable) -
     assigned = assign_detections(boxes, assembly)
     assert assigned["pin"].box_xyxy[0] == 30
     assert assigned["pin-copy"].box_xyxy[0] == 90
+
+
+def test_a_surer_box_of_another_part_rules_a_box_out(assembly: Assembly, box_at: Callable) -> None:
+    wrong, right = box_at("block", 52, score=0.3), box_at("block", 150, score=0.2)
+    base = box_at("base", 50, score=0.8)
+    assigned = assign_detections([wrong, right, base], assembly)
+    assert assigned["block"] is right
+    # Not by a box that is hardly surer, nor by one beside it, nor by a state's box.
+    for other in (
+        box_at("base", 50, score=0.4),
+        box_at("base", 60, score=0.8),
+        box_at("toy:block", 50, score=0.8),
+    ):
+        assert assign_detections([wrong, right, other], assembly)["block"] is wrong

@@ -45,8 +45,16 @@ class FakeLooker:
             rotations = np.concatenate([even_rotations(7), quaternion_of(R_crop_part)[None]])
             shown = np.repeat(self.outlines[name][:, :, None], 3, axis=2).astype(np.uint8) * 255
             outline = cut(shown, camera, K)[:, :, 0].reshape(24, 4, 24, 4).mean(axis=(1, 3)) / 255
+            even = np.full(8, 0.125)
             answers[name] = CropAnswer(
-                camera, rotations, np.full(8, 0.125), np.zeros(3), outline, np.zeros(0)
+                camera=camera,
+                rotations=rotations,
+                probabilities=even,
+                grid=rotations,
+                distribution=even,
+                place=np.zeros(3),
+                outline=outline,
+                states=np.zeros(0),
             )
         return answers
 

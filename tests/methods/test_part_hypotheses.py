@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.methods.part_hypotheses import HypothesesConfig, PartHypotheses, Proposal
+from asdfviz.methods.kept_poses import HypothesesConfig, Proposal
+from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.registration import RegistrationConfig
 
@@ -94,3 +95,32 @@ def test_without_depth_the_first_proposal_is_the_answer(toy, kept) -> None:
     found = kept.step(proposals, toy.frame(1), box_xyxy=box)
     assert found is not None
     assert found.best.T_camera_part is T_camera_part
+
+
+def test_of_two_that_depth_cannot_tell_apart_the_network_decides_in_time(toy, kept) -> None:
+    """A box turned round looks the same to depth; one frame's opinion does not turn it back."""
+    true = toy.poses(joined=False)
+    right = true["block"]
+    turned = right @ transform_from(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+    box = toy.detection("block", right).box_xyxy
+    frame = toy.frame(1, true)
+
+    def step(first, second, *, likes_right: float):
+        likely = {right.tobytes(): likes_right, turned.tobytes(): 1 - likes_right}
+        return kept.step(
+            [Proposal(first, 1.0, is_fitted=True), Proposal(second, 0.5, is_fitted=True)],
+            frame,
+            box_xyxy=box,
+            likely=lambda T: likely[T.tobytes()],
+        )
+
+    assert is_at(step(turned, right, likes_right=0.2), turned)
+    decided = [step(right, turned, likes_right=0.9) for _ in range(5)][-1]
+    assert is_at(decided, right)
+    assert is_at(step(turned, right, likes_right=0.1), right)
+    assert decided is not None
+    # A frame in which the network says nothing changes nothing.
+    liked = decided.best.liked
+    after = kept.step([], frame, box_xyxy=None)
+    assert after is not None
+    assert after.best.liked == pytest.approx(liked, abs=0.2)

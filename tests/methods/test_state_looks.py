@@ -47,8 +47,16 @@ class FakeLooker:
                 told = np.zeros(0)
             rotations, shown = even_rotations(4), np.full((24, 24), 0.9)
             camera = crop_camera(box, K)
+            even = np.full(4, 0.25)
             answers[name] = CropAnswer(
-                camera, rotations, np.full(4, 0.25), np.zeros(3), shown, told
+                camera=camera,
+                rotations=rotations,
+                probabilities=even,
+                grid=rotations,
+                distribution=even,
+                place=np.zeros(3),
+                outline=shown,
+                states=told,
             )
         return answers
 

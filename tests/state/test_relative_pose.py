@@ -120,3 +120,19 @@ def test_a_wider_tolerance_forgives_more(assembly: Assembly, place: Callable) ->
     assert lax is not None
     assert strict[1] < strict[0]
     assert lax[1] > lax[0]
+
+
+def test_a_pose_that_is_hardly_believed_says_hardly_anything(
+    assembly: Assembly, place: Callable
+) -> None:
+    seen = place(scene(assembly, 3))
+    seen["lid"] = replace(seen["lid"], T_camera_part=FAR)
+    seen["lid"] = replace(seen["lid"], score=0.02)
+    doubted = fitting(assembly, seen, doubted=1.0)
+    believed = fitting(assembly, seen)
+    without = fitting(assembly, {n: pose for n, pose in seen.items() if n != "lid"}, doubted=1.0)
+    assert doubted is not None
+    assert believed is not None
+    assert without is not None
+    np.testing.assert_allclose(doubted, without, atol=0.02)
+    assert abs(believed[3] - without[3]) > abs(doubted[3] - without[3])

@@ -1,0 +1,38 @@
+"""What a tracking method remembers of one part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from asdfviz.geometry.shapes import Transform
+from asdfviz.methods.place_support import PlaceSupport
+
+YOUNG = 5
+"""Frames in which a part must have been sure before its pose has a start on others."""
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """What is remembered of one part."""
+
+    T_now: Transform
+    """The last pose that the tracker was sure of."""
+    T_before: Transform | None = None
+    """The one a frame earlier, if it was sure of both."""
+    unsure: int = 0
+    """Frames since it was sure."""
+    age: int = 0
+    """Frames in which it was sure."""
+    rival: Transform | None = None
+    """Another pose that fits about as well, from this one (T_part_rival)."""
+    explore: bool = True
+    """Whether other turns of a pose that is sure may be tried."""
+    lead: float = 0.0
+    """How much better the rival fitted so far, summed over frames."""
+    support: PlaceSupport = field(default_factory=PlaceSupport)
+    """What the detector says of its place."""
+
+    @property
+    def is_new(self) -> bool:
+        """Whether it was sure too seldom yet to be believed."""
+        return self.age < YOUNG

@@ -1,0 +1,93 @@
+"""Twins: parts of one detector class and one mesh, which no camera can tell apart.
+
+What tells them apart is where they end: the one that lies at a place of the finished assembly goes by
+the name that belongs there, whatever it was called while it lay about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
+
+from asdfviz.datatypes import Assembly, PoseEstimate
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import inverse
+from asdfviz.state.joints import deviation
+
+NEAR = 0.015
+"""A part this near to a place, metres, is on it."""
+OWN_NAME = 0.003
+"""Metres by which the name that a part has is preferred."""
+
+_Value = TypeVar("_Value")
+
+
+def twin_groups(assembly: Assembly) -> tuple[tuple[str, ...], ...]:
+    """All parts, in groups of those that cannot be told apart; one without twins stands alone."""
+    groups: dict[tuple[str, bytes, bytes], list[str]] = {}
+    for name, part in assembly.parts.items():
+        key = (part.detector_class, part.mesh.vertices.tobytes(), part.mesh.faces.tobytes())
+        groups.setdefault(key, []).append(name)
+    return tuple(tuple(names) for names in groups.values())
+
+
+class PlaceNames:
+    """Names twins by where they lie; one for each assembly."""
+
+    def __init__(self, assembly: Assembly) -> None:
+        """Take an assembly, whose last step says where each name belongs."""
+        self._assembly = assembly
+        self._groups = [names for names in twin_groups(assembly) if len(names) > 1]
+
+    def changes(self, Ts_camera_part: Mapping[str, Transform]) -> dict[str, str]:
+        """From the names to be changed to the new ones: a permutation.
+
+        Args:
+            Ts_camera_part: poses found, by the names they go by now; without the base part nothing
+                changes.
+        """
+        base = self._assembly.base
+        if not self._groups or base not in Ts_camera_part:
+            return {}
+        T_base_camera = inverse(Ts_camera_part[base])
+        changed: dict[str, str] = {}
+        for group in self._groups:
+            cost = np.full((len(group), len(group)), NEAR)
+            for i, name in enumerate(group):
+                if name in Ts_camera_part:
+                    T_base_part = T_base_camera @ Ts_camera_part[name]
+                    cost[i] = [self._distance(T_base_part, place) for place in group]
+            cost -= OWN_NAME * np.eye(len(group))
+            assign = cast(Any, optimize).linear_sum_assignment
+            changed |= {group[i]: group[j] for i, j in zip(*assign(cost), strict=True) if i != j}
+        return changed
+
+    def _distance(self, T_base_part: Transform, name: str) -> float:
+        """From the place that belongs to a name, metres, none above NEAR."""
+        done, part = self._assembly.steps[-1], self._assembly.parts[name]
+        if name not in done.T_base_part:
+            return NEAR
+        off = deviation(
+            T_base_part,
+            done.T_base_part[name],
+            center_part=part.middle,
+            symmetries=part.symmetries,
+            joint=done.joints.get(name),
+        )
+        return min(off.distance, NEAR)
+
+
+def renamed(values: Mapping[str, _Value], names: Mapping[str, str]) -> dict[str, _Value]:
+    """The values by their new names."""
+    return {names.get(name, name): value for name, value in values.items()}
+
+
+def renamed_poses(
+    poses: Mapping[str, PoseEstimate], names: Mapping[str, str]
+) -> dict[str, PoseEstimate]:
+    """The poses by their new names."""
+    return {name: replace(pose, part=name) for name, pose in renamed(poses, names).items()}

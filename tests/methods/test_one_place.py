@@ -1,0 +1,30 @@
+from __future__ import annotations
+
+import numpy as np
+
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.one_place import OnePlace
+
+
+def at(*place: float) -> np.ndarray:
+    return transform_from(np.eye(3), np.array(place))
+
+
+def test_of_two_in_one_place_the_less_sure_goes(toy) -> None:
+    one_place = OnePlace(toy.assembly)
+    poses = {"block": at(0, 0, 0.6), "pin": at(0.005, 0, 0.6), "base": at(0.3, 0, 0.6)}
+    sure = {"block": 0.9, "pin": 0.6, "base": 0.1}
+    assert one_place.intruders(poses, sure) == {"pin"}
+    assert one_place.intruders(poses, {**sure, "pin": 0.95}) == {"block"}
+    # What the state holds stays, however sure the other is.
+    assert one_place.intruders(poses, sure, joined=["pin"]) == {"block"}
+
+
+def test_neighbours_and_parts_that_belong_together_stay(toy) -> None:
+    one_place = OnePlace(toy.assembly)
+    sure = dict.fromkeys(toy.assembly.parts, 0.5)
+    beside = {"block": at(0, 0, 0.6), "pin": at(0.04, 0, 0.6)}
+    assert one_place.intruders(beside, sure) == frozenset()
+    joined = {name: at(0, 0, 0.6) @ T for name, T in toy.assembly.states[1].T_base_part.items()}
+    assert one_place.intruders(joined, sure) == frozenset()
+    assert one_place.intruders({"base": at(0, 0, 0.6), "block": at(0, 0, 0.6)}, sure) == frozenset()
