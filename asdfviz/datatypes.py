@@ -19,6 +19,7 @@ from asdfviz.geometry.shapes import (
     Depth,
     Faces,
     Intrinsics,
+    Mask,
     Pixels,
     Points,
     Rgb,
@@ -169,6 +170,16 @@ class Assembly:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class BoxMask:
+    """Which pixels of the frame show a thing; none outside its box does."""
+
+    left: int
+    top: int
+    """Column and row of the first pixel."""
+    pixels: Mask
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Detection:
     """One box of the network with its keypoints, in pixels of the frame."""
 
@@ -178,6 +189,8 @@ class Detection:
     keypoints_px: Pixels
     keypoint_scores: Scores
     score: float
+    mask: BoxMask | None = None
+    """Of a part, where a mask branch ran; run files do not keep it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,12 +26,12 @@ from asdfviz.methods.first_pose import (
     CropPoseConfig,
     CropPoses,
     FirstPose,
-    LookedAt,
     LooksAtParts,
     best_settled,
     crop_poses,
 )
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
+from asdfviz.methods.looked_at import Before, LookedAt
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
 from asdfviz.methods.part_poses import (
     PAPER_ICP,
@@ -80,7 +80,7 @@ class AsdfConfig:
     icp: IcpConfig = PAPER_ICP
     """Refinement "icp"."""
     second_look: SecondLookConfig = field(default_factory=SecondLookConfig)
-    """Where the detector looks again for parts that it missed; the paper does not."""
+    """Where the detector looks again for parts that it missed: off, the paper does not."""
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     """Further boxes of a part whose best one depth rules out."""
     state_looks: StateLooksFrom | None = None
@@ -134,7 +134,7 @@ class Asdf:
         self._config = config
         self._given_detector, self._given_looker = detector, looker
         self._scene: _Scene | None = None
-        self._before: Mapping[str, PoseEstimate] = {}
+        self._before: dict[str, Before] = {}
         self._boxes: dict[str, Box] = {}
         self.looked_at: dict[str, LookedAt] = {}
         """First poses of the last frame with their runners-up; none where keypoints give them."""
@@ -195,7 +195,7 @@ class Asdf:
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._boxes = renamed(self._boxes, names)
-        self._before = renamed_poses(self._before, names)
+        self._before = renamed(self._before, names)
 
     def propose(self, frame: Frame) -> FramePrediction:
         """Poses of the next frame and `looks`, no state: for methods that find that otherwise."""
@@ -225,7 +225,7 @@ class Asdf:
                 config=config.rivals,
             )
             self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
-            self._before = poses
+            self._before = {name: self._remembered(pose) for name, pose in poses.items()}
         with timed("state"):
             self.looks = scene.looks.probabilities(detections, poses, frame)
         return FramePrediction(frame.index, poses, None, detections, timed.seconds)
@@ -233,13 +233,21 @@ class Asdf:
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
         config, scene = self._config, self._started()
         if scene.crop_poses is not None:
-            before = {name: pose.T_camera_part for name, pose in self._before.items()}
             use_depth = config.refinement != "none"
-            looks = scene.crop_poses.looked_at(found, frame, use_depth=use_depth, previous=before)
+            looks = scene.crop_poses.looked_at(
+                found, frame, use_depth=use_depth, previous=self._before
+            )
             self.looked_at |= looks
             return best_settled(looks, found)
         poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)
         return poses_fitted_to_boxes(poses, found, scene.shapes, frame, config=config.box_fit)
+
+    def _remembered(self, pose: PoseEstimate) -> Before:
+        """A pose, with what the network thought of its rotation so far."""
+        before, look = self._before.get(pose.part), self.looked_at.get(pose.part)
+        if before is None or look is None:
+            return Before(pose.T_camera_part)
+        return before.followed_by(pose.T_camera_part, look.likely(pose.T_camera_part))
 
     def _refined(
         self, poses: Mapping[str, PoseEstimate], found: Mapping[str, Detection], frame: Frame

@@ -22,15 +22,17 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.assignment import assign_detections
-from asdfviz.methods.first_pose import LookedAt, LooksAtParts
+from asdfviz.methods.first_pose import LooksAtParts
 from asdfviz.methods.followed_state import FOLLOWED, followed_state
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.kept_poses import Decision, HypothesesConfig, Proposal
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.registration import RegistrationConfig
+from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.confidence import ConfidenceConfig, confidence
@@ -57,6 +59,8 @@ class AsdfPlusConfig(AsdfConfig):
     """How sure a pose is."""
     joined: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=True))
     """State helps pose, after the registration."""
+    second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
+    """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = field(
         default_factory=lambda: RelativePoseConfig(sigma_translation=0.02, doubted=1.0)
     )

@@ -22,6 +22,7 @@ from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
+from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.state.group_fit import GroupFitConfig
@@ -57,6 +58,8 @@ class JoinConfig:
 class AsdfTrackConfig(AsdfConfig):
     """Options of ASDF, which proposes poses, of the tracker, and of the state that is followed."""
 
+    second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
+    """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = TRACKED_PLACES
     """S_P: from part poses to probabilities; narrower than for detected poses."""
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)

@@ -20,14 +20,14 @@ from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError, WeightsError
 from asdfviz.geometry.rotation_grid import rotations_of
 from asdfviz.geometry.sampling import hull_corners, oriented_surface_points, surface_middle
-from asdfviz.geometry.shapes import Box, Intrinsics, Points, Rgb, Transform
+from asdfviz.geometry.shapes import Box, Intrinsics, Points, Rgb
+from asdfviz.methods.looked_at import Before, LookedAt
 from asdfviz.methods.network import shipped_weights
 from asdfviz.pose.box_fit import is_cut_off
 from asdfviz.pose.hypotheses import (
     Candidate,
     HypothesisConfig,
     PartView,
-    Settled,
     Surface,
     sampled_depth,
     settle,
@@ -64,22 +64,6 @@ class LooksAtParts(Protocol):
     ) -> Mapping[str, CropAnswer]:
         """Look at parts: for each its class and its box."""
         ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LookedAt:
-    """What a crop tells of one part."""
-
-    settled: tuple[Settled, ...]
-    """Poses on which outline (and depth) agree, best first; at least one."""
-    answer: CropAnswer
-    """What the network said."""
-    detection: Detection
-    """Around which the crop was cut."""
-
-    def likely(self, T_camera_part: Transform) -> float:
-        """The network's preference for a pose's rotation, 0 to 1."""
-        return min(1.0, self.answer.likelihood(T_camera_part[:3, :3]))
 
 
 @dataclass(frozen=True)
@@ -170,7 +154,7 @@ class CropPoses:
         frame: Frame,
         *,
         use_depth: bool,
-        previous: Mapping[str, Transform] | None = None,
+        previous: Mapping[str, Before] | None = None,
     ) -> dict[str, PoseEstimate]:
         """The pose of every detected part on which outline (and depth) agree; others are absent.
 
@@ -180,7 +164,7 @@ class CropPoses:
             found: detections by part.
             frame: with depth, if that is used.
             use_depth: whether measured depth has a say.
-            previous: T_camera_part of the frame before, as further hypotheses.
+            previous: poses of the frame before, as further hypotheses.
         """
         return best_settled(
             self.looked_at(found, frame, use_depth=use_depth, previous=previous), found
@@ -192,7 +176,7 @@ class CropPoses:
         frame: Frame,
         *,
         use_depth: bool,
-        previous: Mapping[str, Transform] | None = None,
+        previous: Mapping[str, Before] | None = None,
     ) -> dict[str, LookedAt]:
         """As `poses`, with the runners-up of every part that has a pose, and the answers."""
         boxes = {
@@ -205,9 +189,10 @@ class CropPoses:
             view = _view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
             candidates = self._candidates(name, answer, found[name].box_xyxy, frame)
             if previous and name in previous:
-                R_before = previous[name][:3, :3]
-                likely = answer.likelihood(R_before) * float(answer.probabilities[0])
-                candidates.insert(0, Candidate(R_before, likely, candidates[0].distance))
+                R_before = previous[name].T_camera_part[:3, :3]
+                likely = max(previous[name].liked, answer.likelihood(R_before))
+                probability = likely * float(answer.probabilities[0])
+                candidates.insert(0, Candidate(R_before, probability, candidates[0].distance))
             best = settle(candidates, self.surfaces[name], view, config=self.config)
             if best:
                 kept[name] = LookedAt(tuple(best), answer, found[name])

@@ -15,7 +15,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import inverse
-from asdfviz.methods.first_pose import LookedAt
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.refinding import (
     QUARTER_TURNS,
@@ -200,20 +200,22 @@ class PartTracks:
         ahead = value(jump) - value(best)
         is_clear = jump.score - best.score > self._config.margin
         if ahead > 0.0 and (track.is_new or is_clear):
-            track.rival = None
+            track.rival, track.ahead = None, 0.0
             return jump
-        if ahead > 0.0 and track.rival is None and track.explore:
+        if ahead > track.ahead and track.explore:
             track.rival = inverse(best.T_camera_part) @ jump.T_camera_part
-            track.lead = 0.0
+            track.lead, track.ahead = 0.0, ahead
         return best
 
     def _believed(self, track: Track, best: Trial, rival: Trial, value: Value) -> Trial:
         """The rival once it has been ahead for long enough; it is forgotten when it falls behind."""
-        track.lead += value(rival) - value(best)
+        track.ahead = value(rival) - value(best)
+        track.lead += float(np.clip(track.ahead, -self._config.step, self._config.step))
+        track.ahead = max(track.ahead, 0.0)
         if track.lead < -self._config.margin:
-            track.rival = None
+            track.rival, track.ahead = None, 0.0
         elif track.lead > self._config.lead:
-            track.rival = None
+            track.rival, track.ahead = None, 0.0
             return rival
         else:
             track.rival = inverse(best.T_camera_part) @ rival.T_camera_part

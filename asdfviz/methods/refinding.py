@@ -41,7 +41,9 @@ class RefindConfig:
     """Quarter turns of a sure part that are tried a frame, in turn: it may sit in a wrong one. Parts
     that the state joins, or that are hidden, are left in peace."""
     lead: float = 0.45
-    """Sum of scores by which a pose that fits a little better must be ahead over frames."""
+    """Sum of values by which a pose that fits a little better must be ahead over frames."""
+    step: float = 0.2
+    """No frame counts for more than this in it: a single one may deceive."""
     rotation_weight: float = 0.5
     """Of the crop network's preference for a rotation, 0 to 1, where all of the part is seen."""
     box_weight: float = 0.2

@@ -27,7 +27,7 @@ BORDER_PX = 2.0
 class SecondLookConfig:
     """Where and how often the detector looks again."""
 
-    enabled: bool = True
+    enabled: bool = False
     """Whether it does."""
     share: float = 0.5
     """Of the picture's width and height that a window has, 0 to 1."""
@@ -112,7 +112,10 @@ class SecondLook:
         seen = self._detector.detect(np.ascontiguousarray(frame.rgb[y : y + h, x : x + w]))
         return [
             replace(
-                d, box_xyxy=d.box_xyxy + np.tile(corner, 2), keypoints_px=d.keypoints_px + corner
+                d,
+                box_xyxy=d.box_xyxy + np.tile(corner, 2),
+                keypoints_px=d.keypoints_px + corner,
+                mask=None,
             )
             for d in seen
             if not _is_cut_off(d.box_xyxy, corner, size, extent)

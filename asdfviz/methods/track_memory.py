@@ -29,6 +29,8 @@ class Track:
     """Whether other turns of a pose that is sure may be tried."""
     lead: float = 0.0
     """How much better the rival fitted so far, summed over frames."""
+    ahead: float = 0.0
+    """How much better it fitted in the last frame; one that fits better yet takes its place."""
     support: PlaceSupport = field(default_factory=PlaceSupport)
     """What the detector says of its place."""
 

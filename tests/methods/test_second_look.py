@@ -47,8 +47,9 @@ def frame_with(toy, *boxes: np.ndarray):
     return type(frame)(1, 0.0, picture(height, width), depth, frame.camera)
 
 
-def looked(toy, detector: NearSighted, **options) -> SecondLook:
-    return SecondLook(toy.assembly, detector, config=SecondLookConfig(**options))
+def looked(toy, detector: NearSighted, *, enabled: bool = True, **options) -> SecondLook:
+    config = SecondLookConfig(enabled=enabled, **options)
+    return SecondLook(toy.assembly, detector, config=config)
 
 
 def test_a_missed_part_that_stands_out_is_found_where_it_is(toy) -> None:

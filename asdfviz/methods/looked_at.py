@@ -1,0 +1,46 @@
+"""What crops told of a part in a frame, and what of it is remembered in the next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from asdfviz.datatypes import Detection
+from asdfviz.detector.crop_answer import REACH, CropAnswer
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.pose.hypotheses import Settled
+
+LIKED_MEMORY = 0.2
+"""Weight of a frame in what the network thought of a rotation over time, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LookedAt:
+    """What a crop tells of one part."""
+
+    settled: tuple[Settled, ...]
+    """Poses on which outline (and depth) agree, best first; at least one."""
+    answer: CropAnswer
+    """What the network said."""
+    detection: Detection
+    """Around which the crop was cut."""
+
+    def likely(self, T_camera_part: Transform) -> float:
+        """The network's preference for a pose's rotation, 0 to 1."""
+        return min(1.0, self.answer.likelihood(T_camera_part[:3, :3]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Before:
+    """Where a part was in the frame before."""
+
+    T_camera_part: Transform
+    liked: float = 1.0
+    """What the network thought of its rotation while it was there, 0 to 1; new ones are believed."""
+
+    def followed_by(self, T_camera_part: Transform, likely: float) -> Before:
+        """The part in the next frame, where the network says `likely` of its rotation."""
+        turn = rotation_angle(self.T_camera_part[:3, :3].T @ T_camera_part[:3, :3])
+        if turn > REACH:
+            return Before(T_camera_part)
+        return Before(T_camera_part, self.liked + LIKED_MEMORY * (likely - self.liked))
