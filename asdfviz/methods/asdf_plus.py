@@ -220,6 +220,7 @@ def pose_confidence(decision: Decision, score: float | None, *, config: Confiden
         trust=best.trust,
         lead=decision.lead,
         agreeing=best.evidence.agreeing,
+        liked=best.liked,
         outline=best.evidence.outline,
         detection=score,
         config=config,
