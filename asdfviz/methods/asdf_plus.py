@@ -1,9 +1,11 @@
 """ASDF, and what pays beyond the paper, frame by frame: same detector, same frames, no tracker.
 
-First poses of `asdf` and their runners-up are kept side by side over time and judged by depth and
-box; those from keypoints are registered with the depth image in six degrees of freedom. Parts that
-the state joins are placed by the group. The state comes from a hidden Markov model instead of an
-average. A pose's score is the probability that it is right.
+First poses of `asdf` and their runners-up are kept side by side over time and judged by depth, box and
+what the crop network thinks of each rotation; those from keypoints are registered with the depth image
+in six degrees of freedom. The detector looks again, nearer, at what depth shows and no box explains.
+Twins go by the place where they lie. Parts that the state joins are placed by the group. The state
+comes from a hidden Markov model instead of an average. A pose's score is the probability that it is
+right.
 """
 
 from __future__ import annotations

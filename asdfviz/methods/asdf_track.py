@@ -1,7 +1,8 @@
 """ASDF with a tracker: the detector proposes, the tracker holds, the state says what moves together.
 
 Not in the paper. Every part is tracked by colour and depth from several starts, the detector's pose
-among them, so that one that was lost is found again; parts that the state joins are tracked as one,
+among them, so that one that was lost is found again. Between two poses that fit about as well the crop
+network decides over time, and a part that the detector keeps finding elsewhere begins anew there; parts that the state joins are tracked as one,
 with the freedoms of their joints. The state is followed as `asdf_plus` does, from the tracked poses.
 """
 
