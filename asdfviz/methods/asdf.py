@@ -71,6 +71,10 @@ class AsdfConfig:
     else keypoints."""
     crops: CropPoseConfig = field(default_factory=CropPoseConfig)
     """First poses from crops."""
+    doubts: float = 0.0
+    """The rotation of the frame before is one hypothesis more, believed as much as the network's own
+    best. This much of what the network thinks of it, frame by frame, goes into that, 0 to 1: doubt
+    frees from wrong rotations, and loses right ones where a single frame says little."""
     box_fit: BoxFitConfig = field(default_factory=BoxFitConfig)
     """Distances that the boxes contradict."""
     refinement: Refinement = "translation"
@@ -247,7 +251,8 @@ class Asdf:
         before, look = self._before.get(pose.part), self.looked_at.get(pose.part)
         if before is None or look is None:
             return Before(pose.T_camera_part)
-        return before.followed_by(pose.T_camera_part, look.likely(pose.T_camera_part))
+        T, memory = pose.T_camera_part, self._config.doubts
+        return before.followed_by(T, look.likely(T), memory=memory)
 
     def _refined(
         self, poses: Mapping[str, PoseEstimate], found: Mapping[str, Detection], frame: Frame

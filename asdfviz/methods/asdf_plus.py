@@ -61,6 +61,8 @@ class AsdfPlusConfig(AsdfConfig):
     """How sure a pose is."""
     joined: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=True))
     """State helps pose, after the registration."""
+    doubts: float = 0.2
+    """Of the network in the rotation of the frame before; runners-up are kept besides."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = field(

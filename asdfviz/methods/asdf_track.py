@@ -59,6 +59,8 @@ class JoinConfig:
 class AsdfTrackConfig(AsdfConfig):
     """Options of ASDF, which proposes poses, of the tracker, and of the state that is followed."""
 
+    doubts: float = 0.2
+    """Of the network in the rotation of the frame before; the tracker holds what is right."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = TRACKED_PLACES

@@ -10,9 +10,6 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_angle
 from asdfviz.pose.hypotheses import Settled
 
-LIKED_MEMORY = 0.2
-"""Weight of a frame in what the network thought of a rotation over time, 0 to 1."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LookedAt:
@@ -38,9 +35,12 @@ class Before:
     liked: float = 1.0
     """What the network thought of its rotation while it was there, 0 to 1; new ones are believed."""
 
-    def followed_by(self, T_camera_part: Transform, likely: float) -> Before:
-        """The part in the next frame, where the network says `likely` of its rotation."""
+    def followed_by(self, T_camera_part: Transform, likely: float, *, memory: float) -> Before:
+        """The part in the next frame, where the network says `likely` of its rotation.
+
+        `memory` is the weight of that frame, 0 to 1.
+        """
         turn = rotation_angle(self.T_camera_part[:3, :3].T @ T_camera_part[:3, :3])
         if turn > REACH:
             return Before(T_camera_part)
-        return Before(T_camera_part, self.liked + LIKED_MEMORY * (likely - self.liked))
+        return Before(T_camera_part, self.liked + memory * (likely - self.liked))

@@ -18,6 +18,7 @@ from asdfviz.geometry.transforms import rotation_about, rotation_angle, transfor
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.first_pose import CropPoseConfig, FirstPose, chosen_first_pose
 from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
+from asdfviz.methods.looked_at import Before
 from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig
 from asdfviz.pose.hypotheses import HypothesisConfig
 
@@ -219,3 +220,14 @@ def test_counts_below_one_are_refused(assembly: Assembly, detector, tmp_path: Pa
     method = Asdf(AsdfConfig(first_pose="hypotheses", crops=crops), detector=detector)
     with pytest.raises(MethodError, match=r"hypotheses\.count"):
         method.reset(moved_to(assembly, tmp_path), replace_camera(), None)
+
+
+def test_what_was_before_is_believed_until_the_network_doubts_it() -> None:
+    at = transform_from(np.eye(3), np.array([0.0, 0, 0.6]))
+    little = transform_from(rotation_about(np.array([1.0, 0, 0]), 0.2), np.array([0.1, 0, 0.6]))
+    far = transform_from(rotation_about(np.array([1.0, 0, 0]), 1.0), np.array([0.0, 0, 0.6]))
+    before = Before(at)
+    assert before.followed_by(little, 0.0, memory=0.0).liked == 1.0
+    doubted = before.followed_by(little, 0.0, memory=0.2).followed_by(little, 0.5, memory=0.2)
+    assert doubted.liked == pytest.approx(0.8 * 0.8 + 0.2 * 0.5)
+    assert doubted.followed_by(far, 0.0, memory=0.2).liked == 1.0  # another rotation, a new start
