@@ -33,9 +33,10 @@ from asdfviz.methods.first_pose import (
     chosen_first_pose,
     crop_weights_path,
 )
-from asdfviz.methods.network import NetworkConfig, weights_path
+from asdfviz.methods.network import NetworkConfig, masks_path, weights_path
 from asdfviz.methods.registry import build_method
 from asdfviz.methods.spec import Method, MethodSpec
+from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.track.viewpoint_cache import load_viewpoint_models
 
 
@@ -145,6 +146,9 @@ def input_hashes(sequence: Sequence, assembly: Assembly, config: object) -> dict
         weights = crop_weights_path(crops, assembly)
         if weights.is_file():
             hashes["crops"] = file_sha256(weights)
+    masks = _masks(config, assembly)
+    if masks is not None and masks.is_file():
+        hashes["masks"] = file_sha256(masks)
     return hashes
 
 
@@ -225,7 +229,17 @@ def resolved_config(config: Any, assembly: Assembly) -> Any:
         if absolute["first_pose"] == "hypotheses":
             weights = crop_weights_path(crops, assembly)
             absolute["crops"] = dataclasses.replace(crops, weights=weights)
+    masks = _masks(config, assembly)
+    if masks is not None:
+        absolute["masks"] = masks
     return dataclasses.replace(config, **absolute) if absolute else config
+
+
+def _masks(config: Any, assembly: Assembly) -> Path | None:
+    """The weights of the mask branch, if one runs."""
+    if not isinstance(config, Yolov8PoseConfig) or config.refinement != "segmentation":
+        return None
+    return masks_path(config.masks, config.detector, assembly)
 
 
 def _networks(config: Any) -> dict[str, NetworkConfig]:

@@ -11,7 +11,7 @@ import tyro
 
 from asdfviz.cli.judged_runs import give_table, judged, known_assembly, known_truth, made_run
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt
-from asdfviz.errors import InputError, Stopped
+from asdfviz.errors import InputError, Stopped, WeightsError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -31,6 +31,7 @@ NOTES = {
     "fusion": "The paper gives no weights. The best of the grid was found on these very scenes.",
     "group": "The paper claims that the state helps the pose and gives no figures.",
     "states": "Not in the paper: states told apart by what the camera sees of each one's group.",
+    "beyond": "Not in the paper: looking again, the network's opinion over time, tracks begun anew.",
 }
 STOPPED = "no table is made of half a comparison"
 
@@ -42,13 +43,14 @@ class Ablate:
     refinement: Table 2, what depth does to first poses. weighting: the weight function W(d) of its
     shift, which the paper leaves open. backbone: Table 3, sizes of the network.
     fusion: the weights of Pose2State. group: state helps pose, on and off. states: the test of
-    every state's group against the picture, on and off.
+    every state's group against the picture, on and off. beyond: what asdf_plus and asdf_track
+    weigh besides, each piece off.
 
     Example: asdfviz ablate refinement --data sample --out table2.md
     """
 
     what: Annotated[
-        Literal["refinement", "weighting", "backbone", "fusion", "group", "states"],
+        Literal["refinement", "weighting", "backbone", "fusion", "group", "states", "beyond"],
         tyro.conf.Positional,
     ]
     """Which comparison."""
@@ -82,6 +84,7 @@ class Ablate:
             "fusion": self._fusion,
             "group": self._group,
             "states": self._states,
+            "beyond": self._beyond,
         }
         give_table(make[self.what](scenes, layout), NOTES[self.what], self.out)
 
@@ -116,6 +119,18 @@ class Ablate:
         from asdfviz.methods.variants import state_variants
 
         return plain_table(_all_judged(scenes, state_variants), layout=layout)
+
+    def _beyond(self, scenes: list[FolderSequence], layout: Layout) -> str:
+        from asdfviz.evaluate.paper_ablations import plain_table
+        from asdfviz.methods.variants import beyond_variants
+
+        found = _all_judged(scenes, beyond_variants)
+        if not found:
+            raise WeightsError(
+                "ablate beyond needs crop weights: put crops.safetensors beside assembly.yaml, or "
+                "train them with `asdfviz train-crops`"
+            )
+        return plain_table(found, layout=layout)
 
     def _fusion(self, scenes: list[FolderSequence], layout: Layout) -> str:
         from asdfviz.evaluate.fusion_study import StudiedRun, fusion_study

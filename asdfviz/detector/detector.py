@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import torch
 from jaxtyping import Float32
 
-from asdfviz.datatypes import Detection
+from asdfviz.datatypes import BoxMask, Detection
 from asdfviz.detector.backends import Backend, Runs, TorchRun, make_run
 from asdfviz.detector.joint import keep_classes, own_columns
 from asdfviz.detector.letterbox import Letterbox, letterbox, plan_letterbox
+from asdfviz.detector.mask_run import MaskRun
 from asdfviz.detector.network import Network
 from asdfviz.detector.nms import suppress
 from asdfviz.detector.weights import load_network
-from asdfviz.geometry.shapes import Rgb
+from asdfviz.errors import InputError
+from asdfviz.geometry.shapes import Box, Rgb
 
 CANDIDATES = 1000
 """Boxes that reach the suppression at most; more are the same objects again."""
+MaskOf: TypeAlias = Callable[[str, int, Box], BoxMask | None]
+"""The mask of a detection by its label, its place among the candidates and its box."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +59,7 @@ class Detector:
         config: DetectorConfig | None = None,
         classes: Sequence[str] | None = None,
         assembly: str | None = None,
+        masks: Path | None = None,
     ) -> None:
         """Load the weights.
 
@@ -62,10 +68,11 @@ class Detector:
             config: None means the defaults.
             classes: names for a file that holds none, in the order of the outputs.
             assembly: of a joint network, keep only this assembly's classes.
+            masks: weights of a mask branch that was trained on these weights; None: no masks.
 
         Raises:
-            WeightsError: the file is missing, corrupt, of another network or another assembly.
-            InputError: the backend is not installed.
+            WeightsError: a file is missing, corrupt, of another network or another assembly.
+            InputError: the backend is not installed, or gives no masks.
         """
         loaded = load_network(weights, classes=classes)
         network, self.classes = loaded.network, loaded.classes
@@ -81,10 +88,22 @@ class Detector:
             device=self.config.device,
             bfloat16=self.config.bfloat16,
         )
+        self._masks: MaskRun | None = None
+        if masks is not None:
+            if self.config.backend != "torch":
+                raise InputError(f"the backend {self.config.backend} gives no masks: use torch")
+            self._masks = MaskRun.of(
+                masks,
+                detector=weights,
+                assembly=assembly,
+                network=network,
+                device=self.config.device,
+                bfloat16=self.config.bfloat16,
+            )
 
     def detect(self, rgb: Rgb) -> tuple[Detection, ...]:
         """Return what is in the picture, best first, in its own pixels."""
-        return _detect(self._run, rgb, classes=self.classes, config=self.config)
+        return _detect(self._run, rgb, classes=self.classes, config=self.config, masks=self._masks)
 
 
 def detect(
@@ -96,16 +115,27 @@ def detect(
 
 
 def _detect(
-    run: Runs, rgb: Rgb, *, classes: tuple[str, ...], config: DetectorConfig
+    run: Runs,
+    rgb: Rgb,
+    *,
+    classes: tuple[str, ...],
+    config: DetectorConfig,
+    masks: MaskRun | None = None,
 ) -> tuple[Detection, ...]:
     plan = _plan(rgb.shape[1], rgb.shape[0], config.image_size, run.strides[-1])
     picture = torch.as_tensor(letterbox(rgb, plan)).to(config.device)
-    columns = run(picture.permute(2, 0, 1)[None].float() / 255)[0].T
+    images = picture.permute(2, 0, 1)[None].float() / 255
+    answer = None if masks is None else masks(images)
+    columns = (run(images) if answer is None else answer[0])[0].T
     scores = columns[:, 4 : 4 + len(classes)].amax(1)
     found = (scores > config.confidence).nonzero()[:, 0]
     if len(found) > CANDIDATES:
         found = found[scores[found].topk(CANDIDATES).indices]
-    return _detections(columns[found].cpu().numpy(), plan, classes, config)
+    mask_of: MaskOf | None = None
+    if masks is not None and answer is not None:
+        size_wh = (rgb.shape[1], rgb.shape[0])
+        mask_of = masks.cutter(answer[1], found, plan=plan, size_wh=size_wh)
+    return _detections(columns[found].cpu().numpy(), plan, classes, config, mask_of)
 
 
 @lru_cache(maxsize=16)
@@ -118,6 +148,7 @@ def _detections(
     plan: Letterbox,
     classes: tuple[str, ...],
     config: DetectorConfig,
+    mask_of: MaskOf | None,
 ) -> tuple[Detection, ...]:
     values = rows.astype(np.float64)
     centre, half = values[:, :2], values[:, 2:4] / 2
@@ -129,13 +160,16 @@ def _detections(
     found: list[Detection] = []
     for place in kept:
         keypoints = values[place, 4 + len(classes) :].reshape(-1, 3)
+        label = classes[labels[place]]
+        box_xyxy = plan.to_frame(boxes[place].reshape(2, 2)).reshape(4)
         found.append(
             Detection(
-                label=classes[labels[place]],
-                box_xyxy=plan.to_frame(boxes[place].reshape(2, 2)).reshape(4),
+                label=label,
+                box_xyxy=box_xyxy,
                 keypoints_px=plan.to_frame(keypoints[:, :2]),
                 keypoint_scores=keypoints[:, 2].copy(),
                 score=float(scores[place]),
+                mask=None if mask_of is None else mask_of(label, int(place), box_xyxy),
             )
         )
     return tuple(found)

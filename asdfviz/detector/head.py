@@ -40,6 +40,8 @@ class RawOutput:
     """Pixels a cell."""
     features: tuple[Tensor, ...] = ()
     """Last hidden features of the keypoint branch by level, for auxiliary losses in training."""
+    maps: tuple[Tensor, ...] = ()
+    """The neck's features by level, which all branches read: a mask branch reads them too."""
 
 
 class PoseHead(nn.Module):
@@ -92,6 +94,7 @@ class PoseHead(nn.Module):
             anchors=anchors,
             strides=strides,
             features=tuple(features),
+            maps=tuple(maps),
         )
 
 

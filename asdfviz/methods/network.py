@@ -12,6 +12,8 @@ from asdfviz.geometry.shapes import Rgb
 
 WEIGHTS = "weights.safetensors"
 """File beside assembly.yaml, or one folder up, that methods use unless told otherwise."""
+MASKS = "masks.safetensors"
+"""File of the mask branch, beside the weights of its detector."""
 SMALLEST_INPUT = 32
 """Pixels; the network halves its input five times."""
 
@@ -60,17 +62,31 @@ def shipped_weights(assembly: Assembly, name: str) -> Path:
     return joint if joint.is_file() and not own.is_file() else own
 
 
+def masks_path(masks: Path | None, config: NetworkConfig, assembly: Assembly) -> Path:
+    """Return the named file of the mask branch, or the one beside the network's; it need not exist."""
+    if masks is not None:
+        return masks.expanduser().resolve()
+    return weights_path(config, assembly).with_name(MASKS)
+
+
 def has_own_detector(config: NetworkConfig, assembly: Assembly) -> bool:
     """Whether the network is this assembly's alone: its weights lie in the assembly's folder."""
     path = weights_path(config, assembly)
     return path.is_file() and path.parent == Path(assembly.path).resolve().parent
 
 
-def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
+def load_detector(
+    config: NetworkConfig, assembly: Assembly, *, masks: Path | None = None
+) -> Detects:
     """Load the network for an assembly.
 
     A .pt names no classes: its outputs are taken for the assembly's detector classes, in their
     order.
+
+    Args:
+        config: which network, and how it runs.
+        assembly: whose classes are asked for.
+        masks: weights of the mask branch; None: detections have no masks.
 
     Raises:
         InputError: an option is impossible, or the device is not there.
@@ -98,6 +114,7 @@ def load_detector(config: NetworkConfig, assembly: Assembly) -> Detects:
         ),
         classes=None if path.suffix == ".safetensors" else assembly.detector_classes,
         assembly=assembly.name,
+        masks=masks,
     )
     parts = {part.detector_class for part in assembly.parts.values()}
     if not parts & set(detector.classes):

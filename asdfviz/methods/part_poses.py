@@ -15,10 +15,14 @@ from asdfviz.geometry.sampling import hull_corners, oriented_surface_points
 from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box
 from asdfviz.pose.icp import IcpConfig, ModelCloud, register
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
+from asdfviz.pose.segmentation import refine_in_mask
 from asdfviz.pose.translation import TranslationConfig, refine_translation
 
 Refinement: TypeAlias = Literal["none", "translation", "icp"]
 """What depth does to a first pose: nothing, section 3.1.1 of the paper, or the ICP of its Table 2."""
+AnyRefinement: TypeAlias = Literal["none", "translation", "icp", "segmentation"]
+"""The same, and translation by the depth inside masks ("+Seg" of Table 2), which needs a detector
+that gives them."""
 PAPER_ICP = IcpConfig(reach=0.05, largest_move=0.2)
 """The paper's ICP row; wide, because nothing has corrected the distances before it."""
 
@@ -118,7 +122,7 @@ def poses_refined_by_depth(
     shapes: Mapping[str, PartShape],
     frame: Frame,
     *,
-    refinement: Refinement,
+    refinement: AnyRefinement,
     translation: TranslationConfig,
     icp: IcpConfig,
 ) -> dict[str, PoseEstimate]:
@@ -129,8 +133,8 @@ def poses_refined_by_depth(
         found: the boxes that they come from.
         shapes: of the parts.
         frame: with depth, or nothing is refined.
-        refinement: which of the two, or none.
-        translation: options of section 3.1.1.
+        refinement: which of the three, or none.
+        translation: options of section 3.1.1, in boxes and in masks.
         icp: options of the registration.
     """
     refined = dict(poses)
@@ -148,6 +152,16 @@ def poses_refined_by_depth(
                 config=icp,
             )
             T_camera_part = None if fitted is None else fitted.T_camera_part
+        elif refinement == "segmentation":
+            T_camera_part = refine_in_mask(
+                pose.T_camera_part,
+                shapes[name].surface,
+                mask=found[name].mask,
+                box_xyxy=box,
+                depth=frame.depth,
+                K=frame.camera.K,
+                config=translation,
+            )
         else:
             T_camera_part = refine_translation(
                 pose.T_camera_part,

@@ -20,6 +20,7 @@ BUILT_IN = {
     "yolov8pose": "asdfviz.methods.yolov8pose:SPEC",
     "yolov8pose_state": "asdfviz.methods.yolov8pose_state:SPEC",
     "yolov8pose_icp": "asdfviz.methods.yolov8pose_icp:SPEC",
+    "asdf_seg": "asdfviz.methods.asdf_seg:SPEC",
     "asdf": "asdfviz.methods.asdf:SPEC",
     "asdf_plus": "asdfviz.methods.asdf_plus:SPEC",
     "asdf_track": "asdfviz.methods.asdf_track:SPEC",

@@ -9,10 +9,14 @@ from typing import Any, get_args
 from asdfviz.datatypes import Assembly
 from asdfviz.methods.asdf import AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlusConfig
+from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track import AsdfTrackConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.network import masks_path
 from asdfviz.methods.part_poses import PAPER_ICP
+from asdfviz.methods.place_support import SupportConfig
+from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
@@ -42,13 +46,16 @@ def first_poses(config: Any, assembly: Assembly) -> list[FirstPose]:
 
 
 def refinement_variants(assembly: Assembly) -> list[Variant]:
-    """Table 2: nothing, the paper's ICP and the other direction, the shift, and the whole methods."""
-    base = Yolov8PoseConfig()
+    """Table 2: nothing, the paper's ICP and the other direction, masks where their weights are, the
+    shift, and the whole methods."""
+    base, masked = Yolov8PoseConfig(), AsdfSegConfig()
     other = replace(PAPER_ICP, direction="scan_to_model")
+    has_masks = masks_path(masked.masks, masked.detector, assembly).is_file()
     rows = [
         Variant("none", "yolov8pose", base, "none"),
         Variant("ICP, model to scan", "yolov8pose", replace(base, refinement="icp"), "icp"),
         Variant("ICP, scan to model", "yolov8pose", replace(base, refinement="icp", icp=other)),
+        *([Variant("segmentation (+Seg)", "asdf_seg", masked, "segmentation")] * has_masks),
         Variant(
             "translation (3.1.1)",
             "yolov8pose",
@@ -113,6 +120,26 @@ def state_variants(assembly: Assembly) -> list[Variant]:
         Variant("asdf_track with group fit", "asdf_track", AsdfTrackConfig()),
     ]
     return _with_first_poses(rows, assembly)
+
+
+def beyond_variants(assembly: Assembly) -> list[Variant]:
+    """What the methods beyond the paper weigh besides, each piece off; they need crop weights."""
+    plus, track = AsdfPlusConfig(), AsdfTrackConfig()
+    if len(first_poses(plus, assembly)) < 2:
+        return []
+    once = SecondLookConfig(enabled=False)
+    deaf = replace(plus.hypotheses, network=0.0)
+    turned = replace(track.refind, rotation_weight=0.0, box_weight=0.0)
+    stays = replace(track.refind, support=SupportConfig(lead=float("inf")))
+    return [
+        Variant("asdf_plus", "asdf_plus", plus),
+        Variant("asdf_plus, one look", "asdf_plus", replace(plus, second_look=once)),
+        Variant("asdf_plus, depth alone over time", "asdf_plus", replace(plus, hypotheses=deaf)),
+        Variant("asdf_track", "asdf_track", track),
+        Variant("asdf_track, one look", "asdf_track", replace(track, second_look=once)),
+        Variant("asdf_track, rivals by picture alone", "asdf_track", replace(track, refind=turned)),
+        Variant("asdf_track, never begun anew", "asdf_track", replace(track, refind=stays)),
+    ]
 
 
 def _with_first_poses(rows: Sequence[Variant], assembly: Assembly) -> list[Variant]:

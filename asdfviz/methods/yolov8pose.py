@@ -7,6 +7,7 @@ With crop weights, first poses come from crops instead (colour alone: no depth);
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, StateEstimate
 from asdfviz.errors import MethodError
@@ -19,11 +20,11 @@ from asdfviz.methods.first_pose import (
     LooksAtParts,
     crop_poses,
 )
-from asdfviz.methods.network import Detects, NetworkConfig, load_detector
+from asdfviz.methods.network import Detects, NetworkConfig, load_detector, masks_path
 from asdfviz.methods.part_poses import (
     PAPER_ICP,
+    AnyRefinement,
     PartShape,
-    Refinement,
     part_shapes,
     poses_from_keypoints,
     poses_refined_by_depth,
@@ -51,10 +52,14 @@ class Yolov8PoseConfig:
     else keypoints."""
     crops: CropPoseConfig = field(default_factory=CropPoseConfig)
     """First poses from crops."""
-    refinement: Refinement = "none"
-    """What depth does to first poses: none (the baseline), translation or icp (rows of Table 2)."""
+    refinement: AnyRefinement = "none"
+    """What depth does to first poses: none (the baseline), translation, icp or segmentation (rows
+    of Table 2)."""
     translation: TranslationConfig = field(default_factory=TranslationConfig)
-    """Refinement "translation", section 3.1.1."""
+    """Refinement "translation", section 3.1.1; "segmentation" is the same inside masks."""
+    masks: Path | None = None
+    """Refinement "segmentation": trained mask branch of the detector. Default: masks.safetensors
+    beside the detector's weights."""
     icp: IcpConfig = PAPER_ICP
     """Refinement "icp"."""
     state_looks: StateLooksFrom | None = None
@@ -99,7 +104,12 @@ class Yolov8Pose:
             WeightsError: there are no weights for it.
         """
         config = self._config
-        self._detector = self._given_detector or load_detector(self._config.detector, assembly)
+        masks: Path | None = None
+        if config.refinement == "segmentation":
+            masks = masks_path(config.masks, config.detector, assembly)
+        self._detector = self._given_detector or load_detector(
+            config.detector, assembly, masks=masks
+        )
         self._crop_poses = crop_poses(
             config.first_pose, config.crops, assembly, looker=self._given_looker
         )

@@ -53,7 +53,8 @@ class PlaceNames:
         base = self._assembly.base
         if not self._groups or base not in Ts_camera_part:
             return {}
-        T_base_camera = inverse(Ts_camera_part[base])
+        T_camera_base = Ts_camera_part[base]
+        T_base_camera = inverse(T_camera_base)
         changed: dict[str, str] = {}
         for group in self._groups:
             cost = np.full((len(group), len(group)), NEAR)

@@ -57,10 +57,10 @@ def load_images(
         SequenceError: a file is missing or broken, names none of the assemblies, or no frame has
             truth.
     """
-    subjects = _subjects(assemblies)
+    subjects = subjects_of(assemblies)
     images: list[LabelledImage] = []
     for folder in folders:
-        subject = subjects[0] if len(subjects) == 1 else _shown(folder, subjects)
+        subject = shown_subject(folder, subjects)
         images.extend(_load_scene(folder, subject, image_size, smallest_visible, limit))
     if not images:
         raise SequenceError(
@@ -70,7 +70,8 @@ def load_images(
     return tuple(images)
 
 
-def _subjects(assemblies: Sequence[Assembly]) -> list[Subject]:
+def subjects_of(assemblies: Sequence[Assembly]) -> list[Subject]:
+    """The assemblies of a network, in the order of its outputs."""
     subjects: list[Subject] = []
     first = 0
     for assembly in assemblies:
@@ -79,7 +80,14 @@ def _subjects(assemblies: Sequence[Assembly]) -> list[Subject]:
     return subjects
 
 
-def _shown(folder: Path, subjects: Sequence[Subject]) -> Subject:
+def shown_subject(folder: Path, subjects: Sequence[Subject]) -> Subject:
+    """Which of the assemblies a scene folder shows: the only one, or what its sequence.json says.
+
+    Raises:
+        SequenceError: there are several, and it names none of them.
+    """
+    if len(subjects) == 1:
+        return subjects[0]
     names = ", ".join(s.assembly.name for s in subjects)
     file = folder / SEQUENCE
     if not file.is_file():

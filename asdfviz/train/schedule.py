@@ -10,6 +10,7 @@ from torch import nn
 
 from asdfviz.train.config import Stage, TrainConfig
 from asdfviz.train.crop_config import CropTrainConfig
+from asdfviz.train.mask_config import MaskTrainConfig
 
 
 def make_optimizer(
@@ -29,7 +30,9 @@ def make_optimizer(
     return torch.optim.AdamW(groups, lr=learning_rate, betas=(0.9, 0.99))
 
 
-def rate_at(config: TrainConfig | CropTrainConfig, step: int, share: float) -> float:
+def rate_at(
+    config: TrainConfig | CropTrainConfig | MaskTrainConfig, step: int, share: float
+) -> float:
     """Return the learning rate: warm-up by steps, level for `hold`, then half a cosine."""
     warm = min(1.0, (step + 1) / max(config.warmup_steps, 1))
     late = min(max((share - config.hold) / max(1 - config.hold, 1e-9), 0.0), 1.0)

@@ -14,6 +14,7 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import sample_folder
 from asdfviz.methods.registry import find_method
 from asdfviz.methods.variants import (
+    beyond_variants,
     first_poses,
     group_variants,
     refinement_variants,
@@ -80,7 +81,20 @@ def test_every_variant_is_a_config_of_its_method() -> None:
         assert len({variant.title for variant in variants}) == len(variants)
     kinds = {v.config.translation.weights for v in weighting_variants(assembly)}
     assert kinds == {"gaussian", "huber", "cauchy", "nearest", "uniform"}
-    assert {v.paper for v in refinement_variants(assembly)} == {"none", "icp", "translation", ""}
+    papers = {v.paper for v in refinement_variants(assembly)}
+    assert papers == {"none", "icp", "segmentation", "translation", ""}
+
+
+def test_every_piece_beyond_the_paper_is_off_once(tmp_path: Path) -> None:
+    assembly = load_assembly("corner_clamp")
+    rows = beyond_variants(assembly)
+    for variant in rows:
+        assert isinstance(variant.config, find_method(variant.method).config)
+    for row in rows:
+        whole = next(r for r in rows if r.title == row.method)
+        assert (row.config == whole.config) == (row is whole)
+    without = dataclasses.replace(assembly, path=str(tmp_path / "a" / "assembly.yaml"))
+    assert beyond_variants(without) == []
 
 
 def test_hypotheses_are_compared_where_crop_weights_are(tmp_path: Path) -> None:

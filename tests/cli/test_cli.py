@@ -34,6 +34,7 @@ COMMANDS = (
     "synth",
     "train",
     "train-crops",
+    "train-masks",
     "import-gbot",
     "export",
     "bench",

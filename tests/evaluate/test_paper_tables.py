@@ -95,7 +95,10 @@ def test_table4_has_a_row_for_every_set_and_their_mean() -> None:
 def test_ablations_name_the_papers_rows_and_print_no_accuracy_of_untrained_sizes() -> None:
     judged = [JudgedVariant("shift", "translation", report(v)) for v in (2.0, 4.0)]
     judged.append(JudgedVariant("asdf_plus", "", report(1.0)))
-    shift, plus = rows_of(refinement_table(judged, layout="csv"))
+    judged.append(JudgedVariant("masks", "segmentation", report(2.0)))
+    shift, plus, masks = rows_of(refinement_table(judged, layout="csv"))
+    theirs = [masks[f"paper {key}"] for key in ("n ms", "n e_t mm", "n e_r deg", "x-p6 e_t mm")]
+    assert theirs == ["64.5", "8.5", "-", "6.5"]
     assert (shift["Scenes"], shift["paper n e_t mm"], shift["e_t mm"]) == ("2", "8.1", "3.0")
     assert plus["paper n e_t mm"] == "-"
     backbones = [Backbone("n", 3.2, 25.0, tuple(judged[:2])), Backbone("m", 26.0, 200.0, ())]

@@ -1,0 +1,103 @@
+"""Reads and writes mask branches: half-precision safetensors, bound to the detector they grew on."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from asdfviz.data.hashes import file_sha256
+from asdfviz.detector.mask_branch import MaskBranch
+from asdfviz.errors import WeightsError
+
+FORMAT = "asdfviz-masks-1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedMasks:
+    """A mask branch in evaluation mode and the detector classes that it was trained on."""
+
+    branch: MaskBranch
+    classes: tuple[str, ...]
+    """Of parts alone, named as the detector's classes are."""
+
+
+def save_masks(branch: MaskBranch, path: Path, *, classes: Sequence[str], detector: Path) -> None:
+    """Write a branch with all that is needed to rebuild it; replaced at once or not at all.
+
+    Args:
+        branch: with batch norms, not fused.
+        path: file to write.
+        classes: of the parts that it was trained on.
+        detector: weights whose features it reads.
+    """
+    tensors: dict[str, Tensor] = {}
+    for name, tensor in branch.state_dict().items():
+        value = cast(Tensor, tensor)
+        half = value.half() if value.is_floating_point() else value
+        tensors[name] = half.detach().cpu().contiguous()
+    metadata = {
+        "format": FORMAT,
+        "classes": json.dumps(list(classes)),
+        "channels": json.dumps(branch.channels),
+        "width": str(branch.width),
+        "detector": file_sha256(detector),
+    }
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_bytes(save(tensors, metadata=metadata))
+    os.replace(temporary, path)
+
+
+def load_masks(path: Path, *, detector: Path) -> LoadedMasks:
+    """Read what `save_masks` wrote.
+
+    Args:
+        path: the file.
+        detector: weights that are to run with it.
+
+    Raises:
+        WeightsError: no such file, a corrupt one, or one that belongs to other detector weights.
+    """
+    if not path.is_file():
+        raise WeightsError(
+            f"no mask weights at '{path}': train them with `asdfviz train-masks --weights "
+            f"{detector}`, or choose a method without segmentation"
+        )
+    try:
+        with cast(Any, safe_open)(path, framework="pt") as file:
+            metadata = cast(dict[str, str], file.metadata() or {})
+            names = cast(list[str], file.keys())
+            tensors = {name: cast(Tensor, file.get_tensor(name)) for name in names}
+    except (SafetensorError, OSError, ValueError) as error:
+        raise WeightsError(f"'{path}' is not a whole safetensors file: {error}") from error
+    if metadata.get("format") != FORMAT:
+        raise WeightsError(
+            f"'{path}' says format '{metadata.get('format')}', expected '{FORMAT}': it does not "
+            "hold a mask branch"
+        )
+    if metadata.get("detector") != file_sha256(detector):
+        raise WeightsError(
+            f"'{path}' was trained on the features of other weights than '{detector}': a mask "
+            "branch fits its own detector alone; train one with `asdfviz train-masks`"
+        )
+    try:
+        classes = tuple(str(name) for name in json.loads(metadata["classes"]))
+        channels = tuple(int(c) for c in json.loads(metadata["channels"]))
+        branch = MaskBranch(channels, width=int(metadata["width"]))
+        branch.load_state_dict({name: value.float() if value.is_floating_point() else value
+                                for name, value in tensors.items()})  # fmt: skip
+    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else repr(error)
+        raise WeightsError(f"'{path}' does not fit a mask branch: {reason}") from error
+    if not all(bool(torch.isfinite(v).all()) for v in tensors.values() if v.is_floating_point()):
+        raise WeightsError(f"'{path}' holds numbers that are not finite: the training diverged")
+    branch.eval()
+    return LoadedMasks(branch, classes)
