@@ -43,24 +43,23 @@ class PlaceNames:
         self._assembly = assembly
         self._groups = [names for names in twin_groups(assembly) if len(names) > 1]
 
-    def changes(self, Ts_camera_part: Mapping[str, Transform]) -> dict[str, str]:
+    def changes(self, poses: Mapping[str, Transform]) -> dict[str, str]:
         """From the names to be changed to the new ones: a permutation.
 
         Args:
-            Ts_camera_part: poses found, by the names they go by now; without the base part nothing
-                changes.
+            poses: T_camera_part of what was found, by the names they go by now; without the base
+                part nothing changes.
         """
         base = self._assembly.base
-        if not self._groups or base not in Ts_camera_part:
+        if not self._groups or base not in poses:
             return {}
-        T_camera_base = Ts_camera_part[base]
-        T_base_camera = inverse(T_camera_base)
+        T_base_camera = inverse(poses[base])
         changed: dict[str, str] = {}
         for group in self._groups:
             cost = np.full((len(group), len(group)), NEAR)
             for i, name in enumerate(group):
-                if name in Ts_camera_part:
-                    T_base_part = T_base_camera @ Ts_camera_part[name]
+                if name in poses:
+                    T_base_part = T_base_camera @ poses[name]
                     cost[i] = [self._distance(T_base_part, place) for place in group]
             cost -= OWN_NAME * np.eye(len(group))
             assign = cast(Any, optimize).linear_sum_assignment
