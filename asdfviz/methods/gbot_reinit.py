@@ -85,6 +85,11 @@ class GbotReinitConfig(GbotConfig):
     faithful: bool = False
     """Take every detected pose, as the published code does by a slip."""
 
+    def __post_init__(self) -> None:
+        """As published, poses come from keypoints unless asked otherwise."""
+        if self.first_pose is None and not self.verified:
+            object.__setattr__(self, "first_pose", "keypoints")
+
     @property
     def verified(self) -> bool:
         """Whether the picture decides between the detector's pose and the tracked one."""
@@ -127,9 +132,8 @@ class GbotReinit(Gbot):
         super().reset(assembly, camera, initial)
         options = self._options
         detector = self._given_detector or load_detector(options.detector, assembly)
-        first_pose = options.first_pose or (None if options.verified else "keypoints")
         self._crop_poses = crop_poses(
-            first_pose, options.crops, assembly, looker=self._given_looker
+            options.first_pose, options.crops, assembly, looker=self._given_looker
         )
         self._found = assembly, detector
         self._shapes = part_shapes(assembly, surface_points=TranslationConfig().surface_points)

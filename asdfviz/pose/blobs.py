@@ -52,9 +52,9 @@ def standing_out(depth: Depth, K: Intrinsics, *, config: BlobConfig) -> list[Box
         return []
     # Above the plane by: (n . p + d) with p = depth * ray, n towards the camera.
     height, width = depth.shape
-    x: Float64[np.ndarray, "w"] = (np.arange(width) - K[0, 2]) / K[0, 0]
-    y: Float64[np.ndarray, "h"] = (np.arange(height) - K[1, 2]) / K[1, 1]
-    slope = (plane[0] * x)[None, :] + (plane[1] * y)[:, None] + plane[2]
+    v, u = np.mgrid[:height, :width]
+    x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
+    slope: Float64[np.ndarray, "h w"] = plane[0] * x + plane[1] * y + plane[2]
     above = np.where(depth > 0, depth * slope + plane[3], 0.0).astype(np.float32)
     return _boxes(cv2.medianBlur(above, 3), config)
 

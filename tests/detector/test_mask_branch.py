@@ -94,7 +94,10 @@ def detector_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     network = Network("n", classes=len(CLASSES))
     with torch.no_grad():
         for branch in network.head.cv3:
-            branch[2].bias.fill_(-1.0)  # boxes above the threshold
+            *_, last = branch.children()
+            assert isinstance(last, torch.nn.Conv2d)
+            assert last.bias is not None
+            last.bias.fill_(-1.0)  # boxes above the threshold
     path = tmp_path_factory.mktemp("weights") / "weights.safetensors"
     save_network(network, path, classes=CLASSES, image_size=160)
     return path

@@ -66,6 +66,7 @@ def short(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("first_pose", ["keypoints", "hypotheses"])
 def test_it_runs_on_the_sample(first_pose: str, short: Path) -> None:
     sequence = open_sequence(str(short))
+    assert sequence.assembly is not None
     spec = find_method("asdf_seg")
     config = dataclasses.replace(spec.config(), first_pose=first_pose)
     result = run(spec, sequence, config=config)

@@ -71,6 +71,7 @@ def test_the_rotation_stays_and_the_shift_is_along_the_ray(box_view: Callable) -
     depth = view.depth(table=0.7)
     T_off = slid(view.T_camera_part, 0.04)
     found = in_mask(view, T_off, depth, mask_of(view, depth < 0.69))
+    assert found is not None
     assert error_mm(found, view) < 3.0
     assert (found[:3, :3] == T_off[:3, :3]).all()
     moved, ray = found[:3, 3] - T_off[:3, 3], T_off[:3, 3] / np.linalg.norm(T_off[:3, 3])
@@ -84,8 +85,10 @@ def test_a_mask_of_everything_says_what_the_box_says(box_view: Callable) -> None
     T_off = slid(view.T_camera_part, 0.02)
     everything = BoxMask(0, 0, np.ones(depth.shape, bool))
     same = in_box(view, T_off, depth, coarse_area=1.0)
+    found = in_mask(view, T_off, depth, everything)
     assert same is not None
-    np.testing.assert_allclose(in_mask(view, T_off, depth, everything), same, atol=1e-12)
+    assert found is not None
+    np.testing.assert_allclose(found, same, atol=1e-12)
 
 
 def test_pixels_beside_an_edge_do_not_count_at_the_rim_of_a_mask(box_view: Callable) -> None:

@@ -77,7 +77,8 @@ def config(clamp: Assembly, packs: Path, tmp_path: Path) -> MaskTrainConfig:
         steps=3,
         batch=2,
         warmup_steps=1,
-        **SIZE,
+        width=SIZE["width"],
+        height=SIZE["height"],
     )
 
 
