@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Frame
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.network import Detects
 from asdfviz.pose.blobs import BlobConfig, standing_out
@@ -45,7 +46,16 @@ class SecondLook:
     """Looks again in one sequence."""
 
     def __init__(self, assembly: Assembly, detector: Detects, *, config: SecondLookConfig) -> None:
-        """Begin a sequence."""
+        """Begin a sequence.
+
+        Raises:
+            MethodError: an option is out of its range.
+        """
+        if not 0 < config.share <= 1 or config.every < 1:
+            raise MethodError(
+                f"second_look.share is {config.share:g} and second_look.every {config.every}: share "
+                "must be above 0 and at most 1, every 1 or more"
+            )
         self._assembly, self._detector, self._config = assembly, detector, config
         self._frame = 0
         self._seen: dict[str, tuple[int, Box]] = {}

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+import pytest
 
 from asdfviz.datatypes import Detection
+from asdfviz.errors import MethodError
 from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.second_look import SecondLook, SecondLookConfig
 
@@ -115,3 +117,9 @@ def test_a_box_that_the_window_cuts_off_is_left_out(toy) -> None:
     detector = NearSighted({"block": wide})
     assert looked(toy, detector).step(frame_with(toy, blob), (), {}) == ()
     assert len(detector.windows) == 1
+
+
+@pytest.mark.parametrize("wrong", [{"share": 0.0}, {"share": 1.5}, {"every": 0}])
+def test_options_out_of_range_are_refused(toy, wrong: dict[str, float]) -> None:
+    with pytest.raises(MethodError, match="second_look"):
+        looked(toy, NearSighted({}), **wrong)
