@@ -120,6 +120,6 @@ def test_a_box_that_the_window_cuts_off_is_left_out(toy) -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"share": 0.0}, {"share": 1.5}, {"every": 0}])
-def test_options_out_of_range_are_refused(toy, wrong: dict[str, float]) -> None:
+def test_options_out_of_range_are_refused(toy, wrong) -> None:
     with pytest.raises(MethodError, match="second_look"):
         looked(toy, NearSighted({}), **wrong)
