@@ -8,7 +8,6 @@ crops, where processes make them, and validation/ those that are judged on.
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +15,14 @@ from typing import TypeVar
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.detector.crop_classes import group_states
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import network_of_shape
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.errors import InputError
+from asdfviz.train.budget import Budget, descend
 from asdfviz.train.checkpoint import Average, Progress
 from asdfviz.train.crop_checkpoint import (
     begin_crops_from,
@@ -84,7 +83,7 @@ class CropSession:
         )
         self.average = Average(network, decay=config.ema)
         self.progress = Progress()
-        self._before, self._began = 0.0, time.monotonic()
+        self._budget = Budget(minutes=config.minutes, steps=config.steps)
         if config.start is not None:
             begin_crops_from(network, config.start, names=self.names, states=self.states)
             self.average.state = {k: v.clone() for k, v in network.state_dict().items()}
@@ -102,14 +101,12 @@ class CropSession:
     @property
     def seconds(self) -> float:
         """Wall clock of the run, earlier sittings counted in."""
-        return self._before + time.monotonic() - self._began
+        return self._budget.seconds
 
     @property
     def share(self) -> float:
         """Share of the budget that is used."""
-        if self.config.steps is not None:
-            return self.progress.step / max(self.config.steps, 1)
-        return self.seconds / (self.config.minutes * 60)
+        return self._budget.share(self.progress.step)
 
     @property
     def last(self) -> Path:
@@ -151,15 +148,13 @@ class CropSession:
         losses = self._losses(batch, target)
         gains = losses.new_tensor([1.0, config.place_gain, config.outline_gain, config.state_gain])
         total = (losses * gains).sum()
-        if not bool(torch.isfinite(total)):
-            raise InputError(
-                f"the loss is not finite at step {self.progress.step}: lower the learning rate "
-                f"({config.learning_rate:g}) or switch bfloat16 off"
-            )
-        self.optimizer.zero_grad(set_to_none=True)
-        total.backward()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
-        nn.utils.clip_grad_norm_(self.network.parameters(), config.clip)
-        self.optimizer.step()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
+        descend(
+            total,
+            self.optimizer,
+            [*self.network.parameters()],
+            clip=config.clip,
+            step=self.progress.step,
+        )
         self.average.update(self.network)
         self.progress.step += 1
         meter.add(losses.detach(), len(batch.labels), len(batch.labels))
@@ -274,7 +269,7 @@ class CropSession:
             optimizer=self.optimizer,
             about=self._about(),
         )
-        self._before = self.progress.seconds
+        self._budget.before = self.progress.seconds
 
     def _about(self) -> dict[str, object]:
         return {"classes": self.names, "states": self.states, "shape": self.network.shape}

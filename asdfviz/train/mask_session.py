@@ -7,7 +7,6 @@ and curve.png.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float
-from torch import Tensor, nn
+from torch import Tensor
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
@@ -26,7 +25,8 @@ from asdfviz.detector.joint import SEPARATOR, joint_classes
 from asdfviz.detector.mask_branch import MaskBranch
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.detector.weights import load_network
-from asdfviz.errors import InputError, WeightsError
+from asdfviz.errors import WeightsError
+from asdfviz.train.budget import Budget, descend
 from asdfviz.train.checkpoint import Average, Progress
 from asdfviz.train.log import CsvLog, Meter, write_curve
 from asdfviz.train.mask_checkpoint import export_masks, resume_masks, save_mask_checkpoint
@@ -87,7 +87,7 @@ class MaskSession:
         )
         self.average = Average(self.branch, decay=config.ema)
         self.progress = Progress()
-        self._before, self._began = 0.0, time.monotonic()
+        self._budget = Budget(minutes=config.minutes, steps=config.steps)
         config.output.mkdir(parents=True, exist_ok=True)
         if self.last.is_file():
             self.progress = resume_masks(
@@ -97,21 +97,19 @@ class MaskSession:
                 optimizer=self.optimizer,
                 detector=config.detector,
             )
-            self._before = self.progress.seconds
+            self._budget.before = self.progress.seconds
         columns = ("step", "minutes", "rate", "inputs_per_s", *LOSSES)
         self.log = CsvLog(config.output / "log.csv", columns)
 
     @property
     def seconds(self) -> float:
         """Wall clock of the run, earlier sittings counted in."""
-        return self._before + time.monotonic() - self._began
+        return self._budget.seconds
 
     @property
     def share(self) -> float:
         """Share of the budget that is used."""
-        if self.config.steps is not None:
-            return self.progress.step / max(self.config.steps, 1)
-        return self.seconds / (self.config.minutes * 60)
+        return self._budget.share(self.progress.step)
 
     @property
     def last(self) -> Path:
@@ -160,15 +158,13 @@ class MaskSession:
         batch = self.batch(self.progress.step)
         losses = self.losses(batch)
         total = losses[0] + config.dice_gain * losses[1]
-        if not bool(torch.isfinite(total)):
-            raise InputError(
-                f"the loss is not finite at step {self.progress.step}: lower the learning rate "
-                f"({config.learning_rate:g}) or switch bfloat16 off"
-            )
-        self.optimizer.zero_grad(set_to_none=True)
-        total.backward()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
-        nn.utils.clip_grad_norm_(self.branch.parameters(), config.clip)
-        self.optimizer.step()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
+        descend(
+            total,
+            self.optimizer,
+            [*self.branch.parameters()],
+            clip=config.clip,
+            step=self.progress.step,
+        )
         self.average.update(self.branch)
         self.progress.step += 1
         meter.add(losses.detach(), len(batch.images), int(batch.targets.present.sum()))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +18,7 @@ from asdfviz.detector.joint import joint_classes
 from asdfviz.detector.losses import pose_losses
 from asdfviz.detector.network import Network
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.errors import InputError
+from asdfviz.train.budget import Budget, descend
 from asdfviz.train.checkpoint import (
     Average,
     Progress,
@@ -83,11 +82,10 @@ class Session:
         )
         self.average = Average(self.network, decay=config.ema)
         self.progress = Progress()
-        self._began = time.monotonic()
-        self._before = 0.0
+        self._budget = Budget(minutes=config.minutes, steps=config.steps)
         self._warm_from = 0
         self._resume()
-        self._agreed = self._own_share()
+        self._agreed = self._budget.share(self.progress.step)
         self.log = CsvLog(config.output / "log.csv", LOG_COLUMNS)
         columns = [f"{n}:{f}" for n in self.classes for f in LOGGED]
         self.validation_log = CsvLog(
@@ -108,18 +106,13 @@ class Session:
 
     @property
     def seconds(self) -> float:
-        """Wall clock of the run, earlier sessions counted in."""
-        return self._before + time.monotonic() - self._began
+        """Wall clock of the run, earlier sittings counted in."""
+        return self._budget.seconds
 
     @property
     def share(self) -> float:
         """Share of the budget that is used, as agreed at the last step."""
         return self._agreed
-
-    def _own_share(self) -> float:
-        if self.config.steps is not None:
-            return self.progress.step / max(self.config.steps, 1)
-        return self.seconds / (self.config.minutes * 60)
 
     def go(self, report: Callable[[TrainReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False)."""
@@ -139,7 +132,7 @@ class Session:
                     self.checkpoint()
                     break
                 self.step(stream, meter)
-                self._agreed = world.agree(self._own_share())
+                self._agreed = world.agree(self._budget.share(self.progress.step))
                 if not world.is_first:
                     continue
                 now = self.seconds
@@ -186,17 +179,14 @@ class Session:
         if config.rotation_gain > 0:
             hint = self.hint(raw, assignment, batch.targets.labels, batch.rotations)
         total = parts.sum() + config.keypoint_gain * config.rotation_gain * hint
-        if not bool(torch.isfinite(total)):
-            raise InputError(
-                f"the loss is not finite at step {self.progress.step}: lower the learning rate "
-                f"({config.learning_rate:g}) or switch bfloat16 off"
-            )
-        self.optimizer.zero_grad(set_to_none=True)
-        total.backward()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
-        parameters = [*self.network.parameters(), *self.hint.parameters()]
-        self.world.average_gradients(parameters)
-        nn.utils.clip_grad_norm_(parameters, config.clip)
-        self.optimizer.step()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
+        descend(
+            total,
+            self.optimizer,
+            [*self.network.parameters(), *self.hint.parameters()],
+            clip=config.clip,
+            step=self.progress.step,
+            share_gradients=self.world.average_gradients,
+        )
         self.average.update(self.network)
         self.progress.step += 1
         objects = int(batch.targets.present.sum())
@@ -283,7 +273,7 @@ class Session:
         self.average.updates = content["updates"]
         step, seconds, best = content["progress"]
         self.progress = Progress(step=step, seconds=seconds, best=best)
-        self._before = seconds
+        self._budget.before = seconds
         if content["trainer"]:
             self.optimizer.load_state_dict(content["trainer"]["optimizer"])
             self.hint.load_state_dict(content["trainer"]["hint"])

@@ -1,0 +1,74 @@
+"""What every training run does alike: it counts its budget over sittings, and descends."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+
+import torch
+from torch import Tensor, nn
+
+from asdfviz.errors import InputError
+
+
+class Budget:
+    """How much of a run's minutes or steps is used; earlier sittings count."""
+
+    def __init__(self, *, minutes: float, steps: int | None) -> None:
+        """Begin a sitting.
+
+        Args:
+            minutes: of wall clock in all.
+            steps: counted instead, unless None.
+        """
+        self._minutes, self._steps = minutes, steps
+        self._began = time.monotonic()
+        self.before = 0.0
+        """Seconds of earlier sittings."""
+
+    @property
+    def seconds(self) -> float:
+        """Wall clock of the run, earlier sittings counted in."""
+        return self.before + time.monotonic() - self._began
+
+    def share(self, step: int) -> float:
+        """Share that is used after so many steps, from 0; 1 and more is all of it."""
+        if self._steps is not None:
+            return step / max(self._steps, 1)
+        return self.seconds / (self._minutes * 60)
+
+
+def descend(
+    total: Tensor,
+    optimizer: torch.optim.Optimizer,
+    parameters: Sequence[nn.Parameter],
+    *,
+    clip: float,
+    step: int,
+    share_gradients: Callable[[Sequence[nn.Parameter]], None] | None = None,
+) -> None:
+    """Take one step down a loss.
+
+    Args:
+        total: the loss.
+        optimizer: of the parameters, with this step's learning rate.
+        parameters: whose gradients are clipped together.
+        clip: largest norm of all gradients.
+        step: for the message.
+        share_gradients: averages gradients over processes.
+
+    Raises:
+        InputError: the loss is not finite.
+    """
+    if not bool(torch.isfinite(total)):
+        rate = float(optimizer.param_groups[0]["lr"])
+        raise InputError(
+            f"the loss is not finite at step {step}: lower the learning rate ({rate:g}) or switch "
+            "bfloat16 off"
+        )
+    optimizer.zero_grad(set_to_none=True)
+    total.backward()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
+    if share_gradients is not None:
+        share_gradients(parameters)
+    nn.utils.clip_grad_norm_(parameters, clip)
+    optimizer.step()  # pyright: ignore[reportUnknownMemberType] - untyped in torch
