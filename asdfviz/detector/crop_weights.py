@@ -7,19 +7,17 @@ precision: half the size, and answers that differ less than two trainings of the
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
 from torch import Tensor
 
 from asdfviz.detector.crop_classes import state_spans
 from asdfviz.detector.crop_network import CropNetwork
+from asdfviz.detector.tensor_files import read_tensors, write_tensors
 from asdfviz.errors import WeightsError
 
 FORMAT = "asdfviz-crops-2"
@@ -68,9 +66,7 @@ def save_crop_network(
         "states": json.dumps({name: list(of) for name, of in states.items()}),
         "shape": json.dumps(network.shape),
     }
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(save(tensors, metadata=metadata))
-    os.replace(temporary, path)
+    write_tensors(path, tensors, metadata)
 
 
 def load_crop_network(path: Path) -> LoadedCropNetwork:
@@ -84,18 +80,9 @@ def load_crop_network(path: Path) -> LoadedCropNetwork:
             f"no crop weights at '{path}': train them with `asdfviz train-crops`, or choose "
             "--first-pose keypoints"
         )
-    try:
-        with cast(Any, safe_open)(path, framework="pt") as file:
-            metadata = cast(dict[str, str], file.metadata() or {})
-            names = cast(list[str], file.keys())
-            tensors = {name: cast(Tensor, file.get_tensor(name)) for name in names}
-    except (SafetensorError, OSError, ValueError) as error:
-        raise WeightsError(f"'{path}' is not a whole safetensors file: {error}") from error
-    if metadata.get("format") != FORMAT:
-        raise WeightsError(
-            f"'{path}' says format '{metadata.get('format')}', expected '{FORMAT}': it does not "
-            "hold a crop network"
-        )
+    tensors, metadata = read_tensors(
+        path, format=FORMAT, otherwise="it does not hold a crop network"
+    )
     try:
         classes = tuple(str(name) for name in json.loads(metadata["classes"]))
         told: dict[str, list[str]] = json.loads(metadata.get("states", "{}"))

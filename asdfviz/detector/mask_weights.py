@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
-from torch import Tensor
 
 from asdfviz.data.hashes import file_sha256
 from asdfviz.detector.mask_branch import MaskBranch
+from asdfviz.detector.tensor_files import half_tensors, read_tensors, single_tensors, write_tensors
 from asdfviz.errors import WeightsError
 
 FORMAT = "asdfviz-masks-1"
@@ -39,11 +35,7 @@ def save_masks(branch: MaskBranch, path: Path, *, classes: Sequence[str], detect
         classes: of the parts that it was trained on.
         detector: weights whose features it reads.
     """
-    tensors: dict[str, Tensor] = {}
-    for name, tensor in branch.state_dict().items():
-        value = cast(Tensor, tensor)
-        half = value.half() if value.is_floating_point() else value
-        tensors[name] = half.detach().cpu().contiguous()
+    tensors = half_tensors(branch)
     metadata = {
         "format": FORMAT,
         "classes": json.dumps(list(classes)),
@@ -51,9 +43,7 @@ def save_masks(branch: MaskBranch, path: Path, *, classes: Sequence[str], detect
         "width": str(branch.width),
         "detector": file_sha256(detector),
     }
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(save(tensors, metadata=metadata))
-    os.replace(temporary, path)
+    write_tensors(path, tensors, metadata)
 
 
 def load_masks(path: Path, *, detector: Path) -> LoadedMasks:
@@ -71,18 +61,9 @@ def load_masks(path: Path, *, detector: Path) -> LoadedMasks:
             f"no mask weights at '{path}': train them with `asdfviz train-masks --weights "
             f"{detector}`, or choose a method without segmentation"
         )
-    try:
-        with cast(Any, safe_open)(path, framework="pt") as file:
-            metadata = cast(dict[str, str], file.metadata() or {})
-            names = cast(list[str], file.keys())
-            tensors = {name: cast(Tensor, file.get_tensor(name)) for name in names}
-    except (SafetensorError, OSError, ValueError) as error:
-        raise WeightsError(f"'{path}' is not a whole safetensors file: {error}") from error
-    if metadata.get("format") != FORMAT:
-        raise WeightsError(
-            f"'{path}' says format '{metadata.get('format')}', expected '{FORMAT}': it does not "
-            "hold a mask branch"
-        )
+    tensors, metadata = read_tensors(
+        path, format=FORMAT, otherwise="it does not hold a mask branch"
+    )
     if metadata.get("detector") != file_sha256(detector):
         raise WeightsError(
             f"'{path}' was trained on the features of other weights than '{detector}': a mask "
@@ -92,8 +73,7 @@ def load_masks(path: Path, *, detector: Path) -> LoadedMasks:
         classes = tuple(str(name) for name in json.loads(metadata["classes"]))
         channels = tuple(int(c) for c in json.loads(metadata["channels"]))
         branch = MaskBranch(channels, width=int(metadata["width"]))
-        branch.load_state_dict({name: value.float() if value.is_floating_point() else value
-                                for name, value in tensors.items()})  # fmt: skip
+        branch.load_state_dict(single_tensors(tensors))
     except (KeyError, ValueError, TypeError, RuntimeError) as error:
         reason = str(error).splitlines()[0] if str(error) else repr(error)
         raise WeightsError(f"'{path}' does not fit a mask branch: {reason}") from error

@@ -6,20 +6,18 @@ A .pt is read as tensors only (never unpickled), so it must hold a plain state d
 from __future__ import annotations
 
 import json
-import os
 import pickle
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
 from torch import Tensor
 
 from asdfviz.detector.network import Network, Scale
+from asdfviz.detector.tensor_files import half_tensors, read_tensors, single_tensors, write_tensors
 from asdfviz.errors import WeightsError
 
 FORMAT = "asdfviz-detector-1"
@@ -57,11 +55,7 @@ def save_network(
         image_size: longer side of the training pictures, pixels.
         extra: more metadata.
     """
-    tensors: dict[str, Tensor] = {}
-    for name, tensor in network.state_dict().items():
-        value = cast(Tensor, tensor)
-        half = value.half() if value.is_floating_point() else value
-        tensors[name] = half.detach().cpu().contiguous()
+    tensors = half_tensors(network)
     metadata = {
         **(extra or {}),
         "format": FORMAT,
@@ -71,9 +65,7 @@ def save_network(
         "keypoint_width": str(network.keypoint_width or 0),
         "image_size": str(image_size),
     }
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_bytes(save(tensors, metadata=metadata))
-    os.replace(temporary, path)
+    write_tensors(path, tensors, metadata)
 
 
 def load_network(path: Path, *, classes: Sequence[str] | None = None) -> LoadedNetwork:
@@ -111,18 +103,9 @@ def load_network(path: Path, *, classes: Sequence[str] | None = None) -> LoadedN
 
 
 def _load_own(path: Path) -> LoadedNetwork:
-    try:
-        with cast(Any, safe_open)(path, framework="pt") as file:
-            metadata = cast(dict[str, str], file.metadata() or {})
-            names = cast(list[str], file.keys())
-            tensors = {name: cast(Tensor, file.get_tensor(name)) for name in names}
-    except (SafetensorError, OSError, ValueError) as error:
-        raise WeightsError(f"'{path}' is not a whole safetensors file: {error}") from error
-    if metadata.get("format") != FORMAT:
-        raise WeightsError(
-            f"'{path}' says format '{metadata.get('format')}', expected '{FORMAT}': "
-            "it was not written by this program's training"
-        )
+    tensors, metadata = read_tensors(
+        path, format=FORMAT, otherwise="it was not written by this program's training"
+    )
     try:
         classes = tuple(str(name) for name in json.loads(metadata["classes"]))
         scale = _known_scale(metadata["scale"], path)
@@ -210,7 +193,5 @@ def _fill(network: Network, tensors: Mapping[str, Tensor], path: Path) -> None:
     floating = [v for v in tensors.values() if v.is_floating_point()]
     if not all(bool(torch.isfinite(v).all()) for v in floating):
         raise WeightsError(f"'{path}' holds numbers that are not finite: the training diverged")
-    network.load_state_dict(
-        {k: v.float() if v.is_floating_point() else v for k, v in tensors.items()}
-    )
+    network.load_state_dict(single_tensors(tensors))
     network.eval()

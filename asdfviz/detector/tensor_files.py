@@ -1,0 +1,63 @@
+"""Safetensors files as all our networks have them: tensors and metadata that begins with a format."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor, nn
+
+from asdfviz.data.atomic import write_bytes
+from asdfviz.errors import WeightsError
+
+
+def half_tensors(module: nn.Module) -> dict[str, Tensor]:
+    """A module's weights in half precision, on the CPU; whole numbers stay."""
+    tensors: dict[str, Tensor] = {}
+    for name, tensor in module.state_dict().items():
+        value = cast(Tensor, tensor)
+        half = value.half() if value.is_floating_point() else value
+        tensors[name] = half.detach().cpu().contiguous()
+    return tensors
+
+
+def single_tensors(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The same in single precision; whole numbers stay."""
+    return {
+        n: value.float() if value.is_floating_point() else value for n, value in tensors.items()
+    }
+
+
+def write_tensors(path: Path, tensors: dict[str, Tensor], metadata: dict[str, str]) -> None:
+    """Write a file; it is replaced at once or not at all."""
+    write_bytes(path, save(tensors, metadata=metadata))
+
+
+def read_tensors(
+    path: Path, *, format: str, otherwise: str
+) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Read tensors and metadata.
+
+    Args:
+        path: the file.
+        format: that the metadata must name.
+        otherwise: what a file of another format is, for the message.
+
+    Raises:
+        WeightsError: a file that is not whole, or of another format.
+    """
+    try:
+        with cast(Any, safe_open)(path, framework="pt") as file:
+            metadata = cast(dict[str, str], file.metadata() or {})
+            names = cast(list[str], file.keys())
+            tensors = {name: cast(Tensor, file.get_tensor(name)) for name in names}
+    except (SafetensorError, OSError, ValueError) as error:
+        raise WeightsError(f"'{path}' is not a whole safetensors file: {error}") from error
+    if metadata.get("format") != format:
+        raise WeightsError(
+            f"'{path}' says format '{metadata.get('format')}', expected '{format}': {otherwise}"
+        )
+    return tensors, metadata
