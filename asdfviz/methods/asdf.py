@@ -212,9 +212,11 @@ class Asdf:
         with timed("detect"):
             detections = scene.detector.detect(frame.rgb)
             found = assign_detections(detections, assembly, previous=self._boxes)
-            detections = scene.second_look.step(frame, detections, found)
+            more = scene.second_look.step(frame, detections, found)
+            if len(more) > len(detections):
+                detections = more
+                found = assign_detections(detections, assembly, previous=self._boxes)
         with timed("pnp" if scene.crop_poses is None else "crops"):
-            found = assign_detections(detections, assembly, previous=self._boxes)
             poses = self._first_poses(found, frame)
         with timed("refine"):
             poses = self._refined(poses, found, frame)

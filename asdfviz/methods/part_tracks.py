@@ -27,7 +27,7 @@ from asdfviz.methods.refinding import (
     places_in,
     turned,
 )
-from asdfviz.methods.track_memory import Track
+from asdfviz.methods.track_memory import Rival, Track
 from asdfviz.methods.tracking import load_bodies
 from asdfviz.state.twins import renamed
 from asdfviz.track.presets import TrackerConfig
@@ -171,8 +171,9 @@ class PartTracks:
         promising = [t.T_camera_part for t in rough if value(t) > value(best) - config.doubt]
         best = self._decided(track, best, tracker.trials(frame, name, promising), value)
         if track.rival is not None and track.explore:
-            rival = tracker.trials(frame, name, [best.T_camera_part @ track.rival])[0]
-            best = self._believed(track, best, rival, value)
+            start = best.T_camera_part @ track.rival.T_track_rival
+            trial = tracker.trials(frame, name, [start])[0]
+            best = self._believed(track, track.rival, best, trial, value)
         tracker.replace(frame, {name: best.T_camera_part})
         if track.age == 0:  # its colours were learnt at a pose that may have been poor
             tracker.drop([name])
@@ -200,25 +201,26 @@ class PartTracks:
         ahead = value(jump) - value(best)
         is_clear = jump.score - best.score > self._config.margin
         if ahead > 0.0 and (track.is_new or is_clear):
-            track.rival, track.ahead = None, 0.0
+            track.rival = None
             return jump
-        if ahead > track.ahead and track.explore:
-            track.rival = inverse(best.T_camera_part) @ jump.T_camera_part
-            track.lead, track.ahead = 0.0, ahead
+        least = 0.0 if track.rival is None else track.rival.ahead
+        if ahead > least and track.explore:
+            track.rival = Rival(inverse(best.T_camera_part) @ jump.T_camera_part, ahead)
         return best
 
-    def _believed(self, track: Track, best: Trial, rival: Trial, value: Value) -> Trial:
+    def _believed(
+        self, track: Track, rival: Rival, best: Trial, trial: Trial, value: Value
+    ) -> Trial:
         """The rival once it has been ahead for long enough; it is forgotten when it falls behind."""
-        track.ahead = value(rival) - value(best)
-        track.lead += float(np.clip(track.ahead, -self._config.step, self._config.step))
-        track.ahead = max(track.ahead, 0.0)
-        if track.lead < -self._config.margin:
-            track.rival, track.ahead = None, 0.0
-        elif track.lead > self._config.lead:
-            track.rival, track.ahead = None, 0.0
-            return rival
-        else:
-            track.rival = inverse(best.T_camera_part) @ rival.T_camera_part
+        ahead = value(trial) - value(best)
+        rival.lead += float(np.clip(ahead, -self._config.step, self._config.step))
+        if rival.lead > self._config.lead:
+            track.rival = None
+            return trial
+        if rival.lead < -self._config.margin:
+            track.rival = None
+        rival.ahead = max(ahead, 0.0)
+        rival.T_track_rival = inverse(best.T_camera_part) @ trial.T_camera_part
         return best
 
     def _carried_on(

@@ -12,6 +12,19 @@ YOUNG = 5
 
 
 @dataclass(slots=True, eq=False)
+class Rival:
+    """Another pose of a tracked part that fits about as well."""
+
+    T_track_rival: Transform
+    """From the tracked pose to it, in the part's own axes."""
+    ahead: float
+    """How much better it fitted in the last frame, none below 0; what is farther ahead takes its
+    place."""
+    lead: float = 0.0
+    """How much better it fitted so far, summed over frames."""
+
+
+@dataclass(slots=True, eq=False)
 class Track:
     """What is remembered of one part."""
 
@@ -23,14 +36,10 @@ class Track:
     """Frames since it was sure."""
     age: int = 0
     """Frames in which it was sure."""
-    rival: Transform | None = None
-    """Another pose that fits about as well, from this one (T_part_rival)."""
+    rival: Rival | None = None
+    """The pose that is watched."""
     explore: bool = True
     """Whether other turns of a pose that is sure may be tried."""
-    lead: float = 0.0
-    """How much better the rival fitted so far, summed over frames."""
-    ahead: float = 0.0
-    """How much better it fitted in the last frame; one that fits better yet takes its place."""
     support: PlaceSupport = field(default_factory=PlaceSupport)
     """What the detector says of its place."""
 
