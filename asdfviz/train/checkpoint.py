@@ -86,9 +86,57 @@ def save_checkpoint(
     }
     if trainer is None:
         content["network"] = {}
+    write_checkpoint(path, content)
+
+
+def write_checkpoint(path: Path, content: Mapping[str, object]) -> None:
+    """Write a checkpoint's content in one step."""
     buffer = io.BytesIO()
-    torch.save(content, buffer)
+    torch.save(dict(content), buffer)
     write_bytes(path, buffer.getvalue())
+
+
+def whole_run(
+    network: nn.Module,
+    *,
+    average: Average,
+    progress: Progress,
+    optimizer: torch.optim.Optimizer,
+    about: str,
+) -> dict[str, object]:
+    """The content of a checkpoint with one network and its optimiser.
+
+    Args:
+        network: being trained.
+        average: of its weights.
+        progress: how far the run is.
+        optimizer: with its state.
+        about: what must be the same when the run goes on.
+    """
+    return {
+        "network": network.state_dict(),
+        "average": average.state,
+        "updates": average.updates,
+        "progress": [progress.step, progress.seconds, progress.best],
+        "about": about,
+        "optimizer": optimizer.state_dict(),
+    }
+
+
+def resume_whole(
+    content: Mapping[str, Any],
+    network: nn.Module,
+    *,
+    average: Average,
+    optimizer: torch.optim.Optimizer,
+) -> Progress:
+    """Bring network, average and optimiser to where `whole_run` was; returns how far that is."""
+    network.load_state_dict(content["network"])
+    state = cast(dict[str, Tensor], content["average"])
+    average.state = {k: v.to(average.state[k].device) for k, v in state.items()}
+    average.updates = content["updates"]
+    optimizer.load_state_dict(content["optimizer"])
+    return Progress(*content["progress"])
 
 
 def keep_average(checkpoint: Path, path: Path) -> None:
@@ -97,9 +145,7 @@ def keep_average(checkpoint: Path, path: Path) -> None:
     A run goes on from it with the averaged weights and a fresh optimiser, warmed up again.
     """
     content = load_checkpoint(checkpoint)
-    buffer = io.BytesIO()
-    torch.save({**content, "network": {}, "trainer": {}}, buffer)
-    write_bytes(path, buffer.getvalue())
+    write_checkpoint(path, {**content, "network": {}, "trainer": {}})
 
 
 def load_checkpoint(path: Path) -> dict[str, Any]:

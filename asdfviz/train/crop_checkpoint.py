@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 import platform
 from collections.abc import Mapping, Sequence
@@ -13,11 +12,18 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
-from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.data.atomic import write_text
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import save_crop_network
 from asdfviz.errors import WeightsError
-from asdfviz.train.checkpoint import Average, Progress, load_checkpoint
+from asdfviz.train.checkpoint import (
+    Average,
+    Progress,
+    load_checkpoint,
+    resume_whole,
+    whole_run,
+    write_checkpoint,
+)
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_validation import CropValidation
 from asdfviz.train.record import made_by, without_places
@@ -44,17 +50,10 @@ def save_crop_checkpoint(
         optimizer: with its state.
         about: "classes", "states" and "shape", which must be the same when the run goes on.
     """
-    content = {
-        "network": network.state_dict(),
-        "average": average.state,
-        "updates": average.updates,
-        "progress": [progress.step, progress.seconds, progress.best],
-        "about": json.dumps(about),
-        "optimizer": optimizer.state_dict(),
-    }
-    buffer = io.BytesIO()
-    torch.save(content, buffer)
-    write_bytes(path, buffer.getvalue())
+    content = whole_run(
+        network, average=average, progress=progress, optimizer=optimizer, about=json.dumps(about)
+    )
+    write_checkpoint(path, content)
 
 
 def resume_crops(
@@ -77,13 +76,7 @@ def resume_crops(
             f"'{path}' was trained for {there.get('classes')} and {there.get('shape')}, asked for "
             f"were {about['classes']} and {about['shape']}: take another run folder"
         )
-    network.load_state_dict(content["network"])
-    state = cast(dict[str, Tensor], content["average"])
-    average.state = {k: v.to(average.state[k].device) for k, v in state.items()}
-    average.updates = content["updates"]
-    optimizer.load_state_dict(content["optimizer"])
-    step, seconds, best = content["progress"]
-    return Progress(step=step, seconds=seconds, best=best)
+    return resume_whole(content, network, average=average, optimizer=optimizer)
 
 
 @torch.no_grad()

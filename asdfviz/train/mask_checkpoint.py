@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 import platform
 from collections.abc import Sequence
 from pathlib import Path
-from typing import cast
 
 import torch
-from torch import Tensor
 
-from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.data.atomic import write_text
 from asdfviz.data.hashes import file_sha256
 from asdfviz.detector.mask_branch import MaskBranch
 from asdfviz.detector.mask_weights import save_masks
 from asdfviz.errors import WeightsError
-from asdfviz.train.checkpoint import Average, Progress, load_checkpoint
+from asdfviz.train.checkpoint import (
+    Average,
+    Progress,
+    load_checkpoint,
+    resume_whole,
+    whole_run,
+    write_checkpoint,
+)
 from asdfviz.train.mask_config import MaskTrainConfig
 from asdfviz.train.mask_validation import MaskValidation
 from asdfviz.train.record import made_by, without_places
@@ -45,17 +49,10 @@ def save_mask_checkpoint(
         optimizer: with its state.
         detector: weights whose features the branch reads.
     """
-    content = {
-        "network": branch.state_dict(),
-        "average": average.state,
-        "updates": average.updates,
-        "progress": [progress.step, progress.seconds],
-        "about": file_sha256(detector),
-        "optimizer": optimizer.state_dict(),
-    }
-    buffer = io.BytesIO()
-    torch.save(content, buffer)
-    write_bytes(path, buffer.getvalue())
+    content = whole_run(
+        branch, average=average, progress=progress, optimizer=optimizer, about=file_sha256(detector)
+    )
+    write_checkpoint(path, content)
 
 
 def resume_masks(
@@ -76,13 +73,7 @@ def resume_masks(
         raise WeightsError(
             f"'{path}' was trained beside other weights than '{detector}': take another run folder"
         )
-    branch.load_state_dict(content["network"])
-    state = cast(dict[str, Tensor], content["average"])
-    average.state = {k: v.to(average.state[k].device) for k, v in state.items()}
-    average.updates = content["updates"]
-    optimizer.load_state_dict(content["optimizer"])
-    step, seconds = content["progress"]
-    return Progress(step=step, seconds=seconds)
+    return resume_whole(content, branch, average=average, optimizer=optimizer)
 
 
 def export_masks(
