@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, cast
@@ -24,11 +24,39 @@ def corner_normals(mesh: Mesh, *, crease: float = CREASE) -> Float32[np.ndarray,
 
     Corners at one place are neighbours even if the file repeats the vertex.
     """
-    _, weld = np.unique(np.round(mesh.vertices * 1e6).astype(np.int64), axis=0, return_inverse=True)
-    corner_vertex = weld.reshape(-1)[mesh.faces].reshape(-1)
+    corner_vertex = _welded(mesh)[mesh.faces].reshape(-1)
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     weighted = np.cross(b - a, c - a)
     unit = weighted / (np.linalg.norm(weighted, axis=1, keepdims=True) + 1e-20)
+    weighted, unit = np.repeat(weighted, 3, axis=0), np.repeat(unit, 3, axis=0)
+    total = _sums(corner_vertex, weighted)[corner_vertex]
+    # Faces that lie within half a crease of their mean are all neighbours of each other.
+    mean = total / (np.linalg.norm(total, axis=1, keepdims=True) + 1e-20)
+    bent = np.zeros(len(total), bool)
+    bent[corner_vertex[(mean * unit).sum(1) < np.cos(crease / 2)]] = True
+    rest = bent[corner_vertex].nonzero()[0]
+    if len(rest) > 0:
+        total[rest] = _smooth_sums(corner_vertex[rest], weighted[rest], unit[rest], crease)
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    normals = np.where(length > 1e-18, total / np.maximum(length, 1e-18), unit)
+    return normals.reshape(-1, 3, 3).astype(np.float32)
+
+
+def _sums(
+    group: Int64[np.ndarray, "n"], rows: Float64[np.ndarray, "n 3"], count: int = 0
+) -> Float64[np.ndarray, "g 3"]:
+    """Sum of the rows of each group."""
+    columns = [np.bincount(group, weights=rows[:, k], minlength=count) for k in range(3)]
+    return np.stack(columns, axis=1)
+
+
+def _smooth_sums(
+    corner_vertex: Int64[np.ndarray, "n"],
+    weighted: Float64[np.ndarray, "n 3"],
+    unit: Float64[np.ndarray, "n 3"],
+    crease: float,
+) -> Float64[np.ndarray, "n 3"]:
+    """For each corner the sum over the corners at its vertex that meet it without a crease."""
     order = np.argsort(corner_vertex, kind="stable")
     sizes = np.bincount(corner_vertex)
     starts = np.cumsum(sizes) - sizes
@@ -37,16 +65,18 @@ def corner_normals(mesh: Mesh, *, crease: float = CREASE) -> Float32[np.ndarray,
     place = np.arange(len(first)) - np.repeat(np.cumsum(size_here) - size_here, size_here)
     second = starts[corner_vertex[order]][first] + place
     left, right = order[first], order[second]
-    smooth = (unit[left // 3] * unit[right // 3]).sum(1) > np.cos(crease)
-    total = np.zeros((len(order), 3))
-    for axis in range(3):
-        total[:, axis] = np.bincount(
-            left[smooth], weights=weighted[right[smooth] // 3, axis], minlength=len(order)
-        )
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    fallback = np.repeat(unit, 3, axis=0)
-    normals = np.where(length > 1e-18, total / np.maximum(length, 1e-18), fallback)
-    return normals.reshape(-1, 3, 3).astype(np.float32)
+    smooth = (unit[left] * unit[right]).sum(1) > np.cos(crease)
+    return _sums(left[smooth], weighted[right[smooth]], len(order))
+
+
+def _welded(mesh: Mesh) -> Int64[np.ndarray, "n"]:
+    """Number of each vertex's place; those within a micrometre share it."""
+    place = np.round(mesh.vertices * 1e6).astype(np.int64)
+    place -= place.min(axis=0)
+    # One integer a place: sorting rows takes numpy far longer.
+    x, y, z = place.T
+    _, y_count, z_count = (place.max(axis=0) + 1).tolist()
+    return np.unique((x * y_count + y) * z_count + z, return_inverse=True)[1].reshape(-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,10 +119,25 @@ class MeshBank:
     vertex_ranges: Int64[Tensor, "m 2"]
     """Start and count."""
     face_ranges: Int64[Tensor, "m 2"]
+    casters: MeshBank | None = None
+    """The same meshes as they throw shadows, fewer triangles; None where they throw their own."""
 
     @classmethod
-    def of(cls, meshes: Sequence[Mesh], *, device: str = "cpu") -> MeshBank:
-        """Upload meshes; their order gives the indices that `place` takes."""
+    def of(
+        cls,
+        meshes: Sequence[Mesh],
+        *,
+        device: str = "cpu",
+        casters: Mapping[int, Mesh] | None = None,
+    ) -> MeshBank:
+        """Upload meshes; their order gives the indices that `place` takes.
+
+        Args:
+            meshes: what is seen.
+            device: where to.
+            casters: simpler meshes, by index, that throw the shadows of those.
+        """
+        throwing = [(casters or {}).get(i, mesh) for i, mesh in enumerate(meshes)]
         counts = np.array([[len(m.vertices), len(m.faces)] for m in meshes])
         starts = np.cumsum(counts, axis=0) - counts
         return cls(
@@ -101,6 +146,7 @@ class MeshBank:
             to_tensor(np.concatenate([corner_normals(m) for m in meshes]), device),
             to_tensor(np.stack([starts[:, 0], counts[:, 0]], axis=1), device),
             to_tensor(np.stack([starts[:, 1], counts[:, 1]], axis=1), device),
+            MeshBank.of(throwing, device=device) if casters else None,
         )
 
     def place(
@@ -157,3 +203,21 @@ def thinned(mesh: Mesh, faces: int) -> Mesh:
     simplify = cast(Any, fast_simplification).simplify
     vertices, kept = simplify(mesh.vertices * 1e3, np.array(mesh.faces), target_count=faces, agg=3)
     return Mesh(np.asarray(vertices, np.float64) / 1e3, np.asarray(kept, np.int32))
+
+
+def clustered(mesh: Mesh, cell: Float64[np.ndarray, "n"] | float) -> Mesh:
+    """The mesh with one vertex for all within a cube, and without the faces that this flattens.
+
+    Args:
+        mesh: closed or not.
+        cell: side of the cubes, metres; one for each vertex where they differ.
+    """
+    side = np.broadcast_to(np.asarray(cell, float), len(mesh.vertices))
+    cube = np.floor(mesh.vertices / side[:, None])
+    keys = np.column_stack([cube, side])
+    _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    faces = group.reshape(-1)[mesh.faces]
+    a, b, c = faces.T
+    faces = faces[(a != b) & (b != c) & (c != a)]
+    _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return Mesh(mesh.vertices[first], faces[np.sort(once)].astype(np.int32))

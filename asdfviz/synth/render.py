@@ -57,11 +57,12 @@ def render(
     """
     device = str(bank.vertices.device)
     triangles = place_all(scenes, bank)
+    casters = triangles if bank.casters is None else place_all(scenes, bank.casters)
     with torch.inference_mode():
         fine = build_gbuffer(
             scenes, triangles, Views.of(scenes, scale=supersampling, device=device)
         )
-        radiance = shade(scenes, triangles, fine, rng=rng, config=shading or ShadingConfig())
+        radiance = shade(scenes, casters, fine, rng=rng, config=shading or ShadingConfig())
         camera = scenes[0].camera
         radiance = torch.nn.functional.interpolate(
             radiance.permute(0, 3, 1, 2), size=(camera.height, camera.width), mode="area"

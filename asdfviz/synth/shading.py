@@ -34,7 +34,7 @@ LOWEST_OCCLUDED = -0.2
 class ShadingConfig:
     """Cost against quality of the light."""
 
-    interleave: int = 4
+    interleave: int = 3
     """Every block of so many pixels a side shares as many points of an area light as it has pixels;
     each pixel tests one of them, and neighbours are averaged."""
     occlusion: float = 1.0

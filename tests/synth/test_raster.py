@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import torch
 
 from asdfviz.datatypes import Camera
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.synth.description import Finish, Placed, Scene
 from asdfviz.synth.gbuffer import Views, place_all
-from asdfviz.synth.mesh_bank import MeshBank, corner_normals
+from asdfviz.synth.hands import hand_mesh
+from asdfviz.synth.mesh_bank import MeshBank, clustered, corner_normals
 from asdfviz.synth.primitives import box, lathe
 from asdfviz.synth.raster import Projected, corner_weights, depth_map, rasterize
 
@@ -91,3 +93,38 @@ def test_normals_stay_sharp_at_edges_and_smooth_on_round_faces() -> None:
     normals = corner_normals(tube).reshape(-1, 3)
     corners = tube.vertices[tube.faces.reshape(-1)]
     assert (np.abs((normals * corners).sum(axis=1)) > 0.99).all()
+
+
+def test_normals_of_a_fine_ball_point_outwards_everywhere() -> None:
+    turn = np.linspace(0.1, np.pi - 0.1, 40)
+    ball = lathe(np.stack([0.03 * np.sin(turn), -0.03 * np.cos(turn)], axis=1), segments=80)
+    corners = ball.vertices[ball.faces]
+    outward = corners / np.linalg.norm(corners, axis=2, keepdims=True)
+    assert ((corner_normals(ball) * outward).sum(axis=2) > 0.99).all()
+
+
+@pytest.mark.parametrize("cell", [0.004, 0.008])
+def test_a_clustered_mesh_has_fewer_faces_on_the_same_surface(cell: float) -> None:
+    hand = hand_mesh(0).mesh
+    coarse = clustered(hand, cell)
+    assert len(coarse.faces) < (0.9 if cell < 0.005 else 0.45) * len(hand.faces)
+    known = {tuple(v) for v in hand.vertices}
+    assert all(tuple(v) in known for v in coarse.vertices)
+    a, b, c = np.sort(coarse.faces, axis=1).T
+    assert ((a < b) & (b < c)).all()
+
+
+def test_the_shadows_of_hands_are_the_hands_own_but_for_their_outline() -> None:
+    fine = MeshBank.of([hand_mesh(0).mesh, box((0.1, 0.1, 0.1))])
+    coarse = MeshBank.of(
+        [hand_mesh(0).mesh, box((0.1, 0.1, 0.1))], casters={0: clustered(hand_mesh(0).mesh, 0.008)}
+    ).casters
+    assert coarse is not None
+    hand = scene(pose(0, 0, 0.5, turn=0.4))
+    shadow, thrown = (
+        depth_map(Views.of([hand], scale=1.0, device="cpu").project(place_all([hand], bank)), SHAPE)
+        for bank in (fine, coarse)
+    )
+    both = shadow.isfinite() & thrown.isfinite()
+    assert int(both.sum()) > 0.95 * int(shadow.isfinite().sum()) > 500
+    assert float((shadow - thrown)[both].abs().median()) < 0.001
