@@ -13,7 +13,13 @@ import numpy as np
 from asdfviz.datatypes import FrameTruth
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import inverse, orthonormalized, rotation_about, transform_from
+from asdfviz.geometry.transforms import (
+    apply_to_point,
+    inverse,
+    orthonormalized,
+    rotation_about,
+    transform_from,
+)
 
 
 def nudged(T_camera_part: Transform, step_camera: Vector) -> Transform:
@@ -33,7 +39,7 @@ def rotated(
         centre_part: what stays in place, part frame, metres; see `Part.middle`.
     """
     R = rotation_about(axis_camera, angle) @ T_camera_part[:3, :3]
-    centre_camera = T_camera_part[:3, :3] @ centre_part + T_camera_part[:3, 3]
+    centre_camera = apply_to_point(T_camera_part, centre_part)
     # Hundreds of turns in a row would otherwise add up their rounding.
     return orthonormalized(transform_from(R, centre_camera - R @ centre_part))
 

@@ -22,6 +22,7 @@ from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame
 from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.transforms import apply_to_point
 
 GIZMO_PX = 90.0
 GIZMO_REACH = 0.2
@@ -79,8 +80,7 @@ class Scene:
     def middle(self, snap: Snapshot) -> Vector:
         """What the free camera looks at: the parts, or the depth, or half a metre ahead."""
         known = [
-            shown.T_camera_part[:3, :3] @ self._workspace.assembly.parts[name].middle
-            + shown.T_camera_part[:3, 3]
+            apply_to_point(shown.T_camera_part, self._workspace.assembly.parts[name].middle)
             for name, shown in snap.poses.items()
         ]
         if known:

@@ -57,10 +57,8 @@ class ImportGbot:
 
     def __call__(self) -> None:
         """Import and print one assembly.yaml a line."""
-        from asdfviz.data.atomic import make_folder
         from asdfviz.data.gbot_import import import_gbot
 
-        make_folder(self.out)
         for file in import_gbot(self.source, self.out):
             print(file)
 

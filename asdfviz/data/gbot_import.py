@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from asdfviz.data.assembly_writer import write_assembly
-from asdfviz.data.atomic import write_bytes
+from asdfviz.data.atomic import make_folder, write_bytes
 from asdfviz.data.gbot_facts import FACTS, Facts, Freedom, Mistake, Turns
 from asdfviz.data.gbot_source import GbotSource
 from asdfviz.data.resources import models_folder
@@ -56,6 +56,7 @@ def import_gbot(source: Path, models: Path) -> list[Path]:
             raise AssemblyError(
                 f"{source}: the description of {key} is wrong: {error!r}"
             ) from error
+        make_folder(models)
         written.append(write_assembly(assembly, models / facts.name, comment=_COMMENT))
         _copy_weights(facts.name, models / facts.name)
     if not written:

@@ -29,6 +29,11 @@ def apply(T_a_b: Transform, points_b: Points) -> Points:
     return points_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
 
 
+def apply_to_point(T_a_b: Transform, point_b: Vector) -> Vector:
+    """Move one point from frame b to frame a."""
+    return T_a_b[:3, :3] @ point_b + T_a_b[:3, 3]
+
+
 def is_rigid(T_a_b: Transform, *, tolerance: float = 1e-3) -> bool:
     """Whether the matrix is finite, right-handed, orthonormal and ends in 0 0 0 1."""
     if not np.isfinite(T_a_b).all():

@@ -15,7 +15,7 @@ import numpy as np
 
 from asdfviz.datatypes import Frame
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import rotation_about
+from asdfviz.geometry.transforms import apply_to_point, rotation_about
 from asdfviz.methods.refinding import distinct, heading, moved_to, turned
 from asdfviz.track.bodies import Body
 from asdfviz.track.confidence import Evidence
@@ -138,7 +138,7 @@ class Follower:
         if tracker.judged(seen) >= config.doubted_below or seen.visible < least:
             return None
         centre, T_found = self._bodies[name].model.centre, tracker.poses[name]
-        place = T_found[:3, :3] @ centre + T_found[:3, 3]
+        place = apply_to_point(T_found, centre)
         T_last = self._paths[name].T_now
         angle = np.deg2rad(config.turn_deg)
         turns = [rotation_about(axis, sign * angle) for axis in np.eye(3) for sign in (1.0, -1.0)]

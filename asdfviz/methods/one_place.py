@@ -12,6 +12,7 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly
 from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.transforms import apply_to_point
 
 NEAR = 0.4
 """Middles nearer than this times the smaller diameter are in one place."""
@@ -58,5 +59,4 @@ class OnePlace:
         return float(np.linalg.norm(self._middle(a, Ts) - self._middle(b, Ts))) < reach
 
     def _middle(self, name: str, Ts: Mapping[str, Transform]) -> Vector:
-        T = Ts[name]
-        return T[:3, :3] @ self._parts[name].middle + T[:3, 3]
+        return apply_to_point(Ts[name], self._parts[name].middle)

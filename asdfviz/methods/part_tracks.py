@@ -14,7 +14,7 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import inverse
+from asdfviz.geometry.transforms import apply_to_point, inverse
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.refinding import (
@@ -140,8 +140,8 @@ class PartTracks:
             return
         T_now, T_seen = track.T_now, proposal.T_camera_part
         if track.support.hear(
-            T_now[:3, :3] @ centre + T_now[:3, 3],
-            T_seen[:3, :3] @ centre + T_seen[:3, 3],
+            apply_to_point(T_now, centre),
+            apply_to_point(T_seen, centre),
             score=look.detection.score,
             diameter=self._assembly.parts[name].diameter,
             config=self._config.support,
@@ -187,7 +187,7 @@ class PartTracks:
         if look is None:
             return trial.score
         T, K = trial.T_camera_part, frame.camera.K
-        x, y, z = K @ (T[:3, :3] @ centre + T[:3, 3])
+        x, y, z = K @ apply_to_point(T, centre)
         x0, y0, x1, y1 = look.detection.box_xyxy
         is_inside = z > 0 and x0 * z <= x <= x1 * z and y0 * z <= y <= y1 * z
         liked = self._config.rotation_weight * trial.evidence.visible * look.likely(T)
@@ -232,7 +232,7 @@ class PartTracks:
             starts.append(heading(track.T_before, track.T_now))
         if proposal is not None:
             T = proposal.T_camera_part
-            starts.append(moved_to(track.T_now, T[:3, :3] @ centre + T[:3, 3], centre=centre))
+            starts.append(moved_to(track.T_now, apply_to_point(T, centre), centre=centre))
         return distinct(starts, centre=centre)
 
     def _jumps(

@@ -16,6 +16,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, State
 from asdfviz.geometry.shapes import Rotation, Transform, Vector
 from asdfviz.geometry.transforms import (
+    apply_to_point,
     inverse,
     orthonormalized,
     rotation_about,
@@ -88,7 +89,7 @@ def turned(T_camera_part: Transform, R: Rotation, *, centre: Vector) -> Transfor
     """The pose with the part turned in its own axes about its centre."""
     return moved_to(
         transform_from(T_camera_part[:3, :3] @ R, np.zeros(3)),
-        T_camera_part[:3, :3] @ centre + T_camera_part[:3, 3],
+        apply_to_point(T_camera_part, centre),
         centre=centre,
     )
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Intrinsics, Pixels, Points, Scores, Transform
-from asdfviz.geometry.transforms import apply, transform_from
+from asdfviz.geometry.transforms import apply, apply_to_point, transform_from
 from asdfviz.pose.reprojection import minimize_reprojection
 
 REFERENCE_WIDTH_PX = 1280
@@ -187,7 +187,7 @@ def mirrored_twin(
     Seen from far, a plane tilted towards the camera looks like one tilted away: mirror the part at
     its own plane, then the scene at the plane across the line of sight. Two mirrors are a rotation.
     """
-    center = T_camera_part[:3, :3] @ center_part + T_camera_part[:3, 3]
+    center = apply_to_point(T_camera_part, center_part)
     sight = center / np.linalg.norm(center)
     scene_mirror = np.eye(3) - 2 * np.outer(sight, sight)
     part_mirror = np.eye(3) - 2 * np.outer(normal_part, normal_part)

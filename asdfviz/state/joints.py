@@ -10,7 +10,13 @@ import numpy as np
 from asdfviz.datatypes import Joint
 from asdfviz.geometry.shapes import Rotation, Transform, Vector
 from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric
-from asdfviz.geometry.transforms import inverse, rotation_about, rotation_angle, transform_from
+from asdfviz.geometry.transforms import (
+    apply_to_point,
+    inverse,
+    rotation_about,
+    rotation_angle,
+    transform_from,
+)
 
 
 class Deviation(NamedTuple):
@@ -49,8 +55,8 @@ def deviation(
     if joint is not None:
         T_allowed = nearest_in_joint(T_near, T_nominal, joint, center_part=center_part)
         T_near = nearest_symmetric(T_base_part, T_allowed, symmetries)
-    between = T_near[:3, :3] @ center_part + T_near[:3, 3]
-    between = between - (T_allowed[:3, :3] @ center_part + T_allowed[:3, 3])
+    between = apply_to_point(T_near, center_part)
+    between = between - apply_to_point(T_allowed, center_part)
     return Deviation(
         float(np.linalg.norm(between)), rotation_angle(T_near[:3, :3].T @ T_allowed[:3, :3])
     )

@@ -17,7 +17,7 @@ import numpy as np
 from asdfviz.datatypes import Camera, Frame
 from asdfviz.errors import InputError, Stopped
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import orthonormalized
+from asdfviz.geometry.transforms import apply_to_point, orthonormalized
 from asdfviz.track.bodies import Body
 from asdfviz.track.presets import FINE, TrackerConfig
 from asdfviz.track.tracker import Tracker
@@ -270,7 +270,7 @@ def blended(T_a: Transform, T_b: Transform, weight: float, *, centre: np.ndarray
     degrees is the interpolation along the shortest turn.
     """
     T = orthonormalized((1 - weight) * T_a + weight * T_b)
-    middle = (1 - weight) * (T_a[:3, :3] @ centre + T_a[:3, 3])
-    middle += weight * (T_b[:3, :3] @ centre + T_b[:3, 3])
+    middle = (1 - weight) * apply_to_point(T_a, centre)
+    middle += weight * apply_to_point(T_b, centre)
     T[:3, 3] = middle - T[:3, :3] @ centre
     return T

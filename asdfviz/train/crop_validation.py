@@ -17,6 +17,7 @@ from asdfviz.detector.crop_cut import CROP_PIXELS, crop_camera, cut
 from asdfviz.detector.crop_looker import REACH
 from asdfviz.detector.crop_network import STRIDE, CropNetwork
 from asdfviz.geometry.rotation_grid import angles_of, even_rotations, modes, quaternion_of
+from asdfviz.geometry.transforms import apply_to_point
 from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_views import SHIFT, ZOOM, ViewMaker, Views
 from asdfviz.train.dataset import load_images
@@ -186,7 +187,7 @@ def scene_views(
             camera = crop_camera(box, image.K)
             R_crop_part = camera.R_camera_crop.T @ item.T_camera_part[:3, :3]
             seen = camera.R_camera_crop.T @ (
-                item.T_camera_part[:3, :3] @ classes[label].middle + item.T_camera_part[:3, 3]
+                apply_to_point(item.T_camera_part, classes[label].middle)
             )
             focal = camera.K[0, 0]
             place = [*(seen[:2] / seen[2] * focal / (CROP_PIXELS / 2)),

@@ -233,6 +233,7 @@ def test_a_folder_without_meshes(tmp_path: Path) -> None:
     with pytest.raises(AssemblyError, match="holds no mesh of any GBOT assembly"):
         import_gbot(tmp_path, tmp_path / "models")
     assert not (tmp_path / "models").exists()
+    assert not (tmp_path / "models").exists()
 
 
 def test_one_missing_mesh_is_named(dataset: Path, tmp_path: Path) -> None:
