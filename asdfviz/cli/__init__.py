@@ -12,7 +12,7 @@ import tyro
 from asdfviz.cli.ablate import Ablate
 from asdfviz.cli.bench import Bench
 from asdfviz.cli.data import Check, Export, ImportGbot
-from asdfviz.cli.judge import Evaluate
+from asdfviz.cli.judge import Agree, Evaluate
 from asdfviz.cli.learn import Train
 from asdfviz.cli.learn_crops import TrainCrops
 from asdfviz.cli.learn_masks import TrainMasks
@@ -30,6 +30,7 @@ Command = (
     Annotated[View, tyro.conf.subcommand("view")]
     | Annotated[RunMethod, tyro.conf.subcommand("run")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
+    | Annotated[Agree, tyro.conf.subcommand("agree")]
     | Annotated[Report, tyro.conf.subcommand("report")]
     | Annotated[Tables, tyro.conf.subcommand("tables")]
     | Annotated[Ablate, tyro.conf.subcommand("ablate")]

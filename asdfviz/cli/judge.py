@@ -71,3 +71,65 @@ class Evaluate:
         said = {"runs": results, "means": means} if self.summary else results
         single = len(results) == 1 and not self.summary
         print(json.dumps(results[0] if single else said, indent=2, allow_nan=False))
+
+
+@dataclass(frozen=True)
+class Agree:
+    """Compare a run's poses with the depth that the camera measured: needs no truth. JSON on stdout.
+
+    Example: asdfviz agree runs/my_capture --pictures agreement
+    """
+
+    run: Annotated[Path, tyro.conf.Positional]
+    """Folder that `asdfviz run` wrote."""
+    assembly: str | None = None
+    """assembly.yaml, its folder, or a bundled name. Default: the one that the run used."""
+    register: bool = True
+    """Move depth onto colour first where their edges say that it lies beside."""
+    pictures: Path | None = None
+    """Receives the frames that agree least: red where the camera saw deeper than the part, blue where
+    nearer."""
+    count: int = 6
+    """So many of them."""
+    json: bool = False
+    """JSON only, no table."""
+
+    def __call__(self) -> None:
+        """Print the figures of every part, and write the pictures."""
+        from asdfviz.cli.progress import progress_bar, stop_on_interrupt
+        from asdfviz.data.assembly import load_assembly
+        from asdfviz.data.atomic import make_folder, write_bytes
+        from asdfviz.data.encoding import encoded
+        from asdfviz.data.run_files import load_run
+        from asdfviz.data.sequences import open_sequence
+        from asdfviz.evaluate.agreement import FrameAgreement, agreement, agreement_table
+
+        run = load_run(self.run)
+        assembly = load_assembly(self.assembly or run.assembly)
+        sequence = open_sequence(run.sequence, assembly=assembly)
+        if self.pictures is not None:
+            make_folder(self.pictures)
+        worst: list[FrameAgreement] = []
+
+        def keep(frame: FrameAgreement) -> None:
+            worst.append(frame)
+            worst.sort(key=lambda one: -one.residual_mm)
+            del worst[self.count :]
+
+        with progress_bar(run.method) as report, stop_on_interrupt() as stop:
+            found = agreement(
+                run,
+                sequence,
+                assembly,
+                register=self.register,
+                seen=keep if self.pictures is not None else None,
+                progress=lambda done, total: report(done, total, ""),
+                stop=stop,
+            )
+        if self.pictures is not None:
+            for frame in worst:
+                file = self.pictures / f"{frame.frame_index:06d}.png"
+                write_bytes(file, encoded(frame.picture[:, :, ::-1]))
+        if not self.json:
+            print(agreement_table(found), file=sys.stderr)
+        print(json.dumps(found, indent=2, allow_nan=False))

@@ -123,7 +123,10 @@ def _truth_for(
         )
     truth = read_folder_truth(folder, assembly)
     if not truth:
-        raise SequenceError(f"{folder} holds no truth: scene_gt.json or states.json is needed")
+        raise SequenceError(
+            f"{folder} holds no truth: scene_gt.json or states.json is needed; without it "
+            "`asdfviz agree` compares the poses with the measured depth"
+        )
     frames = [prediction.frame_index for prediction in run.predictions]
     if frames and truth.keys().isdisjoint(frames):
         raise SequenceError(

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from asdfviz.data.encoding import encoded
 from asdfviz.datatypes import Assembly, Frame
 from asdfviz.evaluate.inputs import Result
 from asdfviz.evaluate.judgement import Judgement
@@ -136,10 +137,10 @@ def _jpeg(picture: Rgb, max_bytes: int) -> bytes:
     for scale in (1.0, 0.5):
         image = bgr if scale == 1.0 else cv2.resize(bgr, None, fx=scale, fy=scale)
         for quality in (85, 70, 50, 30):
-            _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+            data = encoded(image, suffix=".jpg", options=[cv2.IMWRITE_JPEG_QUALITY, quality])
             if len(data) <= max_bytes:
-                return data.tobytes()
-    return data.tobytes()
+                return data
+    return data
 
 
 def _rgb(color: str) -> np.ndarray:

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.data.encoding import encoded
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.json_files import read_json
 from asdfviz.data.prefetch import Prefetcher
@@ -162,13 +163,13 @@ def _write_decoded(frame: Frame, folder: Path) -> tuple[Camera, float]:
         depth_mm = frame.depth.astype(np.float64) * 1e3
         scale = 0.1 if depth_mm.max(initial=0.0) < 6500.0 else 1.0
         raw = np.rint(np.clip(depth_mm / scale, 0, 65535)).astype(np.uint16)
-        write_bytes(folder / "depth" / f"{frame.index:06d}.png", _png(raw))
+        write_bytes(folder / "depth" / f"{frame.index:06d}.png", encoded(raw))
     return frame.camera, scale
 
 
 def _write_rgb(frame: Frame, folder: Path) -> None:
     bgr = cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR)
-    _write_one(folder, frame.index, ".png", _png(bgr))
+    _write_one(folder, frame.index, ".png", encoded(bgr))
 
 
 def _write_one(folder: Path, index: int, suffix: str, data: bytes) -> None:
@@ -177,13 +178,6 @@ def _write_one(folder: Path, index: int, suffix: str, data: bytes) -> None:
         if other != suffix:
             (folder / "rgb" / f"{index:06d}{other}").unlink(missing_ok=True)
     write_bytes(folder / "rgb" / f"{index:06d}{suffix}", data)
-
-
-def _png(image: cv2.typing.MatLike) -> bytes:
-    done, data = cv2.imencode(".png", image)
-    if not done:
-        raise SequenceError(f"an image of shape {image.shape} cannot be written as PNG")
-    return data.tobytes()
 
 
 def _bytes_of(path: Path) -> bytes:

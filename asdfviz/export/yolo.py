@@ -17,6 +17,7 @@ import numpy as np
 import yaml
 
 from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.data.encoding import encoded
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.scene_objects import SceneObject
 from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence
@@ -104,7 +105,4 @@ def _image(frame: Frame, with_depth: bool) -> bytes:
         depth = np.zeros(frame.rgb.shape[:2]) if frame.depth is None else frame.depth
         depth_mm = np.rint(np.clip(depth * 1e3, 0, 65535)).astype(np.uint16)
         pixels = np.dstack([pixels.astype(np.uint16) << 8, depth_mm])
-    done, data = cv2.imencode(".png", pixels)
-    if not done:
-        raise SequenceError(f"frame {frame.index} cannot be written as PNG")
-    return data.tobytes()
+    return encoded(pixels)

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 
 from asdfviz.data.atomic import write_bytes, write_text
+from asdfviz.data.encoding import encoded
 from asdfviz.data.json_files import read_json
 from asdfviz.data.scene_objects import SCENE_GT, SCENE_GT_INFO
 from asdfviz.data.truth import STATES
@@ -227,7 +228,4 @@ def _dump(content: object) -> str:
 
 def write_image(path: Path, image: np.ndarray, options: Sequence[int] = ()) -> None:
     """Encode an image by the suffix of its name and write it atomically."""
-    done, data = cv2.imencode(path.suffix, image, list(options))
-    if not done:
-        raise OSError(f"{path} could not be encoded")
-    write_bytes(path, data.tobytes())
+    write_bytes(path, encoded(image, suffix=path.suffix, options=options))

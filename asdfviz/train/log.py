@@ -14,7 +14,7 @@ from jaxtyping import Float, UInt8
 from torch import Tensor
 
 from asdfviz.data.atomic import write_bytes
-from asdfviz.errors import InputError
+from asdfviz.data.encoding import encoded
 
 LossValues: TypeAlias = Float[Tensor, "n"]
 
@@ -83,10 +83,7 @@ def write_curve(path: Path, log: CsvLog, *, x: str, curves: Sequence[str]) -> No
         curves: names of the others.
     """
     columns = log.read()
-    ok, data = cv2.imencode(".png", draw_curves(columns, x=x, curves=curves)[:, :, ::-1])
-    if not ok:
-        raise InputError(f"cannot encode the curve picture for {path}")
-    write_bytes(path, data.tobytes())
+    write_bytes(path, encoded(draw_curves(columns, x=x, curves=curves)[:, :, ::-1]))
 
 
 def draw_curves(

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from memory_sequence import MemorySequence
 
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.sequences import open_sequence
@@ -91,34 +92,6 @@ def scene(seed: int, *, shift: tuple[int, int] = (0, 0)) -> tuple[Frame, FrameTr
         seed, seed / 30, rgb.clip(0, 255).astype(np.uint8), depth.astype(np.float32), CAMERA
     )
     return frame, FrameTruth(seed, poses, 0)
-
-
-@dataclass(frozen=True)
-class MemorySequence:
-    """Frames in memory; the folder it points to holds no truth files."""
-
-    frames: tuple[Frame, ...]
-    truths: tuple[FrameTruth | None, ...]
-    assembly: Assembly | None
-    path: str
-    name: str = "memory"
-
-    @property
-    def camera(self) -> Camera:
-        return self.frames[0].camera
-
-    @property
-    def frame_indices(self) -> tuple[int, ...]:
-        return tuple(frame.index for frame in self.frames)
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def __getitem__(self, place: int) -> Frame:
-        return self.frames[place]
-
-    def truth(self, place: int) -> FrameTruth | None:
-        return self.truths[place]
 
 
 Make = Callable[..., MemorySequence]
