@@ -49,10 +49,21 @@ def read_tensors(
     Raises:
         WeightsError: a file that is not whole, or of another format.
     """
+    return _read(path, format, otherwise, with_tensors=True)
+
+
+def read_metadata(path: Path, *, format: str, otherwise: str) -> dict[str, str]:
+    """Read the metadata alone (see `read_tensors`)."""
+    return _read(path, format, otherwise, with_tensors=False)[1]
+
+
+def _read(
+    path: Path, format: str, otherwise: str, *, with_tensors: bool
+) -> tuple[dict[str, Tensor], dict[str, str]]:
     try:
         with cast(Any, safe_open)(path, framework="pt") as file:
             metadata = cast(dict[str, str], file.metadata() or {})
-            names = cast(list[str], file.keys())
+            names = cast(list[str], file.keys()) if with_tensors else []
             tensors = {name: cast(Tensor, file.get_tensor(name)) for name in names}
     except (SafetensorError, OSError, ValueError) as error:
         raise WeightsError(f"'{path}' is not a whole safetensors file: {error}") from error

@@ -17,10 +17,17 @@ import torch
 from torch import Tensor
 
 from asdfviz.detector.network import Network, Scale
-from asdfviz.detector.tensor_files import half_tensors, read_tensors, single_tensors, write_tensors
+from asdfviz.detector.tensor_files import (
+    half_tensors,
+    read_metadata,
+    read_tensors,
+    single_tensors,
+    write_tensors,
+)
 from asdfviz.errors import WeightsError
 
 FORMAT = "asdfviz-detector-1"
+_OTHERWISE = "it was not written by this program's training"
 SCALES: tuple[Scale, ...] = ("n", "s", "m", "l", "x", "x-p6")
 
 
@@ -102,10 +109,24 @@ def load_network(path: Path, *, classes: Sequence[str] | None = None) -> LoadedN
     )
 
 
+def assemblies_known(path: Path) -> frozenset[str]:
+    """The assemblies whose classes a file of ours tells apart; empty where it knows but one.
+
+    A network of several assemblies has "assembly/class" for every class.
+
+    Raises:
+        WeightsError: no file of ours.
+    """
+    metadata = read_metadata(path, format=FORMAT, otherwise=_OTHERWISE)
+    try:
+        names = (str(name) for name in json.loads(metadata["classes"]))
+        return frozenset(name.split("/")[0] for name in names if "/" in name)
+    except (KeyError, ValueError, TypeError) as error:
+        raise WeightsError(f"'{path}' has broken metadata: {error!r}") from error
+
+
 def _load_own(path: Path) -> LoadedNetwork:
-    tensors, metadata = read_tensors(
-        path, format=FORMAT, otherwise="it was not written by this program's training"
-    )
+    tensors, metadata = read_tensors(path, format=FORMAT, otherwise=_OTHERWISE)
     try:
         classes = tuple(str(name) for name in json.loads(metadata["classes"]))
         scale = _known_scale(metadata["scale"], path)

@@ -70,9 +70,18 @@ def masks_path(masks: Path | None, config: NetworkConfig, assembly: Assembly) ->
 
 
 def has_own_detector(config: NetworkConfig, assembly: Assembly) -> bool:
-    """Whether the network is this assembly's alone: its weights lie in the assembly's folder."""
+    """Whether the network is this assembly's alone: its weights lie in the assembly's folder, and know
+    no other assembly.
+
+    Raises:
+        WeightsError: the weights cannot be read.
+    """
     path = weights_path(config, assembly)
-    return path.is_file() and path.parent == Path(assembly.path).resolve().parent
+    if not path.is_file() or path.parent != Path(assembly.path).resolve().parent:
+        return False
+    from asdfviz.detector.weights import assemblies_known
+
+    return path.suffix != ".safetensors" or len(assemblies_known(path)) < 2
 
 
 def load_detector(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from asdfviz.datatypes import PoseEstimate
 from asdfviz.detector.crop_answer import CropAnswer
 from asdfviz.detector.crop_classes import crop_classes, group_box, group_name, group_radius
 from asdfviz.detector.crop_cut import CONTEXT, crop_camera
+from asdfviz.detector.network import Network
+from asdfviz.detector.weights import save_network
 from asdfviz.errors import WeightsError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.rotation_grid import even_rotations
@@ -146,17 +149,28 @@ def test_boxes_can_be_chosen_and_are_the_default_of_keypoints(toy) -> None:
     assert with_keypoints.group is None
 
 
+def _write_detector(file: Path, classes: tuple[str, ...]) -> None:
+    file.parent.mkdir(exist_ok=True)
+    save_network(Network("n", classes=len(classes)), file, classes=classes, image_size=640)
+
+
 def test_a_detector_of_the_assembly_alone_keeps_its_boxes(toy, tmp_path) -> None:
-    file = tmp_path / "weights.safetensors"
     toy = replace(toy, assembly=replace(toy.assembly, path=str(tmp_path / "assembly.yaml")))
     assert looks(toy, FakeLooker()).group is not None
-    file.touch()
+    _write_detector(tmp_path / "weights.safetensors", ("base", "block"))
     assert looks(toy, FakeLooker()).group is None
     assert looks(toy, FakeLooker(), "crops").group is not None
-    (tmp_path / "other").mkdir()
     other = tmp_path / "other" / "weights.safetensors"
-    other.touch()
+    _write_detector(other, ("base", "block"))
     assert looks(toy, FakeLooker(), detector=NetworkConfig(weights=other)).group is not None
+
+
+def test_a_copy_of_a_detector_of_several_assemblies_is_nobodys_own(toy, tmp_path) -> None:
+    toy = replace(toy, assembly=replace(toy.assembly, path=str(tmp_path / "assembly.yaml")))
+    _write_detector(tmp_path / "weights.safetensors", ("toy/base", "toy/block", "other/base"))
+    assert looks(toy, FakeLooker()).group is not None
+    _write_detector(tmp_path / "weights.safetensors", ("toy/base", "toy/block"))
+    assert looks(toy, FakeLooker()).group is None
 
 
 def test_a_network_that_does_not_know_every_state_leaves_it_to_the_boxes(toy) -> None:
