@@ -27,7 +27,7 @@ RUNS = "runs"
 
 
 def check_run_folder(folder: Path, scene: Path) -> None:
-    """See that a run's files will not lie among those of the scene that it is of.
+    """See that a run's files, or what is made of it, will not lie among those of its scene.
 
     Raises:
         RunError: the folder is the scene's, holds it, or lies in it elsewhere than in runs/.
@@ -36,13 +36,13 @@ def check_run_folder(folder: Path, scene: Path) -> None:
     if out == recorded or out in recorded.parents:
         relation = "is" if out == recorded else "holds"
         raise RunError(
-            f"{folder} {relation} the scene folder {scene}: name another folder for the run, "
+            f"{folder} {relation} the scene folder {scene}: name another folder for results, "
             f"such as {scene / RUNS / 'asdf'}"
         )
     if recorded in out.parents and out.relative_to(recorded).parts[:1] != (RUNS,):
         raise RunError(
-            f"{folder} lies among the files of the scene {scene}: name a folder elsewhere for the "
-            f"run, or one in {scene / RUNS}"
+            f"{folder} lies among the files of the scene {scene}: name a folder elsewhere for "
+            f"results, or one in {scene / RUNS}"
         )
     if out == recorded / RUNS:
         raise RunError(

@@ -64,6 +64,7 @@ def test_help_shows_an_example(command: str, capsys: pytest.CaptureFixture[str])
         (("evaluate", "no/such/run"), "no/such/run"),
         (("evaluate",), "run"),
         (("agree", "no/such/run"), "no/such/run"),
+        (("agree", "no/such/run", "--count", "0"), "--count"),
         (("import-gbot", "no/such/folder", "--out", "x"), "no/such/folder"),
         (("methods", "--surprise"), "--surprise"),
     ],
@@ -159,6 +160,10 @@ def test_the_readme_s_own_method_runs_as_written(
     said = capsys.readouterr()
     assert json.loads(said.out)["mean"]["detection_recall"] == 0
     assert said.err == ""
+    assert exit_code("agree", str(out), "--json", "--no-register") == 0
+    pooled = json.loads(capsys.readouterr().out)["pooled"]
+    assert pooled["frames"] == 95
+    assert pooled["residual_mm_median"] is None
 
 
 FAILING = """
