@@ -42,13 +42,19 @@ def macro_map(kind: str, variant: int, device: str) -> Float32[Tensor, "5 n n"]:
 @cache
 def micro_map(kind: str, variant: int, blur: int, device: str) -> Float32[Tensor, "5 n n"]:
     """A small periodic map, blurred by BLURS_PX[blur] pixels."""
-    rng = np.random.default_rng([MICRO_KINDS.index(kind), variant, 72])
-    made = _with_slopes(MICRO[kind](rng, MICRO_PIXELS), MICRO_SIZE, mirrored=False)
+    made = _sharp(kind, variant)
     if BLURS_PX[blur] > 0:
         pad = np.pad(made, ((0, 0), (32, 32), (32, 32)), mode="wrap").transpose(1, 2, 0)
         soft = cv2.GaussianBlur(pad, (0, 0), BLURS_PX[blur])
         made = np.ascontiguousarray(soft[32:-32, 32:-32].transpose(2, 0, 1))
     return to_tensor(made, device)
+
+
+@cache
+def _sharp(kind: str, variant: int) -> Float32[np.ndarray, "5 n n"]:
+    """A small map before any blur."""
+    rng = np.random.default_rng([MICRO_KINDS.index(kind), variant, 72])
+    return _with_slopes(MICRO[kind](rng, MICRO_PIXELS), MICRO_SIZE, mirrored=False)
 
 
 def build_maps(device: str) -> None:
