@@ -17,7 +17,7 @@ from asdfviz.synth.grounds import ground_depth, ground_looks
 from asdfviz.synth.mesh_bank import MeshBank, Triangles
 from asdfviz.synth.raster import Fragments, Projected, corner_weights, rasterize
 from asdfviz.synth.surfaces import decorate
-from asdfviz.synth.tensors import length, to_tensor, transform_each, unit
+from asdfviz.synth.tensors import dot, length, to_tensor, transform_each, unit
 
 EDGE_RADIUS = 0.00045
 """How far, in metres, edges of meshes are worn round."""
@@ -187,7 +187,7 @@ def _paint_meshes(
     normal = triangles.normals_at(face, weights)
     local = (triangles.local[triangles.faces[face]] * weights[:, :, None]).sum(1)
     view = buffer.view.view(-1, 3)[hit]
-    normal = torch.where((normal * view).sum(1, keepdim=True) < 0, -normal, normal)
+    normal = torch.where(dot(normal, view) < 0, -normal, normal)
     footprint = fragments.depth * float(length(rays[0, 0, 1] - rays[0, 0, 0]))
     buffer.normal.view(-1, 3)[hit] = normal
     normal, edge = _rounded(buffer, hit, worn_px)
@@ -214,7 +214,7 @@ def _rounded(
             soft = avg_pool2d(soft, (2 * reach + 1, 1), stride=1, padding=(reach, 0))
             soft = avg_pool2d(soft, (1, 2 * reach + 1), stride=1, padding=(0, reach))
         means.append(soft.permute(0, 2, 3, 1).reshape(-1, 3)[hit])
-    return unit(means[0]), 1 - (unit(means[0]) * means[1]).sum(1).clamp(0, 1)
+    return unit(means[0]), 1 - dot(unit(means[0]), means[1])[:, 0].clamp(0, 1)
 
 
 def _finishes(scenes: Sequence[Scene], device: torch.device) -> Float32[Tensor, "i 15"]:

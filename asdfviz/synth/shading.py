@@ -17,7 +17,7 @@ from asdfviz.synth.description import Light, Scene
 from asdfviz.synth.gbuffer import GBuffer
 from asdfviz.synth.mesh_bank import Triangles
 from asdfviz.synth.raster import Projected, depth_map
-from asdfviz.synth.tensors import length, to_tensor, transform_each, unit
+from asdfviz.synth.tensors import dot, length, to_tensor, transform_each, unit
 
 WRAP = (1.1, 0.45, 0.35)
 """How far red, green and blue light go round the edge of what is translucent."""
@@ -178,11 +178,11 @@ def _reflect(
     distance = length(towards)
     fall = (length(position)[:, None, None] / distance).square()
     direction = towards / distance
-    cosine = (buffer.normal * direction).sum(3)
+    cosine = dot(buffer.normal, direction)[..., 0]
     diffuse = ((cosine[..., None] + wrap) / (1 + wrap)).clamp(min=0)
     half = unit(direction + buffer.view)
-    n_half = (buffer.normal * half).sum(3).clamp(0, 1)
-    l_half = (direction * half).sum(3).clamp(0.1, 1)
+    n_half = dot(buffer.normal, half)[..., 0].clamp(0, 1)
+    l_half = dot(direction, half)[..., 0].clamp(0.1, 1)
     # A wide light widens the lobe (Karis, "Real shading in Unreal Engine 4", 2013).
     width = _tensor([np.array(light.radius) for light in lights], distance.device)[:, None, None]
     widened = buffer.roughness.square().clamp(min=0.03) + 0.5 * width / distance[..., 0]
@@ -203,18 +203,18 @@ def _ambient(
     tint = _tensor([s.tint for s in scenes], device)[:, None, None]
     bounced = buffer.albedo.mean(dim=(1, 2), keepdim=True)
     upward = 0.5 + 0.5 * buffer.normal[..., 2:]
-    light = (sky * upward + sky * bounced * (1 - upward)) * (
-        1 + (buffer.normal * tint).sum(3, keepdim=True)
-    ).clamp(min=0.2)
+    light = (sky * upward + sky * bounced * (1 - upward)) * (1 + dot(buffer.normal, tint)).clamp(
+        min=0.2
+    )
     # The floor lies too far below the table to be darkened by it.
     deep = buffer.position[..., 2] < LOWEST_OCCLUDED
     occlusion = torch.where(deep, 1.0, ambient_occlusion(buffer.depth, strength=strength))
-    n_view = (buffer.normal * buffer.view).sum(3, keepdim=True).clamp(0, 1)
+    n_view = dot(buffer.normal, buffer.view).clamp(0, 1)
     fresnel = 0.04 + 0.5 * (1 - n_view) ** 5 * (1 - buffer.roughness[..., None])
     mirrored = 2 * n_view * buffer.normal - buffer.view
     # What is mirrored: a ceiling brighter on one side, walls, a dark floor.
     room = (0.25 + 0.9 * mirrored[..., 2:]).clamp(min=0.05)
-    room = room * (1 + 2.5 * (mirrored * tint).sum(3, keepdim=True)).clamp(min=0.3)
+    room = room * (1 + 2.5 * dot(mirrored, tint)).clamp(min=0.3)
     dark = occlusion[..., None]
     through = _through(occlusion, buffer.translucency).maximum(interreflected(dark, buffer.albedo))
     return light * buffer.albedo * through + sky * room * fresnel * dark.square()

@@ -20,9 +20,19 @@ def to_tensor(
     return torch.tensor(array, dtype=dtype, device=device)
 
 
+def dot(a: Tensor, b: Tensor) -> Tensor:
+    """Products of vectors along the last axis, of size 3, which stays with size 1; `a` is no smaller.
+
+    Written out by coordinates: torch takes four times as long to sum over so short an axis.
+    """
+    x, y, z = a.unbind(-1)
+    u, v, w = b.unbind(-1)
+    return (x * u).addcmul_(y, v).addcmul_(z, w)[..., None]
+
+
 def length(vectors: Tensor) -> Tensor:
-    """Length of vectors along the last axis, which stays with size 1."""
-    return (vectors * vectors).sum(dim=-1, keepdim=True).sqrt()
+    """Length of vectors along the last axis, of size 3, which stays with size 1."""
+    return dot(vectors, vectors).sqrt_()
 
 
 def unit(vectors: Tensor) -> Tensor:
