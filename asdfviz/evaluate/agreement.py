@@ -7,7 +7,7 @@ surface, and a run that finds little may agree well: the figures go with how muc
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,7 +17,9 @@ from jaxtyping import Float32
 
 from asdfviz.datatypes import Assembly, Frame, FramePrediction, Run, Sequence
 from asdfviz.errors import SequenceError, Stopped
-from asdfviz.evaluate.health_shift import DepthShift, measure_shift
+from asdfviz.evaluate.health_shift import MOST_SHIFT_FRAMES, DepthShift, measure_shift, spread
+from asdfviz.evaluate.protocols import median, percentile
+from asdfviz.evaluate.tables import number
 from asdfviz.geometry.shapes import Depth, Ids, Rgb
 from asdfviz.render.overlay import draw_outlines
 from asdfviz.render.renderer import Renderer
@@ -25,8 +27,6 @@ from asdfviz.render.visibility import OCCLUSION_TOLERANCE
 
 NEAR = 0.005
 """A surface within this of its readings agrees, metres."""
-SHIFT_FRAMES = 6
-"""Depth is registered to colour by this many frames."""
 MOST_PIXELS = 4000
 """Of a part in a frame; more are thinned evenly."""
 SCALE = 0.020
@@ -36,11 +36,26 @@ Gaps = Float32[np.ndarray, "_"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameAgreement:
-    """One frame: the picture, with every part's readings drawn on it, and their median."""
+    """One frame: what was read at its parts, and the median of that."""
 
     frame_index: int
-    picture: Rgb
     residual_mm: float
+    rgb: Rgb
+    ids: Ids
+    gaps: Float32[np.ndarray, "h w"]
+    """Measured minus drawn depth, metres; NaN where nothing was measured."""
+    count: int
+    """Of parts that are drawn."""
+
+    @property
+    def picture(self) -> Rgb:
+        """The frame with red where the camera saw deeper than the part, blue where nearer, white between."""
+        known = (self.ids >= 0) & np.isfinite(self.gaps)
+        off = np.clip(self.gaps[known] / SCALE, -1, 1)
+        paint = np.stack([1 - np.clip(-off, 0, 1), 1 - np.abs(off), 1 - np.clip(off, 0, 1)], axis=1)
+        result = self.rgb.copy()
+        result[known] = np.rint(0.35 * self.rgb[known] + 0.65 * 255 * paint).astype(np.uint8)
+        return draw_outlines(result, self.ids, [np.full(3, 255)] * self.count, width_px=1)
 
 
 @dataclass(slots=True)
@@ -59,9 +74,9 @@ class _Readings:
             "frames": len(self.gaps),
             "read": 100.0 * self.read / max(self.drawn, 1),
             "visible": self.visible * share if self.read else None,
-            "residual_mm_median": _median(np.abs(gaps)),
-            "residual_mm_p90": float(np.percentile(np.abs(gaps), 90)) if len(gaps) else None,
-            "deeper_mm_median": _median(gaps),
+            "residual_mm_median": median(np.abs(gaps)),
+            "residual_mm_p90": percentile(np.abs(gaps), 90.0),
+            "deeper_mm_median": median(gaps),
             "near": 100.0 * float(np.mean(np.abs(gaps) < 1e3 * NEAR)) if len(gaps) else None,
         }
 
@@ -83,7 +98,7 @@ def agreement(
         sequence: its frames, with depth.
         assembly: its parts.
         register: move depth onto colour first, where its edges say that it lies beside.
-        seen: given every frame's picture.
+        seen: given every frame's readings.
         progress: called with (frames done, frames).
         stop: asked before every frame.
 
@@ -134,7 +149,7 @@ def agreement_table(found: Mapping[str, Any]) -> str:
     for name, figures in (*found["parts"].items(), ("all pixels", found["pooled"])):
         keys = ("read", "visible", "residual_mm_median", "residual_mm_p90", "deeper_mm_median")
         rows.append(
-            [name, str(figures["frames"]), *(_cell(figures[key]) for key in (*keys, "near"))]
+            [name, str(figures["frames"]), *(number(figures[key]) for key in (*keys, "near"))]
         )
     widest = max(len(name) for name, *_ in rows)
     lines = [f"{name:<{widest}}" + "".join(f"{c:>10}" for c in cells) for name, *cells in rows]
@@ -179,18 +194,7 @@ def _take(
     if len(at_parts) == 0:
         return None
     residual = 1e3 * float(np.median(np.abs(at_parts)))
-    return FrameAgreement(frame.index, _picture(frame.rgb, ids, gaps, len(names)), residual)
-
-
-def _picture(rgb: Rgb, ids: Ids, gaps: Float32[np.ndarray, "h w"], count: int) -> Rgb:
-    """The frame with red where the camera saw deeper than the part, blue where nearer, white between."""
-    known = (ids >= 0) & np.isfinite(gaps)
-    off = np.clip(gaps[known] / SCALE, -1, 1)
-    paint = np.stack([1 - np.clip(-off, 0, 1), 1 - np.abs(off), 1 - np.clip(off, 0, 1)], axis=1)
-    result = rgb.copy()
-    result[known] = np.rint(0.35 * rgb[known] + 0.65 * 255 * paint).astype(np.uint8)
-    white = np.full(3, 255)
-    return draw_outlines(result, ids, [white] * count, width_px=1)
+    return FrameAgreement(frame.index, residual, frame.rgb, ids, gaps, len(names))
 
 
 def _moved(depth: Depth, shift: DepthShift, frame: Frame) -> Depth:
@@ -203,20 +207,6 @@ def _moved(depth: Depth, shift: DepthShift, frame: Frame) -> Depth:
 
 def _shift(sequence: Sequence, places: list[int]) -> DepthShift | None:
     """How far depth lies beside colour, if it can be told and is worth a pixel."""
-    chosen = _spread(places, SHIFT_FRAMES)
-    found = measure_shift([f for f in map(sequence.__getitem__, chosen) if f.depth is not None])
+    chosen = [sequence[places[i]] for i in spread(len(places), MOST_SHIFT_FRAMES)]
+    found = measure_shift([frame for frame in chosen if frame.depth is not None])
     return None if found is None or found.typical_px < 1.0 else found
-
-
-def _spread(places: list[int], most: int) -> Iterator[int]:
-    count = min(most, len(places))
-    for k in range(count):
-        yield places[k * (len(places) - 1) // max(count - 1, 1)]
-
-
-def _median(values: np.ndarray) -> float | None:
-    return float(np.median(values)) if len(values) else None
-
-
-def _cell(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1f}"

@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from collections.abc import Sequence as Rows
 
-import numpy as np
-
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.images import ImageSizeError
 from asdfviz.data.prefetch import Prefetcher
@@ -31,11 +29,10 @@ from asdfviz.evaluate.health_files import (
 )
 from asdfviz.evaluate.health_report import Finding as Finding
 from asdfviz.evaluate.health_report import HealthReport as HealthReport
-from asdfviz.evaluate.health_shift import measure_shift
+from asdfviz.evaluate.health_shift import MOST_SHIFT_FRAMES, measure_shift, spread
 from asdfviz.evaluate.health_truth import check_against_truth, posed_parts
 
 MOST_FRAMES = 12
-MOST_SHIFT_FRAMES = 6
 LEAST_SHIFT_PX = 3.0
 """Below it the depth sits as well on colour as edges can tell: a time-of-flight camera draws edges
 out to one side, by about 2 px at 1280 pixels width."""
@@ -50,7 +47,7 @@ def check_sequence(sequence: Sequence) -> HealthReport:
         SequenceError: an image, the camera or the truth cannot be read at all.
     """
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
-    places = _spread(len(source), MOST_FRAMES)
+    places = spread(len(source), MOST_FRAMES)
     frames, findings = _read_frames(source, places)
     findings += check_intrinsics(source.camera)
     findings += check_numbering(source.frame_indices)
@@ -67,11 +64,6 @@ def check_sequence(sequence: Sequence) -> HealthReport:
         frames_looked_at=len(places),
         findings=tuple(sorted(_once(findings), key=lambda finding: _GRAVITY[finding.severity])),
     )
-
-
-def _spread(length: int, most: int) -> list[int]:
-    """At most `most` places, even over the sequence, first and last among them."""
-    return [int(i) for i in np.unique(np.linspace(0, length - 1, min(length, most)).round())]
 
 
 def _read_frames(source: Sequence, places: list[int]) -> tuple[dict[int, Frame], list[Finding]]:
@@ -111,7 +103,7 @@ def _check_frames(source: Sequence, frames: dict[int, Frame]) -> Iterator[Findin
 
 def _check_shift(images: Rows[Frame]) -> Iterator[Finding]:
     with_depth = [frame for frame in images if frame.depth is not None]
-    chosen = [with_depth[i] for i in _spread(len(with_depth), MOST_SHIFT_FRAMES)]
+    chosen = [with_depth[i] for i in spread(len(with_depth), MOST_SHIFT_FRAMES)]
     found = measure_shift(chosen)
     if found is None or found.typical_px < LEAST_SHIFT_PX:
         return

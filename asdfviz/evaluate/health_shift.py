@@ -25,6 +25,9 @@ from asdfviz.evaluate.health_edges import (
 )
 from asdfviz.geometry.shapes import Pixels, Scores, Vector
 
+MOST_SHIFT_FRAMES = 6
+"""So many frames, spread over a sequence, tell its shift."""
+
 
 @dataclass(frozen=True, slots=True)
 class ShiftConfig:
@@ -70,6 +73,11 @@ class _View:
     center: Float64[np.ndarray, "2"]
     bins: Int64[np.ndarray, " n"]
     distances: Float32[np.ndarray, "d h w"]
+
+
+def spread(length: int, most: int) -> list[int]:
+    """At most `most` places, even over the sequence, first and last among them."""
+    return [int(i) for i in np.unique(np.linspace(0, length - 1, min(length, most)).round())]
 
 
 def measure_shift(frames: Rows[Frame], *, config: ShiftConfig | None = None) -> DepthShift | None:

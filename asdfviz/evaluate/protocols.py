@@ -217,14 +217,14 @@ def _spread(name: str, values: Sequence[float]) -> Figures:
     }
 
 
-def median(values: Sequence[float]) -> float | None:
+def median(values: Sequence[float] | np.ndarray) -> float | None:
     """Median, None of nothing."""
     return percentile(values, 50.0)
 
 
-def percentile(values: Sequence[float], share: float) -> float | None:
+def percentile(values: Sequence[float] | np.ndarray, share: float) -> float | None:
     """The value that `share` percent lie under (between two values in proportion), None of nothing."""
-    return float(np.percentile(values, share)) if values else None
+    return float(np.percentile(values, share)) if len(values) else None
 
 
 def _detection_recall(records: Sequence[PoseRecord]) -> float | None:

@@ -186,8 +186,8 @@ def scene_views(
             box = np.concatenate([middle - half, middle + half]).astype(np.float64)
             camera = crop_camera(box, image.K)
             R_crop_part = camera.R_camera_crop.T @ item.T_camera_part[:3, :3]
-            seen = camera.R_camera_crop.T @ (
-                apply_to_point(item.T_camera_part, classes[label].middle)
+            seen = camera.R_camera_crop.T @ apply_to_point(
+                item.T_camera_part, classes[label].middle
             )
             focal = camera.K[0, 0]
             place = [*(seen[:2] / seen[2] * focal / (CROP_PIXELS / 2)),
