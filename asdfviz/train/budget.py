@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 
 from asdfviz.errors import InputError
+from asdfviz.train.checkpoint import Progress
 
 
 class Budget:
@@ -36,6 +38,37 @@ class Budget:
         if self._steps is not None:
             return step / max(self._steps, 1)
         return self.seconds / (self._minutes * 60)
+
+
+class Sitting:
+    """What the sessions of all networks share: how far the run is, and the file that it goes on from."""
+
+    def __init__(self, output: Path, *, minutes: float, steps: int | None) -> None:
+        """Begin at the start of a run; its clock runs from here.
+
+        Args:
+            output: run folder.
+            minutes: as for `Budget`.
+            steps: as for `Budget`.
+        """
+        self.progress = Progress()
+        self._budget = Budget(minutes=minutes, steps=steps)
+        self._output = output
+
+    @property
+    def seconds(self) -> float:
+        """Wall clock of the run, earlier sittings counted in."""
+        return self._budget.seconds
+
+    @property
+    def share(self) -> float:
+        """Share of the budget that is used."""
+        return self._budget.share(self.progress.step)
+
+    @property
+    def last(self) -> Path:
+        """The checkpoint that a later run goes on from."""
+        return self._output / "last.pt"
 
 
 def descend(

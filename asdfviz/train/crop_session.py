@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -22,8 +21,8 @@ from asdfviz.detector.crop_classes import group_states
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import network_of_shape
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.train.budget import Budget, descend
-from asdfviz.train.checkpoint import Average, Progress
+from asdfviz.train.budget import Sitting, descend
+from asdfviz.train.checkpoint import Average
 from asdfviz.train.crop_checkpoint import (
     begin_crops_from,
     export,
@@ -58,7 +57,7 @@ class CropReport:
     validation: tuple[CropValidation, ...] = ()
 
 
-class CropSession:
+class CropSession(Sitting):
     """The state of a run in progress."""
 
     def __init__(self, config: CropTrainConfig) -> None:
@@ -82,8 +81,7 @@ class CropSession:
             (network,), learning_rate=config.learning_rate, weight_decay=config.weight_decay
         )
         self.average = Average(network, decay=config.ema)
-        self.progress = Progress()
-        self._budget = Budget(minutes=config.minutes, steps=config.steps)
+        super().__init__(config.output, minutes=config.minutes, steps=config.steps)
         if config.start is not None:
             begin_crops_from(network, config.start, names=self.names, states=self.states)
             self.average.state = {k: v.clone() for k, v in network.state_dict().items()}
@@ -97,21 +95,6 @@ class CropSession:
         self.validation_log = CsvLog(
             config.output / "validation.csv", ("step", "minutes", "score", *columns)
         )
-
-    @property
-    def seconds(self) -> float:
-        """Wall clock of the run, earlier sittings counted in."""
-        return self._budget.seconds
-
-    @property
-    def share(self) -> float:
-        """Share of the budget that is used."""
-        return self._budget.share(self.progress.step)
-
-    @property
-    def last(self) -> Path:
-        """The checkpoint that a later run goes on from."""
-        return self.config.output / "last.pt"
 
     def go(self, report: Callable[[CropReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False)."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -26,8 +25,8 @@ from asdfviz.detector.mask_branch import MaskBranch
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import WeightsError
-from asdfviz.train.budget import Budget, descend
-from asdfviz.train.checkpoint import Average, Progress
+from asdfviz.train.budget import Sitting, descend
+from asdfviz.train.checkpoint import Average
 from asdfviz.train.log import CsvLog, Meter, write_curve
 from asdfviz.train.mask_checkpoint import export_masks, resume_masks, save_mask_checkpoint
 from asdfviz.train.mask_config import MaskTrainConfig, check_mask_config
@@ -53,7 +52,7 @@ class MaskReport:
     inputs_per_s: float
 
 
-class MaskSession:
+class MaskSession(Sitting):
     """The state of a run in progress."""
 
     def __init__(self, config: MaskTrainConfig) -> None:
@@ -86,8 +85,7 @@ class MaskSession:
             (self.branch,), learning_rate=config.learning_rate, weight_decay=config.weight_decay
         )
         self.average = Average(self.branch, decay=config.ema)
-        self.progress = Progress()
-        self._budget = Budget(minutes=config.minutes, steps=config.steps)
+        super().__init__(config.output, minutes=config.minutes, steps=config.steps)
         config.output.mkdir(parents=True, exist_ok=True)
         if self.last.is_file():
             self.progress = resume_masks(
@@ -100,21 +98,6 @@ class MaskSession:
             self._budget.before = self.progress.seconds
         columns = ("step", "minutes", "rate", "inputs_per_s", *LOSSES)
         self.log = CsvLog(config.output / "log.csv", columns)
-
-    @property
-    def seconds(self) -> float:
-        """Wall clock of the run, earlier sittings counted in."""
-        return self._budget.seconds
-
-    @property
-    def share(self) -> float:
-        """Share of the budget that is used."""
-        return self._budget.share(self.progress.step)
-
-    @property
-    def last(self) -> Path:
-        """The checkpoint that a later run goes on from."""
-        return self.config.output / "last.pt"
 
     def go(self, report: Callable[[MaskReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False)."""

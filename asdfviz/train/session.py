@@ -18,7 +18,7 @@ from asdfviz.detector.joint import joint_classes
 from asdfviz.detector.losses import pose_losses
 from asdfviz.detector.network import Network
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.train.budget import Budget, descend
+from asdfviz.train.budget import Sitting, descend
 from asdfviz.train.checkpoint import (
     Average,
     Progress,
@@ -56,7 +56,7 @@ class TrainReport:
     validation: Validation | None = None
 
 
-class Session:
+class Session(Sitting):
     """The state of a run in progress; `train` drives it."""
 
     def __init__(self, config: TrainConfig, assemblies: Sequence[Assembly]) -> None:
@@ -81,8 +81,7 @@ class Session:
             weight_decay=config.weight_decay,
         )
         self.average = Average(self.network, decay=config.ema)
-        self.progress = Progress()
-        self._budget = Budget(minutes=config.minutes, steps=config.steps)
+        super().__init__(config.output, minutes=config.minutes, steps=config.steps)
         self._warm_from = 0
         self._resume()
         self._agreed = self._budget.share(self.progress.step)
@@ -98,16 +97,6 @@ class Session:
         if not folders:
             return ()
         return load_images(folders, self.assemblies, image_size=self.config.image_size)
-
-    @property
-    def last(self) -> Path:
-        """The checkpoint that a later run goes on from."""
-        return self.config.output / "last.pt"
-
-    @property
-    def seconds(self) -> float:
-        """Wall clock of the run, earlier sittings counted in."""
-        return self._budget.seconds
 
     @property
     def share(self) -> float:
