@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import Any, cast
 
@@ -72,11 +72,16 @@ def _smooth_sums(
 def _welded(mesh: Mesh) -> Int64[np.ndarray, "n"]:
     """Number of each vertex's place; those within a micrometre share it."""
     place = np.round(mesh.vertices * 1e6).astype(np.int64)
-    place -= place.min(axis=0)
-    # One integer a place: sorting rows takes numpy far longer.
-    x, y, z = place.T
-    _, y_count, z_count = (place.max(axis=0) + 1).tolist()
-    return np.unique((x * y_count + y) * z_count + z, return_inverse=True)[1].reshape(-1)
+    return np.unique(_single(place), return_inverse=True)[1].reshape(-1)
+
+
+def _single(rows: Int64[np.ndarray, "n k"]) -> Int64[np.ndarray, "n"]:
+    """One integer for each row, in the rows' order: sorting rows takes numpy far longer."""
+    rows = rows - rows.min(axis=0)
+    number = np.zeros(len(rows), np.int64)
+    for column in rows.T:
+        number = number * (int(column.max()) + 1) + column
+    return number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,16 +142,27 @@ class MeshBank:
             device: where to.
             casters: simpler meshes, by index, that throw the shadows of those.
         """
-        throwing = [(casters or {}).get(i, mesh) for i, mesh in enumerate(meshes)]
+        normals = [corner_normals(mesh) for mesh in meshes]
+        bank = cls._upload(meshes, normals, device)
+        if not casters:
+            return bank
+        # What throws its own shadow has its normals already.
+        normals = [corner_normals(casters[i]) if i in casters else n for i, n in enumerate(normals)]
+        throwing = [casters.get(i, mesh) for i, mesh in enumerate(meshes)]
+        return replace(bank, casters=cls._upload(throwing, normals, device))
+
+    @classmethod
+    def _upload(
+        cls, meshes: Sequence[Mesh], normals: Sequence[Float32[np.ndarray, "_ 3 3"]], device: str
+    ) -> MeshBank:
         counts = np.array([[len(m.vertices), len(m.faces)] for m in meshes])
         starts = np.cumsum(counts, axis=0) - counts
         return cls(
             to_tensor(np.concatenate([m.vertices for m in meshes]), device, dtype=torch.float32),
             to_tensor(np.concatenate([m.faces for m in meshes]), device, dtype=torch.int64),
-            to_tensor(np.concatenate([corner_normals(m) for m in meshes]), device),
+            to_tensor(np.concatenate(normals), device),
             to_tensor(np.stack([starts[:, 0], counts[:, 0]], axis=1), device),
             to_tensor(np.stack([starts[:, 1], counts[:, 1]], axis=1), device),
-            MeshBank.of(throwing, device=device) if casters else None,
         )
 
     def place(
@@ -213,11 +229,12 @@ def clustered(mesh: Mesh, cell: Float64[np.ndarray, "n"] | float) -> Mesh:
         cell: side of the cubes, metres; one for each vertex where they differ.
     """
     side = np.broadcast_to(np.asarray(cell, float), len(mesh.vertices))
-    cube = np.floor(mesh.vertices / side[:, None])
-    keys = np.column_stack([cube, side])
-    _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    cube = np.floor(mesh.vertices / side[:, None]).astype(np.int64)
+    sizes = np.unique(side, return_inverse=True)[1].reshape(-1)
+    key = _single(np.column_stack([cube, sizes]))
+    _, first, group = np.unique(key, return_index=True, return_inverse=True)
     faces = group.reshape(-1)[mesh.faces]
     a, b, c = faces.T
     faces = faces[(a != b) & (b != c) & (c != a)]
-    _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    _, once = np.unique(_single(np.sort(faces, axis=1)), return_index=True)
     return Mesh(mesh.vertices[first], faces[np.sort(once)].astype(np.int32))
