@@ -3,11 +3,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from box_refined import error_mm, refined
 
 from asdfviz.datatypes import BoxMask
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.pose.segmentation import refine_in_mask
-from asdfviz.pose.translation import TranslationConfig, refine_translation
+from asdfviz.pose.translation import TranslationConfig
 
 
 def slid(T: np.ndarray, shift: float) -> np.ndarray:
@@ -35,22 +36,6 @@ def in_mask(view, T_camera_part, depth, mask):
     )
 
 
-def in_box(view, T_camera_part, depth, **options):
-    return refine_translation(
-        T_camera_part,
-        view.surface,
-        box_xyxy=view.box_xyxy,
-        depth=depth,
-        K=view.K,
-        config=TranslationConfig(**options),
-    )
-
-
-def error_mm(T: np.ndarray | None, view) -> float:
-    assert T is not None
-    return float(1e3 * np.linalg.norm(T[:3, 3] - view.T_camera_part[:3, 3]))
-
-
 def test_what_stands_in_front_pulls_the_box_and_not_the_mask(box_view: Callable) -> None:
     view = box_view()
     alone = view.depth(table=0.68)
@@ -63,7 +48,7 @@ def test_what_stands_in_front_pulls_the_box_and_not_the_mask(box_view: Callable)
     assert 0.05 < mask.pixels.mean() < 0.5
     T_off = slid(view.T_camera_part, -0.012)
     assert error_mm(in_mask(view, T_off, depth, mask), view) < 3.0
-    assert error_mm(in_box(view, T_off, depth), view) > 15.0
+    assert error_mm(refined(view, T_off, depth), view) > 15.0
 
 
 def test_the_rotation_stays_and_the_shift_is_along_the_ray(box_view: Callable) -> None:
@@ -84,7 +69,7 @@ def test_a_mask_of_everything_says_what_the_box_says(box_view: Callable) -> None
     depth = view.depth(table=0.68, others=((hand, np.array([0.02, 0.1, 0.01])),))
     T_off = slid(view.T_camera_part, 0.02)
     everything = BoxMask(0, 0, np.ones(depth.shape, bool))
-    same = in_box(view, T_off, depth, coarse_area=1.0)
+    same = refined(view, T_off, depth, coarse_area=1.0)
     found = in_mask(view, T_off, depth, everything)
     assert same is not None
     assert found is not None

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from box_refined import error_mm, refined
 
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.pose.translation import TranslationConfig, refine_translation
@@ -13,22 +14,6 @@ def slid(T: np.ndarray, shift: float) -> np.ndarray:
     moved = T.copy()
     moved[:3, 3] += shift * moved[:3, 3] / np.linalg.norm(moved[:3, 3])
     return moved
-
-
-def refined(view, T_camera_part, depth, **options):
-    return refine_translation(
-        T_camera_part,
-        view.surface,
-        box_xyxy=view.box_xyxy,
-        depth=depth,
-        K=view.K,
-        config=TranslationConfig(**options),
-    )
-
-
-def error_mm(T: np.ndarray | None, view) -> float:
-    assert T is not None
-    return float(1e3 * np.linalg.norm(T[:3, 3] - view.T_camera_part[:3, 3]))
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.01, -0.015, 0.05, -0.06, 0.12, -0.1])
