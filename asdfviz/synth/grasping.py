@@ -29,6 +29,8 @@ DEEPEST = 0.0025
 LOWEST = 0.001
 """Height over the table that hands keep, metres."""
 _SPOTS, _ROLLS, _HAND_POINTS, _MEASURED = 100, 24, 900, 40
+_LEAVING = (0.0, 0.25, 0.5, 1.0)
+"""Shares of the way back at which a hand may not go through what is near."""
 _TRIED, _MORE = 80, 160
 """Grips that are tried: the most comfortable ones, and if none of these does, so many of the rest."""
 
@@ -235,7 +237,7 @@ def _badness(
         if bad >= limit:
             return bad
         T = hold.T_world_part @ T_part_hand
-        for pose in (T, backed(T, outfit, grasp)):
+        for pose in (backed(T, outfit, grasp, share * BACK) for share in _LEAVING):
             world = apply(scaled(pose, outfit), points)
             arm = apply(scaled(pose, outfit), arm_outline(grasp))
             bad = max(bad, LOWEST - min(float(world[:, 2].min()), float(arm[:, 2].min())))

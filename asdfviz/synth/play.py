@@ -12,6 +12,7 @@ from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.synth.assets import Assets
+from asdfviz.synth.clearance import given_way
 from asdfviz.synth.description import Ground, Light, Placed
 from asdfviz.synth.film import Moment, film
 from asdfviz.synth.fixture import find_fixture
@@ -27,7 +28,7 @@ from asdfviz.synth.scene import camera_for, random_view
 from asdfviz.synth.script import Director
 from asdfviz.synth.sequence_config import SequenceConfig
 from asdfviz.synth.stage import Stage, Stand, set_stage, stand_base
-from asdfviz.synth.ways import Body, Way, all_ways, with_middles
+from asdfviz.synth.ways import Body, Way, all_ways, with_steps
 
 Targets = Mapping[int, Mapping[str, Transform]]
 SAMPLES = 450
@@ -90,6 +91,7 @@ def plan_sequence(assets: Assets, *, seed: int, config: SequenceConfig) -> Play:
         # There is no time for an error.
         return plan_sequence(assets, seed=seed, config=replace(config, error=False))
     moments = film(director.acts, frames=config.frames, frames_per_state=config.frames_per_state)
+    moments = given_way(moments, solids, outfit)
     if config.covering_hand:
         others = (*others, _hovering(assets, solids, stage, moments, outfit, rng))
     footprints = np.concatenate(table.outlines)
@@ -219,7 +221,7 @@ def _occupied(
     """Every place that a joined part has or comes from, world."""
     bodies: list[Body] = []
     for (state, name), way in ways.items():
-        for place in (0.0 * way.out, *with_middles(way.stops)):
+        for place in (0.0 * way.out, *with_steps(way.stops)):
             bodies.append(Body(solids[name], T_world_base @ moved(targets[state][name], place)))
     return bodies
 

@@ -22,7 +22,7 @@ from asdfviz.synth.motion import Limits, Pace, blend, frames_needed, moved
 from asdfviz.synth.penetration import Solid
 from asdfviz.synth.routes import Obstacle, over, over_with_hand, rests_between, wrong_place
 from asdfviz.synth.stage import Stage
-from asdfviz.synth.ways import Body, Way, changes, differs, with_middles
+from asdfviz.synth.ways import Body, Way, changes, differs, with_steps
 
 DWELL = 2
 """Frames that a hand waits near by after a step, at 10 a second."""
@@ -128,7 +128,7 @@ class Director:
         wrong: Transform | None = None,
     ) -> None:  # fmt: skip
         """Bring a part somewhere; where no grip does for all of the way it is put down on it."""
-        ends = [goal, *(moved(goal, place) for place in with_middles(way_in))]
+        ends = [goal, *(moved(goal, place) for place in with_steps(way_in))]
         ends += [] if wrong is None else [blend(wrong, ends[-1], k) for k in (0.0, 0.3, 0.6)]
         starts = [self.poses[name], *(moved(self.poses[name], v) for v in self._way_off(name))]
         grip = self._grip(name, [*starts, *ends], skip={name})
@@ -167,7 +167,7 @@ class Director:
         if name not in self.joined:
             return []
         R = self.stage.stand.T_world_base[:3, :3]
-        return [R @ v for v in with_middles(self.ways[self.joined_in[name], name].stops)]
+        return [R @ v for v in with_steps(self.ways[self.joined_in[name], name].stops)]
 
     def _stopover(
         self, name: str, ends: Sequence[Transform], grip: Grip

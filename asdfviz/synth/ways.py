@@ -45,11 +45,14 @@ class Way:
         return (self.out,) if self.corner is None else (self.corner, self.out)
 
 
-def with_middles(stops: Sequence[Vector]) -> list[Vector]:
-    """The ends of a way's stretches from the place outwards, the middles of these before them."""
+def with_steps(stops: Sequence[Vector]) -> list[Vector]:
+    """The ends of a way's stretches from the place outwards, and places on the way to each of them."""
     starts = [0.0 * stops[0], *stops[:-1]] if stops else []
-    both = [((a + b) / 2, b) for a, b in zip(starts, stops, strict=True)]
-    return [place for pair in both for place in pair]
+    return [
+        a + share * (b - a)
+        for a, b in zip(starts, stops, strict=True)
+        for share in (0.25, 0.5, 0.75, 1.0)
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.synth.motion import moved
 from asdfviz.synth.penetration import solid_of
-from asdfviz.synth.ways import Body, deepest, find_way, with_middles
+from asdfviz.synth.ways import Body, deepest, find_way, with_steps
 
 X, Z = np.eye(3)[0], np.eye(3)[2]
 T_HIGH = transform_from(np.eye(3), np.array([0.0, 0.0, 0.3]))
@@ -26,12 +26,13 @@ def test_a_clip_goes_over_the_neck_and_then_along_it() -> None:
     assert way.corner is not None
     assert way.corner @ X > 0.008
     assert way.stops == (way.corner, way.out)
-    for place in with_middles(way.stops):
+    for place in with_steps(way.stops):
         there = Body(clip.solid, moved(clip.T, place))
         assert deepest(there, others) < way.depth + 0.001
 
 
-def test_the_places_of_a_way_are_middles_and_ends() -> None:
-    assert with_middles(()) == []
-    places = with_middles((2 * X, 2 * X + 4 * Z))
-    np.testing.assert_allclose(places, [X, 2 * X, 2 * X + 2 * Z, 2 * X + 4 * Z])
+def test_the_places_of_a_way_are_ends_and_what_lies_between() -> None:
+    assert with_steps(()) == []
+    places = with_steps((2 * X, 2 * X + 4 * Z))
+    first = [0.5 * X, X, 1.5 * X, 2 * X]
+    np.testing.assert_allclose(places, [*first, *(2 * X + k * Z for k in (1, 2, 3, 4))])
