@@ -191,6 +191,9 @@ class Detection:
     score: float
     mask: BoxMask | None = None
     """Of a part, where a mask branch ran; run files do not keep it."""
+    class_scores: Mapping[str, float] = field(default_factory=dict[str, float])
+    """What the network thinks of other classes in the same place, where it thinks anything of them;
+    run files do not keep it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import torch
+from jaxtyping import Float64, UInt8
+from torch import Tensor
 
 from asdfviz.detector.blocks import Conv
 from asdfviz.detector.crop_answer import REACH, CropAnswer
@@ -16,6 +19,8 @@ from asdfviz.detector.crop_weights import load_crop_network
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.geometry.rotation_grid import even_rotations, modes
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +46,7 @@ class CropLooker:
         self._config = config or CropLookerConfig()
         loaded = load_crop_network(weights)
         self.classes, self.states = loaded.classes, loaded.states
+        self.tells_names = loaded.network.tells_names
         self._number = {name: place for place, name in enumerate(loaded.classes)}
         for module in loaded.network.modules():
             if isinstance(module, Conv):
@@ -49,6 +55,41 @@ class CropLooker:
         self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
         self._grid = even_rotations(loaded.network.grid)
         self._span = loaded.spans
+
+    @torch.inference_mode()
+    def names(
+        self, rgb: Rgb, K: Intrinsics, boxes: Sequence[Box], classes: Sequence[str]
+    ) -> Float64[np.ndarray, "n c"]:
+        """Which part is in each box, if any.
+
+        Args:
+            rgb: the frame.
+            K: its intrinsics.
+            boxes: pixels.
+            classes: that come into question; one that the network does not know has probability 0.
+
+        Returns:
+            Of each box the probability of every class; what is missing to 1 is that none is there.
+            Zeros where the network was not taught names.
+        """
+        wanted = [self._number.get(name, -1) for name in classes]
+        known = [i for i in wanted if i >= 0]
+        found = np.zeros((len(boxes), len(classes)))
+        if not self.tells_names or not known or not len(boxes):
+            return found
+        pictures = np.stack([cut(rgb, crop_camera(box, K), K) for box in boxes])
+        logits = self._run(pictures, self._network.names)[:, [*known, len(self.classes)]].float()
+        found[:, [i >= 0 for i in wanted]] = logits.softmax(1)[:, :-1].cpu().numpy()
+        return found
+
+    def _run(self, pictures: UInt8[np.ndarray, "n s s 3"], network: Callable[[Tensor], T]) -> T:
+        """Show crops to a network."""
+        device = self._config.device
+        crops = torch.as_tensor(pictures).to(device).permute(0, 3, 1, 2).float() / 255 - 0.5
+        crops = crops.contiguous(memory_format=torch.channels_last)
+        half = self._config.bfloat16 and has_bfloat16(device)
+        with torch.autocast(torch.device(device).type, torch.bfloat16, enabled=half):
+            return network(crops)
 
     @torch.inference_mode()
     def look(
@@ -68,12 +109,8 @@ class CropLooker:
         cameras = {name: crop_camera(box, K) for name, (_, box) in known.items()}
         pictures = np.stack([cut(rgb, camera, K) for camera in cameras.values()])
         labels = [self._number[label] for label, _ in known.values()]
-        device = self._config.device
-        crops = torch.as_tensor(pictures).to(device).permute(0, 3, 1, 2).float() / 255 - 0.5
-        crops = crops.contiguous(memory_format=torch.channels_last)
-        half = self._config.bfloat16 and has_bfloat16(device)
-        with torch.autocast(torch.device(device).type, torch.bfloat16, enabled=half):
-            out = self._network(crops, torch.tensor(labels, device=device))
+        numbers = torch.tensor(labels, device=self._config.device)
+        out = self._run(pictures, lambda crops: self._network(crops, numbers))
         probabilities = out.rotations.float().softmax(1).double().cpu().numpy()
         places = out.place.float().double().cpu().numpy()
         outlines = out.outline.float().sigmoid().double().cpu().numpy()

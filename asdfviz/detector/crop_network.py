@@ -1,7 +1,7 @@
 """A small network that looks at one part, or one joined group, in a crop.
 
 Of a part it tells rotation, place and visible outline; of a group those of its base part, and the
-state.
+state. Asked of something unknown, it tells which part that is, if any.
 
 The rotation is a distribution over an even grid (geometry/rotation_grid.py), because parts without
 texture often look alike from several sides, and a mean of two good answers is a bad one. Which
@@ -23,6 +23,8 @@ GRID = 2304
 """Rotations, about 17 degrees apart."""
 STRIDE = 4
 """Of the outline against the crop."""
+NAME_WIDTHS = (64, 112, 160, 128)
+"""Channels at strides 8, 16 and 32 where the class is asked for, and features of the whole crop."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +41,9 @@ class CropOutput:
     states: Float[Tensor, "b t"]
     """Logits of the states of all groups, one group's after another's: only its own ones tell of a
     crop. None where the network knows no groups (t = 0)."""
+    names: Float[Tensor, "b n"]
+    """Logits of what is shown: every class, then nothing that is known. None where the network was
+    not taught this (n = 0)."""
 
 
 class Film(nn.Module):
@@ -55,6 +60,28 @@ class Film(nn.Module):
         return x * (1 + gain) + shift
 
 
+class NameBranch(nn.Module):
+    """From maps that know nothing of the class to the class."""
+
+    def __init__(self, channels: int, classes: int) -> None:
+        super().__init__()
+        a, b, c, hidden = NAME_WIDTHS
+        self.maps = nn.Sequential(
+            Conv(channels, a, 3, stride=2),
+            Bottleneck(a, shortcut=True),
+            Conv(a, b, 3, stride=2),
+            Bottleneck(b, shortcut=True),
+            Conv(b, c, 3, stride=2),
+        )
+        self.features = nn.Linear(9 * c, hidden)
+        self.to_names = nn.Linear(hidden, classes)
+
+    def forward(self, quarter: Float[Tensor, "b c h w"]) -> Float[Tensor, "b n"]:
+        """Logits of every class."""
+        maps = self.maps(quarter).flatten(1)
+        return self.to_names(nn.functional.silu(self.features(maps)))
+
+
 class CropNetwork(nn.Module):
     """About 3 million parameters and 0.1 GMAC a crop with the default widths."""
 
@@ -67,6 +94,7 @@ class CropNetwork(nn.Module):
         hidden: int = 256,
         own: int = 128,
         states: int = 0,
+        names: bool = False,
     ) -> None:
         """Build it with random weights.
 
@@ -77,9 +105,11 @@ class CropNetwork(nn.Module):
             hidden: features of the whole crop.
             own: features after each class's own layer.
             states: of all groups together.
+            names: whether it tells which part something is.
         """
         super().__init__()
         self.classes, self.grid, self.own, self.states = classes, grid, own, states
+        self.tells_names = names
         self.shape: dict[str, object] = {
             "classes": classes,
             "grid": grid,
@@ -87,6 +117,7 @@ class CropNetwork(nn.Module):
             "hidden": hidden,
             "own": own,
             "states": states,
+            "names": names,
         }
         a, b, c, d, e = widths
         self.quarter = nn.Sequential(
@@ -105,12 +136,14 @@ class CropNetwork(nn.Module):
         self.to_grid = nn.Linear(own, grid)
         self.to_place = nn.Linear(own, 3)
         self.to_states = nn.Linear(own, states) if states else None
+        self.name = NameBranch(b, classes + 1) if names else None
         self.lift = nn.ModuleList([nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)])
         self.draw = nn.Sequential(Conv(b, b // 2, 3), nn.Conv2d(b // 2, 1, 1))
 
     def forward(self, crops: Float[Tensor, "b 3 s s"], part: Int64[Tensor, "b"]) -> CropOutput:
         """Look at crops (RGB, -0.5 to 0.5; a multiple of 32 on a side, 96 by default) of parts."""
-        quarter = self.know_quarter(self.quarter(crops), part)
+        unknown = self.quarter(crops)
+        quarter = self.know_quarter(unknown, part)
         eighth = self.know_eighth(self.eighth(quarter), part)
         sixteenth = self.know_sixteenth(self.sixteenth(eighth), part)
         last = self.last(sixteenth)
@@ -122,7 +155,14 @@ class CropNetwork(nn.Module):
         outline = self.draw(nn.functional.silu(large(quarter) + _doubled(up)))[:, 0]
         none = mine[:, :0]
         states = none if self.to_states is None else self.to_states(mine)
-        return CropOutput(self.to_grid(mine), self.to_place(mine), outline, states)
+        names = none if self.name is None else self.name(unknown)
+        return CropOutput(self.to_grid(mine), self.to_place(mine), outline, states, names)
+
+    def names(self, crops: Float[Tensor, "b 3 s s"]) -> Float[Tensor, "b n"]:
+        """What crops show (`CropOutput.names`), without asking for anything else."""
+        if self.name is None:
+            return crops.new_zeros(len(crops), 0)
+        return self.name(self.quarter(crops))
 
 
 def _doubled(x: Tensor) -> Tensor:

@@ -109,6 +109,7 @@ def network_of_shape(shape: dict[str, Any]) -> CropNetwork:
         hidden=int(shape["hidden"]),
         own=int(shape["own"]),
         states=int(shape.get("states", 0)),
+        names=bool(shape.get("names", False)),
     )
 
 

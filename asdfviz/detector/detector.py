@@ -18,13 +18,17 @@ from asdfviz.detector.joint import keep_classes, own_columns
 from asdfviz.detector.letterbox import Letterbox, letterbox, plan_letterbox
 from asdfviz.detector.mask_run import MaskRun
 from asdfviz.detector.network import Network
-from asdfviz.detector.nms import suppress
+from asdfviz.detector.nms import iou_matrix, suppress
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import InputError
-from asdfviz.geometry.shapes import Box, Rgb
+from asdfviz.geometry.shapes import Box, Rgb, Scores
 
 CANDIDATES = 1000
 """Boxes that reach the suppression at most; more are the same objects again."""
+SAME_PLACE = 0.6
+"""Candidates that overlap a box more than this (intersection over union) are in its place."""
+LEAST_SCORE = 0.02
+"""Of another class that is worth telling."""
 MaskOf: TypeAlias = Callable[[str, int, Box], BoxMask | None]
 """The mask of a detection by its label, its place among the candidates and its box."""
 
@@ -157,8 +161,9 @@ def _detections(
     labels = class_scores.argmax(1).astype(np.int64) if len(values) else np.zeros(0, np.int64)
     scores = class_scores.max(1) if len(values) else np.zeros(0)
     kept = suppress(boxes, scores, labels, iou=config.iou, limit=config.max_detections)
+    in_place = iou_matrix(boxes[kept], boxes) > SAME_PLACE
     found: list[Detection] = []
-    for place in kept:
+    for place, near in zip(kept, in_place, strict=True):
         keypoints = values[place, 4 + len(classes) :].reshape(-1, 3)
         label = classes[labels[place]]
         box_xyxy = plan.to_frame(boxes[place].reshape(2, 2)).reshape(4)
@@ -170,6 +175,12 @@ def _detections(
                 keypoint_scores=keypoints[:, 2].copy(),
                 score=float(scores[place]),
                 mask=None if mask_of is None else mask_of(label, int(place), box_xyxy),
+                class_scores=_class_scores(class_scores[near].max(axis=0), classes),
             )
         )
     return tuple(found)
+
+
+def _class_scores(scores: Scores, classes: tuple[str, ...]) -> dict[str, float]:
+    """The scores that are worth telling, by class."""
+    return {classes[i]: float(scores[i]) for i in np.flatnonzero(scores > LEAST_SCORE)}

@@ -20,8 +20,7 @@ from asdfviz.datatypes import (
     PoseEstimate,
 )
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box, Scores
-from asdfviz.methods.assignment import assign_detections
+from asdfviz.geometry.shapes import Scores
 from asdfviz.methods.first_pose import (
     CropPoseConfig,
     CropPoses,
@@ -33,6 +32,7 @@ from asdfviz.methods.first_pose import (
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.looked_at import Before, LookedAt
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
+from asdfviz.methods.part_finder import PartFinder
 from asdfviz.methods.part_poses import (
     PAPER_ICP,
     PartShape,
@@ -43,9 +43,10 @@ from asdfviz.methods.part_poses import (
     poses_refined_by_depth,
 )
 from asdfviz.methods.rivals import RivalsConfig, settled_poses
-from asdfviz.methods.second_look import SecondLook, SecondLookConfig
+from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.state_looks import StateLooks, StateLooksFrom
+from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.box_fit import BoxFitConfig
 from asdfviz.pose.icp import IcpConfig
@@ -83,6 +84,8 @@ class AsdfConfig:
     """Refinement "translation", section 3.1.1."""
     icp: IcpConfig = PAPER_ICP
     """Refinement "icp"."""
+    names: NamesConfig = field(default_factory=NamesConfig)
+    """What the crop network makes of boxes, where it was taught names."""
     second_look: SecondLookConfig = field(default_factory=SecondLookConfig)
     """Where the detector looks again for parts that it missed: off, the paper does not."""
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
@@ -107,7 +110,7 @@ class _Scene:
     """What stays the same through a sequence."""
 
     assembly: Assembly
-    detector: Detects
+    finder: PartFinder
     shapes: dict[str, PartShape]
     pose2state: Pose2State
     crop_poses: CropPoses | None
@@ -115,7 +118,6 @@ class _Scene:
     looks: StateLooks
     group: GroupPoses
     twins: PlaceNames
-    second_look: SecondLook
 
 
 class Asdf:
@@ -139,7 +141,8 @@ class Asdf:
         self._given_detector, self._given_looker = detector, looker
         self._scene: _Scene | None = None
         self._before: dict[str, Before] = {}
-        self._boxes: dict[str, Box] = {}
+        self.assigned: Mapping[str, Detection] = {}
+        """Which box of the last frame is which part."""
         self.looked_at: dict[str, LookedAt] = {}
         """First poses of the last frame with their runners-up; none where keypoints give them."""
         self.looks: Scores | None = None
@@ -152,13 +155,20 @@ class Asdf:
             WeightsError: there are no weights for this assembly.
         """
         config = self._config
-        self._boxes, self._before = {}, {}
+        self._before = {}
         shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
         first = crop_poses(config.first_pose, config.crops, assembly, looker=self._given_looker)
         detector = self._given_detector or load_detector(config.detector, assembly)
         self._scene = _Scene(
             assembly=assembly,
-            detector=detector,
+            finder=PartFinder(
+                assembly,
+                detector,
+                shapes,
+                looker=None if first is None else first.looker,
+                names=config.names,
+                second_look=config.second_look,
+            ),
             shapes=shapes,
             pose2state=Pose2State(assembly, config=config.fusion),
             crop_poses=first,
@@ -172,7 +182,6 @@ class Asdf:
             ),
             group=GroupPoses(assembly, shapes, config=config.group),
             twins=PlaceNames(assembly),
-            second_look=SecondLook(assembly, detector, config=config.second_look),
         )
 
     @property
@@ -198,7 +207,7 @@ class Asdf:
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
-        self._boxes = renamed(self._boxes, names)
+        self._started().finder.rename(names)
         self._before = renamed(self._before, names)
 
     def propose(self, frame: Frame) -> FramePrediction:
@@ -210,12 +219,8 @@ class Asdf:
         assembly, shapes = scene.assembly, scene.shapes
         self.looked_at = {}
         with timed("detect"):
-            detections = scene.detector.detect(frame.rgb)
-            found = assign_detections(detections, assembly, previous=self._boxes)
-            more = scene.second_look.step(frame, detections, found)
-            if len(more) > len(detections):
-                detections = more
-                found = assign_detections(detections, assembly, previous=self._boxes)
+            detections, found = scene.finder.find(frame)
+            self.assigned = found
         with timed("pnp" if scene.crop_poses is None else "crops"):
             poses = self._first_poses(found, frame)
         with timed("refine"):
@@ -230,7 +235,7 @@ class Asdf:
                 solve=lambda boxes: self._refined(self._first_poses(boxes, frame), boxes, frame),
                 config=config.rivals,
             )
-            self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
+            scene.finder.keep(found)
             self._before = {name: self._remembered(pose) for name, pose in poses.items()}
         with timed("state"):
             self.looks = scene.looks.probabilities(detections, poses, frame)

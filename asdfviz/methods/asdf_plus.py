@@ -21,9 +21,7 @@ from asdfviz.datatypes import (
     PoseEstimate,
 )
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box
 from asdfviz.methods.asdf import Asdf, AsdfConfig
-from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.first_pose import LooksAtParts
 from asdfviz.methods.followed_state import FOLLOWED, followed_state
 from asdfviz.methods.group_fits import GroupFits
@@ -108,7 +106,6 @@ class AsdfPlus:
         self._config = config
         self._asdf = Asdf(config, detector=detector, looker=looker)
         self._scene: _Scene | None = None
-        self._boxes: dict[str, Box] = {}
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the networks and forget the sequence before.
@@ -119,7 +116,6 @@ class AsdfPlus:
         config = self._config
         self._asdf.reset(assembly, camera, None)
         shapes = self._asdf.shapes
-        self._boxes = {}
         self._scene = _Scene(
             assembly,
             {
@@ -165,7 +161,6 @@ class AsdfPlus:
         names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
         swapped = renamed(scene.hypotheses, names)
         scene.hypotheses.update(swapped)
-        self._boxes = renamed(self._boxes, names)
         self._asdf.rename(names)
         return renamed_poses(poses, names)
 
@@ -173,7 +168,7 @@ class AsdfPlus:
         self, proposed: FramePrediction, frame: Frame, scene: _Scene
     ) -> dict[str, PoseEstimate]:
         """The most trusted pose of every part, this frame's first poses among them."""
-        found = assign_detections(proposed.detections, scene.assembly, previous=self._boxes)
+        found = self._asdf.assigned
         poses: dict[str, PoseEstimate] = {}
         for name, hypotheses in scene.hypotheses.items():
             box = found[name].box_xyxy if name in found else None
@@ -191,7 +186,6 @@ class AsdfPlus:
             sure = pose_confidence(decision, score, config=self._config.confidence)
             stage = own.stage if frame.depth is None and own is not None else "refined"
             poses[name] = PoseEstimate(name, decision.best.T_camera_part, sure, stage)
-        self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
         intruders = scene.one_place.intruders(
             {name: pose.T_camera_part for name, pose in poses.items()},
             {name: pose.score for name, pose in poses.items()},

@@ -1,25 +1,44 @@
-"""Gives detections to parts by name: the best box of each class, and identical parts told apart.
+"""Gives detections to parts by name: which box is which part, and identical parts told apart.
 
-Each part is there once, so a second box of its class is a false one, and so is one that a surer box
-of another class fills. Identical parts share a class; they keep their names by staying near where
-they were in the previous frame.
+Each part is there once and each box shows one thing, so all boxes and all parts are matched at once,
+by what the network thinks each box might be and by the sizes that depth allows: a box that looks most
+like a part that lies elsewhere goes to the next likely one. Identical parts share a class; they keep
+their names by staying near where they were in the previous frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias, cast
 
 import numpy as np
+from jaxtyping import Float64
+from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import Assembly, Detection
 from asdfviz.geometry.shapes import Box
 
 MAX_OVERLAP = 0.5
 """Two boxes of a class that overlap more (intersection over union) are one object."""
-SAME_PLACE = 0.7
-"""So are two boxes of different parts: then the surer class is right. Two parts never fill one box."""
-SURER = 1.5
-"""By this factor its score must be higher."""
+SAME_PLACE = 0.6
+"""So are two boxes of different parts: two parts hardly ever fill one box."""
+LEAST = 0.03
+"""A part is never given a thing that its class scores less than this in."""
+UNFIT = 0.05
+"""Share of its score that a class keeps where the box is too large for the part."""
+
+MayBe: TypeAlias = Callable[[str, Box], bool]
+"""Whether a box is small enough for a part of that class."""
+
+
+@dataclass(slots=True, eq=False)
+class _Thing:
+    """One object in the picture: all boxes in its place, and the best one for every class."""
+
+    best: Detection
+    boxes: list[Detection] = field(default_factory=list[Detection])
+    of_class: dict[str, Detection] = field(default_factory=dict[str, Detection])
 
 
 def assign_detections(
@@ -27,28 +46,24 @@ def assign_detections(
     assembly: Assembly,
     *,
     previous: Mapping[str, Box] | None = None,
+    may_be: MayBe | None = None,
 ) -> dict[str, Detection]:
-    """Return the detection of every part that was found.
+    """Return the detection of every part that was found, labelled and scored as that part.
 
     Args:
         detections: all boxes of the frame.
         assembly: which parts there are, and which share a detector class.
         previous: each part's last known box. Without it identical parts are named in the order of
             the assembly, from left to right.
+        may_be: which boxes are too large for which parts; left out, none is.
     """
     names: dict[str, list[str]] = {}
     for part in assembly.parts.values():
         names.setdefault(part.detector_class, []).append(part.name)
+    things = _things([d for d in detections if d.label in names], list(names), may_be)
     assigned: dict[str, Detection] = {}
-    of_parts = [d for d in detections if d.label in names]
-    for label, parts in names.items():
-        candidates = sorted(
-            (d for d in of_parts if d.label == label and not _is_doubted(d, of_parts)),
-            key=lambda d: d.score,
-            reverse=True,
-        )
-        boxes = _best_apart(candidates, len(parts))
-        assigned.update(_named(boxes, parts, previous or {}))
+    for label, boxes in _matched(things, {label: len(of) for label, of in names.items()}).items():
+        assigned.update(_named(boxes, names[label], previous or {}))
     return {name: assigned[name] for name in assembly.parts if name in assigned}
 
 
@@ -60,14 +75,68 @@ def rival_boxes(
     return tuple(_best_apart([taken, *(d for d in same if d is not taken)], count + 1)[1:])
 
 
-def _is_doubted(detection: Detection, others: Sequence[Detection]) -> bool:
-    """Whether a surer box of another class fills the same place."""
-    return any(
-        other.label != detection.label
-        and other.score > SURER * detection.score
-        and overlap(other.box_xyxy, detection.box_xyxy) > SAME_PLACE
-        for other in others
+def _things(
+    detections: Sequence[Detection], labels: Sequence[str], may_be: MayBe | None
+) -> list[_Thing]:
+    """What is in the picture, and how much each class is like each of it."""
+    things: list[_Thing] = []
+
+    def fit(label: str, detection: Detection, score: float) -> float:
+        return score * (1 if may_be is None or may_be(label, detection.box_xyxy) else UNFIT)
+
+    # A class that does not fit must not hide one that does.
+    own = [(fit(d.label, d, d.score), d) for d in detections]
+    for score, detection in sorted(own, key=lambda one: -one[0]):
+        thing = next((t for t in things if _is_one(t.best, detection)), None)
+        if thing is None:
+            thing = _Thing(detection)
+            things.append(thing)
+        thing.boxes.append(detection)
+        _take_in(thing, detection, detection.label, score)
+    for thing in things:
+        for detection in thing.boxes:
+            for label in labels:
+                score = detection.class_scores.get(label, 0.0)
+                if label != detection.label and score > LEAST:
+                    _take_in(thing, detection, label, fit(label, detection, score))
+    return things
+
+
+def _take_in(thing: _Thing, detection: Detection, label: str, score: float) -> None:
+    """Note that a box may be of a class, unless another box in its place is more so."""
+    known = thing.of_class.get(label)
+    if known is None or score > known.score:
+        is_own = (label, score) == (detection.label, detection.score)
+        thing.of_class[label] = (
+            detection if is_own else replace(detection, label=label, score=score)
+        )
+
+
+def _is_one(a: Detection, b: Detection) -> bool:
+    """Whether two boxes show one object."""
+    least = MAX_OVERLAP if a.label == b.label else SAME_PLACE
+    return overlap(a.box_xyxy, b.box_xyxy) > least
+
+
+def _matched(things: Sequence[_Thing], counts: Mapping[str, int]) -> dict[str, list[Detection]]:
+    """The things of every class, so that the classes' scores are highest in all."""
+    slots = [label for label, count in counts.items() for _ in range(count)]
+    scores = np.array(
+        [
+            [t.of_class[label].score if label in t.of_class else 0.0 for t in things]
+            for label in slots
+        ]
+    ).reshape(len(slots), len(things))
+    gain: Float64[np.ndarray, "slots things"] = np.where(
+        scores > LEAST, np.log(np.maximum(scores, LEAST) / LEAST), 0.0
     )
+    assign = cast(Any, optimize).linear_sum_assignment
+    found: dict[str, list[Detection]] = {}
+    rows, columns = assign(-gain)
+    for row, column in zip(map(int, rows), map(int, columns), strict=True):
+        if scores[row, column] > LEAST:
+            found.setdefault(slots[row], []).append(things[column].of_class[slots[row]])
+    return found
 
 
 def _best_apart(candidates: Sequence[Detection], count: int) -> list[Detection]:
@@ -114,3 +183,9 @@ def overlap(a: Box, b: Box) -> float:
         return 0.0
     both = float(extent.prod())
     return both / float((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - both)
+
+
+def share_inside(a: Box, b: Box) -> float:
+    """Share of box a that lies within box b, 0 to 1."""
+    extent = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
+    return float(np.maximum(extent, 0).prod() / (a[2:] - a[:2]).prod())

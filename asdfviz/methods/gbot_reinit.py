@@ -22,8 +22,7 @@ from asdfviz.datatypes import (
     PoseEstimate,
 )
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box, Transform
-from asdfviz.methods.assignment import assign_detections
+from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.first_pose import (
     CropPoseConfig,
     CropPoses,
@@ -33,6 +32,7 @@ from asdfviz.methods.first_pose import (
 )
 from asdfviz.methods.gbot import Gbot, GbotConfig
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
+from asdfviz.methods.part_finder import PartFinder
 from asdfviz.methods.part_poses import (
     PartShape,
     part_shapes,
@@ -41,7 +41,9 @@ from asdfviz.methods.part_poses import (
     poses_refined_by_depth,
 )
 from asdfviz.methods.refinding import QUARTER_TURNS, turned
+from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.tracking import Following
 from asdfviz.pose.box_fit import BoxFitConfig
@@ -71,6 +73,8 @@ class GbotReinitConfig(GbotConfig):
     named and it does not run as published, else keypoints."""
     crops: CropPoseConfig = field(default_factory=CropPoseConfig)
     """Poses from crops."""
+    names: NamesConfig = field(default_factory=NamesConfig)
+    """What the crop network makes of boxes; as published, nothing."""
     every: int = 10
     """Frames from one re-initialisation to the next."""
     every_lost: int = 3
@@ -117,9 +121,9 @@ class GbotReinit(Gbot):
         self._options = config
         self._given_detector, self._given_looker = detector, looker
         self._crop_poses: CropPoses | None = None
-        self._found: tuple[Assembly, Detects] | None = None
+        self._finder: PartFinder | None = None
+        self._assembly: Assembly | None = None
         self._frames = 0
-        self._boxes: dict[str, Box] = {}
         self._shapes: dict[str, PartShape] = {}
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
@@ -135,10 +139,19 @@ class GbotReinit(Gbot):
         self._crop_poses = crop_poses(
             options.first_pose, options.crops, assembly, looker=self._given_looker
         )
-        self._found = assembly, detector
+        self._assembly = assembly
         self._shapes = part_shapes(assembly, surface_points=TranslationConfig().surface_points)
+        looker = self._crop_poses.looker if self._crop_poses and options.verified else None
+        self._finder = PartFinder(
+            assembly,
+            detector,
+            self._shapes,
+            looker=looker,
+            names=options.names,
+            second_look=SecondLookConfig(enabled=False),
+            by_size=options.verified,
+        )
         self._frames = 0
-        self._boxes = {}
 
     def before_tracking(self, following: Following, frame: Frame, timed: StageTimer) -> None:
         """Every so many frames, detect and replace what is too far off."""
@@ -147,14 +160,13 @@ class GbotReinit(Gbot):
         searching = options.verified and following.lost
         if self._frames % (options.every_lost if searching else options.every):
             return
-        if self._found is None:
+        if self._finder is None or self._assembly is None:
             raise MethodError("gbot_reinit: reset() must come before step()")
-        (assembly, detector), tracker = self._found, following.tracker
+        assembly, tracker = self._assembly, following.tracker
         with timed("detect"):
-            detections = detector.detect(frame.rgb)
+            _, found = self._finder.find(frame)
+            self._finder.keep(found)
         with timed("pnp" if self._crop_poses is None else "crops"):
-            found = assign_detections(detections, assembly, previous=self._boxes)
-            self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
             starts = self._starts(found, frame, assembly)
         with timed("track"):
             seen = {name: Ts[0] for name, Ts in starts.items()}

@@ -144,6 +144,7 @@ class PartTracks:
             apply_to_point(T_seen, centre),
             score=look.detection.score,
             diameter=self._assembly.parts[name].diameter,
+            is_sure=not track.unsure,
             config=self._config.support,
         ):
             self.tracks[name] = Track(T_seen)

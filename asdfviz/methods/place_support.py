@@ -23,7 +23,9 @@ class SupportConfig:
     most: float = 4.0
     """Support never grows above this: what was seen often may still be moved."""
     lead: float = 1.0
-    """By this much another place must be ahead."""
+    """By this much another place must be ahead,"""
+    lost_lead: float = 0.1
+    """or by this much while the part is not surely seen where it is tracked."""
     apart: float = 1.0
     """Places are different that are farther apart than this times the part's diameter."""
 
@@ -46,6 +48,7 @@ class PlaceSupport:
         *,
         score: float,
         diameter: float,
+        is_sure: bool,
         config: SupportConfig,
     ) -> bool:
         """Take in a box; return whether the part is believed to be where it was detected now.
@@ -55,6 +58,7 @@ class PlaceSupport:
             detected: where the detector has it, same frame.
             score: of the box, 0 to 1.
             diameter: of the part, metres.
+            is_sure: whether the track fitted the picture in the frame before.
             config: how boxes count.
         """
         reach = config.apart * diameter
@@ -67,7 +71,7 @@ class PlaceSupport:
             self.elsewhere = 0.0
         self.place = detected
         self.elsewhere = min(self.elsewhere + score**2, config.most)
-        return self.elsewhere > self.own + config.lead
+        return self.elsewhere > self.own + (config.lead if is_sure else config.lost_lead)
 
     def fade(self, config: SupportConfig) -> None:
         """A frame passes."""

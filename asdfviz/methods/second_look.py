@@ -17,6 +17,7 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box
+from asdfviz.methods.assignment import share_inside
 from asdfviz.methods.network import Detects
 from asdfviz.pose.blobs import BlobConfig, standing_out
 
@@ -103,7 +104,7 @@ class SecondLook:
             return _middle(recent[now // 2 % len(recent)][1])
         if frame.depth is not None:
             for blob in standing_out(frame.depth, frame.camera.K, config=config.blobs):
-                if any(_share_inside(blob, box) > config.explained for box in boxes):
+                if any(share_inside(blob, box) > config.explained for box in boxes):
                     continue
                 at = _middle(blob)
                 near = float(np.linalg.norm(blob[2:] - blob[:2])) / 2
@@ -146,8 +147,3 @@ def _is_cut_off(
 
 def _middle(box_xyxy: Box) -> Float64[np.ndarray, "2"]:
     return (box_xyxy[:2] + box_xyxy[2:]) / 2
-
-
-def _share_inside(blob: Box, box: Box) -> float:
-    extent = np.minimum(blob[2:], box[2:]) - np.maximum(blob[:2], box[:2])
-    return float(np.maximum(extent, 0).prod() / (blob[2:] - blob[:2]).prod())

@@ -100,7 +100,8 @@ def begin_crops_from(
     """
     content = load_checkpoint(checkpoint)
     there: dict[str, Any] = json.loads(content["about"])
-    shape = {**there.get("shape", {}), "classes": network.classes, "states": network.states}
+    own = {name: network.shape[name] for name in ("classes", "states", "names")}
+    shape = {**there.get("shape", {}), **own}
     if shape != json.loads(json.dumps(network.shape)):
         raise WeightsError(
             f"'{checkpoint}' has the shape {there.get('shape')}, not that of a crop network of "
@@ -113,6 +114,8 @@ def begin_crops_from(
             if there.get("states") == json.loads(json.dumps(states)):
                 tensor.copy_(average[name])
             continue  # those of other groups are others
+        if name not in average or (name.startswith("name.to_names.") and known != list(names)):
+            continue  # it was not taught this, or of other classes
         source = average[name]
         if source.shape == tensor.shape and not _is_by_class(name):
             tensor.copy_(source)

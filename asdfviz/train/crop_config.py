@@ -44,6 +44,7 @@ class CropTrainConfig:
     outline_gain: float = 1.0
     place_gain: float = 1.0
     state_gain: float = 1.0
+    name_gain: float = 1.0
     grid: int = GRID
     """Rotations."""
     generators: int = 1

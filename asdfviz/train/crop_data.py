@@ -39,6 +39,8 @@ class Crops:
     """Class."""
     states: Int64[Tensor, "n"]
     """The place of what is shown among the network's states; -1 for a part."""
+    names: Int64[Tensor, "n"]
+    """The class that is shown, or the number of classes for nothing that is known; -1 for a group."""
     T_crop_part: Float32[Tensor, "n 4 4"]
     focal: Float32[Tensor, "n"]
     """Pixels; the principal point is the middle."""
@@ -108,6 +110,7 @@ class CropMaker:
                 torch.cat([rgb, seen], dim=1),
                 torch.tensor([s.label for s in scenes], device=device),
                 torch.tensor([s.state for s in scenes], device=device),
+                torch.tensor([s.name for s in scenes], device=device),
                 to_tensor(np.stack([s.T_crop_part for s in scenes]).astype(np.float32), device),
                 torch.tensor([s.focal for s in scenes], dtype=torch.float32, device=device),
             )

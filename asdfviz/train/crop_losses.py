@@ -1,4 +1,4 @@
-"""What a crop network is taught, as numbers: rotation, place, outline and state."""
+"""What a crop network is taught, as numbers: rotation, place, outline, state and name."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from torch.nn.functional import (
 from asdfviz.detector.crop_network import CropOutput
 from asdfviz.train.crop_views import ViewMaker, Views
 
-LOSSES = ("rotation", "place", "outline", "state")
+LOSSES = ("rotation", "place", "outline", "state", "name")
 """Names of what `crop_losses` returns."""
+SMOOTHING = 0.02
+"""Share of a name's probability that all names share: boxes and covers leave some doubt."""
 
 
 def crop_losses(
     out: CropOutput, batch: Views, *, target: Float32[Tensor, "b g"], views: ViewMaker
-) -> Float32[Tensor, "4"]:
+) -> Float32[Tensor, "5"]:
     """The losses in the order of `LOSSES`.
 
     Args:
@@ -30,11 +32,23 @@ def crop_losses(
         target: distribution over the grid, as `ViewMaker.targets` gives it.
         views: knows which states each group has.
     """
-    rotation = -(target * log_softmax(out.rotations.float(), dim=1)).sum(1).mean()
-    place = smooth_l1_loss(out.place.float(), batch.place, beta=0.1)
-    outline = binary_cross_entropy_with_logits(out.outline.float(), batch.outline)
+    known = batch.names != views.nothing  # crops of nothing known have no pose
+    likelihood = log_softmax(out.rotations[known].float(), dim=1)
+    rotation = -(target[known] * likelihood).sum(1).mean()
+    place = smooth_l1_loss(out.place[known].float(), batch.place[known], beta=0.1)
+    outline = binary_cross_entropy_with_logits(out.outline[known].float(), batch.outline[known])
     # Cross-entropy among the states of each group; what shows a part says nothing.
     rows = batch.states >= 0
     own = views.own_states(out.states[rows].float(), batch.labels[rows])
     missed = cross_entropy(own, batch.states[rows], reduction="sum") / rows.sum().clamp(min=1)
-    return torch.stack([rotation, place, outline, missed])
+    return torch.stack([rotation, place, outline, missed, _misnamed(out, batch)])
+
+
+def _misnamed(out: CropOutput, batch: Views) -> Float32[Tensor, ""]:
+    """Cross-entropy among all names; what shows a group says nothing."""
+    rows = batch.names >= 0
+    if not out.names.shape[1]:
+        return out.place.new_zeros(()).float()
+    names = out.names[rows].float()
+    missed = cross_entropy(names, batch.names[rows], reduction="sum", label_smoothing=SMOOTHING)
+    return missed / rows.sum().clamp(min=1)

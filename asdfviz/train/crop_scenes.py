@@ -7,10 +7,10 @@ box. Every pose is exact; nothing is rendered here.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Int64
 
 from asdfviz.datatypes import Assembly, State
 from asdfviz.detector.crop_classes import (
@@ -22,13 +22,14 @@ from asdfviz.detector.crop_classes import (
 )
 from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
 from asdfviz.geometry.sampling import hull_corners
-from asdfviz.geometry.shapes import Rotation, Transform, Vector
+from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
 from asdfviz.synth.hands import GRASPS, hand_mesh
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
 from asdfviz.synth.looks import part_colors, random_hue, skin
 from asdfviz.synth.mesh_bank import MeshBank, thinned
 from asdfviz.synth.primitives import distractor_meshes
+from asdfviz.train.crop_placing import centred, direction, unit
 
 STORED_PIXELS = 128
 """Side of a stored crop; it is cut to the network's input with any roll while training."""
@@ -54,6 +55,8 @@ class CropConfig:
     """Beside a group lies or comes a part that is not joined yet, for each of those."""
     almost: float = 0.4
     """And it has nearly come to its place, where it is easily taken for joined."""
+    nothing: float = 0.15
+    """Instead of a part something else is shown, so that the network learns what is none."""
     neighbours: float = 0.5
     """Other things stand beside or behind it."""
     occluder: float = 0.3
@@ -80,11 +83,17 @@ class Thing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CropScene:
-    """What one crop shows; the first thing is the part itself, or the base part of the group."""
+    """What one crop shows; the first thing is the part itself, the base part of the group, or what is
+    there instead."""
 
     label: int
     state: int
     """The place of what is shown among the network's states; -1 for a part."""
+    name: int
+    """The label again, or the number of classes where something else is in the part's place; -1 for
+    a group."""
+    T_crop_part: Transform
+    """The truth: of the part or the base part; of nothing known, of the part that might be there."""
     focal: float
     """Of the stored crop, pixels; its centre is the principal point."""
     detail: float
@@ -94,11 +103,6 @@ class CropScene:
     """Of the plane behind, towards the camera."""
     height: float
     """The plane's points p have normal @ p = height, metres."""
-
-    @property
-    def T_crop_part(self) -> Transform:
-        """The truth."""
-        return self.things[0].T_crop_mesh
 
 
 class CropDrawer:
@@ -136,6 +140,7 @@ class CropDrawer:
         config, crop_class = self._config, self.classes[label]
         assembly, copy = self._assemblies[crop_class.assembly], 0
         state = int(rng.integers(len(crop_class.states))) if crop_class.states else None
+        is_nothing = state is None and rng.random() < config.nothing
         if state is None:
             copy = int(rng.integers(len(crop_class.parts)))
             joined = self._joined(rng, crop_class.assembly, crop_class.parts[copy])
@@ -143,12 +148,13 @@ class CropDrawer:
             joined = dict(joined_poses(assembly.states[state], rng))
         name = crop_class.parts[copy]
         mesh = self._place[crop_class.assembly, name]
-        T_crop_part, extent = _centred(
-            crop_class.corners, random_rotation(rng), float(rng.uniform(*config.distance))
-        )
+        distance = float(rng.uniform(*config.distance))
+        T_crop_part, extent = centred(crop_class.corners, random_rotation(rng), distance)
         colors = part_colors(assembly, rng, true_share=config.true_colors)
         T_crop_base = T_crop_part @ inverse(joined[name])
         things = [Thing(mesh, T_crop_part, colors[name])]
+        if is_nothing:
+            things, joined = [self._instead(rng, np.array([0.0, 0.0, distance]), extent)], {}
         for other, T_base_other in joined.items():
             if other != name:
                 place = self._place[crop_class.assembly, other]
@@ -159,9 +165,12 @@ class CropDrawer:
         things += self._around(rng, things, extent)
         focal = CROP_PIXELS * float(T_crop_part[2, 3]) / (CONTEXT * extent)
         frame_focal = FOCALS[int(rng.integers(len(FOCALS)))] * rng.uniform(0.98, 1.02)
+        name_shown = len(self.classes) if is_nothing else label if state is None else -1
         shown = -1 if state is None else self._spans[crop_class.name].start + state
         detail = frame_focal / focal
-        return CropScene(label, shown, focal, detail, tuple(things), normal, height)
+        return CropScene(
+            label, shown, name_shown, T_crop_part, focal, detail, tuple(things), normal, height
+        )
 
     def _joined(self, rng: np.random.Generator, assembly: int, name: str) -> dict[str, Transform]:
         """T_base_part of a state that joins the part, or of the part alone."""
@@ -201,7 +210,7 @@ class CropDrawer:
                 T_crop_part = T_crop_base @ self._almost_joined(rng, crop_class.assembly, name)
             else:
                 R = random_rotation(rng)
-                beside = _direction(rng) * extent * rng.uniform(0.25, 0.65)
+                beside = direction(rng) * extent * rng.uniform(0.25, 0.65)
                 where = middle + beside + [0, 0, rng.uniform(-0.35, 0.25) * extent]
                 T_crop_part = transform_from(R, where - R @ self._corners[mesh].mean(axis=0))
             found.append(Thing(mesh, T_crop_part, colors[name]))
@@ -211,8 +220,8 @@ class CropDrawer:
         """T_base_part of a part that has nearly come to one of its places."""
         states = self._joining[assembly, name]
         T = joined_poses(states[int(rng.integers(len(states)))], rng)[name]
-        R = rotation_about(_unit(rng), float(rng.uniform(0.0, 0.7)))
-        shift = _unit(rng) * rng.uniform(*NEARLY)
+        R = rotation_about(unit(rng), float(rng.uniform(0.0, 0.7)))
+        shift = unit(rng) * rng.uniform(*NEARLY)
         return transform_from(R @ T[:3, :3], T[:3, 3] + shift)
 
     def _around(
@@ -224,11 +233,11 @@ class CropDrawer:
         found: list[Thing] = []
         if rng.random() < config.neighbours:
             for _ in range(int(rng.integers(1, 4))):
-                beside = _direction(rng) * extent * rng.uniform(0.55, 1.2)
+                beside = direction(rng) * extent * rng.uniform(0.55, 1.2)
                 depth = rng.uniform(-0.1, 0.5) * extent
                 found.append(self._clutter(rng, middle + beside + [0, 0, depth], extent))
         if rng.random() < config.occluder:
-            beside = _direction(rng) * extent * rng.uniform(0.2, 0.75)
+            beside = direction(rng) * extent * rng.uniform(0.2, 0.75)
             nearer = (middle + beside) * rng.uniform(0.72, 0.92)
             nearer[2] = min(nearer[2], middle[2] - 0.6 * extent)
             nearer[2] = max(nearer[2], 0.12)
@@ -236,6 +245,18 @@ class CropDrawer:
         if rng.random() < config.hand:
             found.append(self._hand(rng, middle, extent))
         return found
+
+    def _instead(self, rng: np.random.Generator, middle: Vector, extent: float) -> Thing:
+        """What a detector may take for a part: a solid of its size, or a hand's fingers."""
+        if rng.random() < 0.4:
+            hand = self._hand(rng, middle, extent)
+            tip = hand.T_crop_mesh.copy()
+            tip[:3, 3] = middle + rng.normal(size=3) * [0.3, 0.3, 0.1] * extent
+            return replace(hand, T_crop_mesh=tip)
+        sizes = extent * np.exp(rng.normal(size=3) * 0.35 - 0.1) * 0.5
+        T = transform_from(random_rotation(rng), middle) @ np.diag([*sizes, 1.0])
+        mesh = self._solids[int(rng.integers(len(self._solids)))]
+        return Thing(mesh, T, random_hue(rng, saturation=(0.0, 0.95)))
 
     def _clutter(self, rng: np.random.Generator, where: Vector, size: float) -> Thing:
         """A part of any assembly, or a stretched solid."""
@@ -251,7 +272,7 @@ class CropDrawer:
 
     def _hand(self, rng: np.random.Generator, middle: Vector, extent: float) -> Thing:
         """A hand whose fingers end at the part's rim, the forearm leaving sideways."""
-        away = _direction(rng)
+        away = direction(rng)
         x = np.cross(away, [0.0, 0.0, 1.0])
         R = np.stack([x, -away, np.cross(x, -away)], axis=1)
         roll = rotation_about(np.array([0.0, 1.0, 0.0]), float(rng.normal() * 0.8))
@@ -263,28 +284,3 @@ class CropDrawer:
 
 def _joins(state: State, name: str) -> bool:
     return name in state.T_base_part and len(state.T_base_part) > 1
-
-
-def _direction(rng: np.random.Generator) -> Vector:
-    angle = rng.random() * 2 * np.pi
-    return np.array([np.cos(angle), np.sin(angle), 0.0])
-
-
-def _unit(rng: np.random.Generator) -> Vector:
-    return (v := rng.normal(size=3)) / np.linalg.norm(v)
-
-
-def _centred(
-    corners: Float64[np.ndarray, "_ 3"], R: Rotation, distance: float
-) -> tuple[Transform, float]:
-    """The pose whose box lies about the optical axis, and the box's longer side at its depth, metres."""
-    turned = corners @ R.T
-    t = np.array([0.0, 0.0, distance]) - (turned.min(axis=0) + turned.max(axis=0)) / 2
-    extent = 0.0
-    for _ in range(3):
-        seen = turned + t
-        flat = seen[:, :2] / seen[:, 2:]
-        low, high = flat.min(axis=0), flat.max(axis=0)
-        t[:2] -= (low + high) / 2 * t[2]
-        extent = float((high - low).max()) * t[2]
-    return transform_from(R, t), extent

@@ -8,6 +8,7 @@ crops, where processes make them, and validation/ those that are judged on.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TypeVar
@@ -39,7 +40,7 @@ from asdfviz.train.log import CsvLog, Meter, write_curve
 from asdfviz.train.schedule import make_optimizer, rate_at
 
 LOG_SECONDS = 20.0
-FIGURES = ("found1", "found5", "found20", "best_deg", "mean_deg", "state")
+FIGURES = ("found1", "found5", "found20", "best_deg", "mean_deg", "state", "name")
 VALIDATION_SEED = 987_654_321
 VALIDATION_BATCH = 128
 _Rows = TypeVar("_Rows", Crops, Views)
@@ -73,7 +74,7 @@ class CropSession(Sitting):
         self.states = group_states(self.classes)
         self.views = ViewMaker(self.classes, grid=config.grid, device=config.device)
         count = sum(len(states) for states in self.states.values())
-        network = CropNetwork(classes=len(self.classes), grid=config.grid, states=count)
+        network = CropNetwork(classes=len(self.classes), grid=config.grid, states=count, names=True)
         network.to(config.device)
         self.network = network
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
@@ -129,7 +130,15 @@ class CropSession(Sitting):
             batch = self.views.views(pool.draw(config.batch, rng=self.rng), rng=self.rng)
             target = self.views.targets(batch.quaternions, batch.labels)
         losses = self._losses(batch, target)
-        gains = losses.new_tensor([1.0, config.place_gain, config.outline_gain, config.state_gain])
+        gains = losses.new_tensor(
+            [
+                1.0,
+                config.place_gain,
+                config.outline_gain,
+                config.state_gain,
+                config.name_gain,
+            ]
+        )
         total = (losses * gains).sum()
         descend(
             total,
@@ -164,13 +173,14 @@ class CropSession(Sitting):
         values = {"step": float(self.progress.step), "minutes": self.seconds / 60}
         for one in found:
             rows = np.array([[*c.found, c.best_deg, c.mean_deg] for c in one.classes])
-            figures = (*rows.mean(axis=0), one.state)
+            figures = (*rows.mean(axis=0), one.state, one.name_right)
             values |= {f"{one.name}:{f}": float(v) for f, v in zip(FIGURES, figures, strict=True)}
         # Parts in scenes are what counts; without any, crops of the training's own kind.
-        values["score"] = score = (found[-1].score + found[0].state) / 2
+        told = [v for v in (found[-1].score, found[0].state) if math.isfinite(v)]
+        values["score"] = score = sum(told) / max(len(told), 1)
         self.validation_log.add(values)
         shown = [f"{one.name}:{figure}" for one in found for figure in ("found1", "found20")]
-        shown.append(f"{found[0].name}:state")
+        shown += [f"{found[0].name}:state", f"{found[-1].name}:name"]
         path = config.output / "validation.png"
         write_curve(path, self.validation_log, x="minutes", curves=shown)
         if score > self.progress.best:

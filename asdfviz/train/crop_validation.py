@@ -45,6 +45,8 @@ class CropScore:
     """Median error of the middle, as a share of the crop's side."""
     state: float
     """Share of crops whose most probable state is right; NaN for parts."""
+    named: float
+    """Share of crops that are named right; NaN for groups."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +55,19 @@ class CropValidation:
 
     name: str
     classes: tuple[CropScore, ...]
+    nothing: float
+    """Share of crops of nothing known that are named so; NaN without any."""
+
+    @property
+    def name_right(self) -> float:
+        """Mean over part classes of the share of crops that are named right."""
+        known = [c.named for c in self.classes if not math.isnan(c.named)]
+        return float(np.mean(known)) if known else math.nan
 
     @property
     def score(self) -> float:
         """0 to 1: mean over classes of the share found by the best and by the best five."""
-        return float(np.mean([(c.found[0] + c.found[1]) / 2 for c in self.classes]))
+        return float(np.mean([(c.found[0] + c.found[1]) / 2 for c in self.classes] or [math.nan]))
 
     @property
     def state(self) -> float:
@@ -71,6 +81,8 @@ class CropValidation:
             "name": self.name,
             "score": self.score,
             "state": _known(self.state),
+            "named": _known(self.name_right),
+            "nothing": _known(self.nothing),
             "classes": [{k: _known(v) for k, v in asdict(c).items()} for c in self.classes],
         }
 
@@ -79,14 +91,15 @@ class CropValidation:
         lines = [
             f"{self.name}: score {self.score:.3f}",
             f"{'class':<46}{'n':>5}{'1':>6}{'5':>6}{'20':>6}{'best':>7}{'mean':>7}{'iou':>6}{'place':>7}"
-            f"{'state':>7}",
+            f"{'state':>7}{'named':>7}",
         ]
         for c in (*self.classes, self._overall()):
             shares = "".join(f"{100 * f:>6.0f}" for f in c.found)
             lines.append(
                 f"{c.label:<46}{c.crops:>5}{shares}{c.best_deg:>7.1f}{c.mean_deg:>7.1f}"
-                f"{c.outline:>6.2f}{c.place:>7.3f}{c.state:>7.2f}"
+                f"{c.outline:>6.2f}{c.place:>7.3f}{c.state:>7.2f}{c.named:>7.2f}"
             )
+        lines.append(f"{'nothing known, named so':<46}{self.nothing:>7.2f}")
         return "\n".join(lines)
 
     def _overall(self) -> CropScore:
@@ -95,7 +108,9 @@ class CropValidation:
         count = len(BEST)
         total = sum(c.crops for c in self.classes)
         found, others = tuple(values[:count]), values[count:]
-        return CropScore("mean over classes", total, found, *others, state=self.state)
+        return CropScore(
+            "mean over classes", total, found, *others, state=self.state, named=self.name_right
+        )
 
 
 def validate_crops(
@@ -108,6 +123,7 @@ def validate_crops(
 ) -> CropValidation:
     """Run a network in evaluation mode on batches of views."""
     rows: dict[int, list[Float64[np.ndarray, "f"]]] = {}
+    nothing: list[bool] = []
     grid = even_rotations(network.grid)
     for batch in views:
         with torch.inference_mode():
@@ -125,18 +141,31 @@ def validate_crops(
                 outline = outline * np.nan
             said = maker.own_states(out.states.float(), batch.labels).argmax(1)
             right = torch.where(batch.states < 0, torch.nan, (said == batch.states).float())
+        called = out.names.float().argmax(1) if out.names.shape[1] else batch.names - 1
+        named = torch.where(batch.names < 0, torch.nan, (called == batch.names).float())
         quaternions = batch.quaternions.double().cpu().numpy()
         labels = batch.labels.cpu().numpy()
         for i, label in enumerate(int(v) for v in labels):
+            if int(batch.names[i]) == maker.nothing:
+                nothing.append(bool(named[i] > 0))
+                continue
             peak, _ = modes(probabilities[i].double().cpu().numpy(), grid, count=1, reach=REACH)
             close = classes[label].equivalents.closeness(quaternions[i], peak)
             error = float(np.rad2deg(angles_of(close))[0])
             found = [float(ranked[i, :k].min() < NEAR_DEG) for k in BEST]
-            figures = [*found, ranked[i, 0], error, outline[i], place[i], float(right[i])]
+            figures = [
+                *found,
+                ranked[i, 0],
+                error,
+                outline[i],
+                place[i],
+                float(right[i]),
+                float(named[i]),
+            ]
             row = np.array(figures, np.float64)
             rows.setdefault(label, []).append(row)
     scores = [_score(classes[label].name, np.stack(rows[label])) for label in sorted(rows)]
-    return CropValidation(name, tuple(scores))
+    return CropValidation(name, tuple(scores), float(np.mean(nothing)) if nothing else math.nan)
 
 
 def _known(value: object) -> object:
@@ -155,6 +184,7 @@ def _score(label: str, rows: Float64[np.ndarray, "n f"]) -> CropScore:
         outline=float(rows[:, count + 2].mean()),
         place=float(np.median(rows[:, count + 3])),
         state=float(rows[:, count + 4].mean()),
+        named=float(rows[:, count + 5].mean()),
     )
 
 
@@ -204,6 +234,7 @@ def _views(rows: Sequence[tuple[np.ndarray, int, np.ndarray, np.ndarray]]) -> Vi
         pictures.float() / 255 - 0.5,
         torch.tensor([r[1] for r in rows]),
         torch.full((len(rows),), -1),
+        torch.tensor([r[1] for r in rows]),
         to_tensor(np.stack([r[2] for r in rows]), "cpu", dtype=torch.float32),
         to_tensor(np.stack([r[3] for r in rows]), "cpu", dtype=torch.float32),
         torch.full((len(rows), cells, cells), torch.nan),

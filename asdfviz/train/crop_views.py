@@ -37,6 +37,8 @@ class Views:
     labels: Int64[Tensor, "b"]
     states: Int64[Tensor, "b"]
     """As `Crops.states`."""
+    names: Int64[Tensor, "b"]
+    """As `Crops.names`."""
     quaternions: Float32[Tensor, "b 4"]
     """True R_crop_part."""
     place: Float32[Tensor, "b 3"]
@@ -56,6 +58,8 @@ class ViewMaker:
         device: str = "cpu",
     ) -> None:
         self.device = device
+        self.nothing = len(classes)
+        """The name of what is no class."""
         corners = [c.corners for c in classes]
         most = max(len(c) for c in corners)
         padded = np.stack([c[np.arange(most) % len(c)] for c in corners])
@@ -105,6 +109,7 @@ class ViewMaker:
             rgb - 0.5,
             crops.labels,
             crops.states,
+            crops.names,
             _quaternions(R_view_part),
             self._places(R_view_part, t, focal, crops.labels),
             avg_pool2d(seen, STRIDE)[:, 0],

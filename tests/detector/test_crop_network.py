@@ -23,9 +23,9 @@ SMALL = {"grid": 120, "widths": (8, 8, 16, 16, 16), "hidden": 32, "own": 16}
 STATES = {"a//group": ("bare", "joined"), "b//group": ("bare", "joined", "wrong")}
 
 
-def network(classes: int = 2, seed: int = 0, states: int = 0) -> CropNetwork:
+def network(classes: int = 2, seed: int = 0, states: int = 0, names: bool = False) -> CropNetwork:
     torch.manual_seed(seed)
-    return CropNetwork(classes=classes, states=states, **SMALL).eval()
+    return CropNetwork(classes=classes, states=states, names=names, **SMALL).eval()
 
 
 def test_outputs_depend_on_the_part_and_have_the_promised_shapes() -> None:
@@ -37,19 +37,33 @@ def test_outputs_depend_on_the_part_and_have_the_promised_shapes() -> None:
     assert out.place.shape == (2, 3)
     assert out.outline.shape == (2, 24, 24)
     assert out.states.shape == (2, 0)
+    assert out.names.shape == net.names(crop).shape == (2, 0)
     assert not torch.allclose(out.rotations[0], out.rotations[1])
+
+
+def test_names_do_not_depend_on_what_is_asked_for() -> None:
+    net = network(names=True)
+    crops = torch.rand(2, 3, CROP_PIXELS, CROP_PIXELS) - 0.5
+    with torch.inference_mode():
+        one, other = (net(crops, torch.tensor([i, i])).names for i in (0, 1))
+        alone = net.names(crops)
+    assert one.shape == (2, 3), "both classes and nothing"
+    assert torch.equal(one, other)
+    assert torch.equal(one, alone)
 
 
 def test_the_full_network_fits_the_weight_limit(tmp_path: Path) -> None:
     path = tmp_path / "crops.safetensors"
     names = [f"a/{i}" for i in range(28)]
     states = {"a//group": [f"state {i}" for i in range(36)]}
-    save_crop_network(CropNetwork(classes=28, states=36), path, classes=names, states=states)
-    assert path.stat().st_size < 3.5e6
+    save_crop_network(
+        CropNetwork(classes=28, states=36, names=True), path, classes=names, states=states
+    )
+    assert path.stat().st_size < 4.2e6
 
 
 def test_weights_come_back(tmp_path: Path) -> None:
-    net, path = network(states=5), tmp_path / "crops.safetensors"
+    net, path = network(states=5, names=True), tmp_path / "crops.safetensors"
     save_crop_network(net, path, classes=["a//group", "b//group"], states=STATES)
     loaded = load_crop_network(path)
     assert loaded.classes == ("a//group", "b//group")
@@ -61,6 +75,7 @@ def test_weights_come_back(tmp_path: Path) -> None:
     assert torch.allclose(want.rotations, got.rotations, atol=0.02)
     assert torch.allclose(want.outline, got.outline, atol=0.02)
     assert torch.allclose(want.states, got.states, atol=0.02)
+    assert torch.allclose(want.names, got.names, atol=0.02)
 
 
 FAULTS = ["missing", "cut short", "text", "other classes", "other states", "bias", "weight"]
@@ -149,6 +164,29 @@ def test_a_group_is_told_its_own_states_alone(tmp_path: Path) -> None:
     odds = np.exp([0.0, 1.0, 2.0])
     assert answers["group"].states == pytest.approx(odds / odds.sum(), abs=1e-3)
     assert len(answers["part"].states) == 0
+
+
+def test_boxes_are_named_among_the_classes_in_question(tmp_path: Path) -> None:
+    path = tmp_path / "crops.safetensors"
+    net = network(classes=3, names=True)
+    assert net.name is not None
+    net.name.to_names.weight.data.zero_()
+    net.name.to_names.bias.data = torch.tensor([1.0, 9.0, 2.0, 0.0])
+    save_crop_network(net, path, classes=["a/x", "a/y", "b/z"], states={})
+    looker = CropLooker(path)
+    rgb = np.zeros((240, 320, 3), np.uint8)
+    boxes = [np.array([100.0, 100, 150, 160]), np.array([10.0, 10, 30, 40])]
+    named = looker.names(rgb, K, boxes, ["b/z", "c/new", "a/x"])
+    odds = np.exp([2.0, 1.0, 0.0])  # the last for nothing
+    assert named == pytest.approx(
+        np.tile([odds[0], 0.0 * odds.sum(), odds[1]], (2, 1)) / odds.sum()
+    )
+    assert looker.names(rgb, K, [], ["a/x"]).shape == (0, 1)
+    assert not looker.names(rgb, K, boxes, ["c/new"]).any()
+    save_crop_network(network(), path, classes=["a/x", "a/y"], states={})
+    untaught = CropLooker(path)
+    assert not untaught.tells_names
+    assert not untaught.names(rgb, K, boxes, ["a/x"]).any()
 
 
 def test_an_answer_tells_how_likely_any_rotation_is(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ class Oracle(Network):
         far = torch.where(strides == 16, 0.0, 1e6)
         place = int(((anchors * strides[:, None] - middle).norm(dim=1) + far).argmin())
         scores = torch.full((1, 3, count), -20.0)
-        scores[0, 1, place] = 3.0
+        scores[0, :2, place] = torch.tensor([-2.0, 3.0])
         centre = anchors[place] * 16
         sides = torch.cat([centre - self._box[:2], self._box[2:] - centre]) / 16
         boxes = torch.zeros(1, 64, count)
@@ -69,6 +69,7 @@ def test_what_the_network_says_comes_out_in_frame_pixels(width: int, height: int
     (found,) = detect(oracle, frame, classes=CLASSES, config=DetectorConfig())
     assert found.label == "bolt"
     assert found.score == pytest.approx(1 / (1 + np.exp(-3.0)), rel=1e-5)
+    assert found.class_scores == pytest.approx({"body": 1 / (1 + np.exp(2.0)), "bolt": found.score})
     np.testing.assert_allclose(found.keypoints_px, points, atol=1e-3)
     np.testing.assert_allclose(found.box_xyxy, box, atol=1e-2)
 

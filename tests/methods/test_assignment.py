@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -77,10 +78,46 @@ def test_a_surer_box_of_another_part_rules_a_box_out(assembly: Assembly, box_at:
     base = box_at("base", 50, score=0.8)
     assigned = assign_detections([wrong, right, base], assembly)
     assert assigned["block"] is right
-    # Not by a box that is hardly surer, nor by one beside it, nor by a state's box.
-    for other in (
-        box_at("base", 50, score=0.4),
-        box_at("base", 60, score=0.8),
-        box_at("toy:block", 50, score=0.8),
-    ):
+    # Nor by a box that is hardly surer; but by none beside it, nor by a state's box.
+    hardly = box_at("base", 50, score=0.4)
+    assert assign_detections([wrong, right, hardly], assembly)["block"] is right
+    for other in (box_at("base", 60, score=0.8), box_at("toy:block", 50, score=0.8)):
         assert assign_detections([wrong, right, other], assembly)["block"] is wrong
+
+
+def test_a_thing_goes_to_the_next_likely_class_where_the_likeliest_lies_elsewhere(
+    assembly: Assembly, box_at: Callable
+) -> None:
+    block = box_at("block", 0, score=0.9)
+    pin = replace(box_at("block", 90, score=0.3), class_scores={"pin": 0.1, "base": 0.05})
+    assigned = assign_detections([block, pin], assembly)
+    assert assigned["block"] is block
+    assert (assigned["pin"].label, assigned["pin"].score) == ("pin", 0.1)
+    assert assigned["pin"].box_xyxy[0] == 90
+    assert "base" not in assigned, "one thing is one part"
+
+
+def test_a_class_that_is_hardly_like_a_thing_does_not_get_it(
+    assembly: Assembly, box_at: Callable
+) -> None:
+    block, other = box_at("block", 0, score=0.9), box_at("block", 90, score=0.3)
+    assigned = assign_detections([block, replace(other, class_scores={"pin": 0.02})], assembly)
+    assert set(assigned) == {"block"}
+
+
+def test_a_part_does_not_get_a_box_that_is_too_large_for_it(
+    assembly: Assembly, box_at: Callable
+) -> None:
+    large = replace(box_at("pin", 0, score=0.5), class_scores={"base": 0.2})
+    small = box_at("pin", 90, score=0.2)
+    at = {"pin": large.box_xyxy}
+
+    def may_be(label: str, box_xyxy: np.ndarray) -> bool:
+        return label != "pin" or box_xyxy is not large.box_xyxy
+
+    assigned = assign_detections([large, small], assembly, previous=at, may_be=may_be)
+    assert assigned["base"].box_xyxy[0] == 0
+    assert assigned["pin"] is small
+    assert "pin-copy" not in assigned
+    both = assign_detections([large, small], assembly)
+    assert {name for name in both if name.startswith("pin")} == {"pin", "pin-copy"}

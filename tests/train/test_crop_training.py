@@ -55,8 +55,8 @@ def test_where_a_crop_shows_the_part_its_pose_projects_to(assembly, maker, crops
     for i in range(len(crops)):
         part = assembly.parts[maker.classes[int(crops.labels[i])].parts[0]]
         T = crops.T_crop_part[i].double().numpy()
-        if crops.states[i] >= 0:
-            continue  # of a group the rest hides the base part
+        if crops.states[i] >= 0 or crops.names[i] == len(maker.classes):
+            continue  # of a group the rest hides the base part; nothing known has no pose
         corners = apply(T, part.mesh.vertices)
         low, high = (
             f(pixels_of(corners, float(crops.focal[i]), side), axis=0) for f in (np.min, np.max)
@@ -125,6 +125,39 @@ def test_parts_say_nothing_of_states(maker: CropMaker, crops: Crops, views: View
     assert torch.allclose(losses, crop_losses(changed, batch, target=target, views=views))
     alone = replace(batch, states=torch.full_like(batch.states, -1))
     assert float(crop_losses(out, alone, target=target, views=views)[3].detach()) == 0.0
+
+
+def test_crops_of_nothing_known_teach_only_that(
+    maker: CropMaker, views: ViewMaker, assembly: Assembly
+) -> None:
+    count = len(maker.classes)
+    parts = [i for i, c in enumerate(maker.classes) if not c.states]
+    crops = maker.make(64, rng=np.random.default_rng(5), labels=parts)
+    nothing = crops.names == count
+    assert 2 <= int(nothing.sum()) <= 24
+    assert torch.equal(crops.names[~nothing], crops.labels[~nothing])
+    batch = views.views(crops, rng=np.random.default_rng(1))
+    target = views.targets(batch.quaternions, batch.labels)
+    network = CropNetwork(classes=count, grid=600, states=len(assembly.states), names=True)
+    out = network(batch.pictures, batch.labels)
+    losses = crop_losses(out, batch, target=target, views=views)
+    changed = replace(
+        out, rotations=torch.where(nothing[:, None], 9 * out.rotations, out.rotations)
+    )
+    changed.place[nothing] += 1
+    changed.outline[nothing] += 1
+    assert torch.allclose(losses, crop_losses(changed, batch, target=target, views=views))
+    right = torch.nn.functional.one_hot(crops.names, count + 1) * 20.0
+    sure = crop_losses(replace(out, names=right), batch, target=target, views=views)
+    assert float(sure[4].detach()) < 0.5 < float(losses[4].detach())
+    untaught = replace(out, names=right[:, :0])
+    assert float(crop_losses(untaught, batch, target=target, views=views)[4].detach()) == 0.0
+
+
+def test_groups_have_no_name(maker: CropMaker) -> None:
+    groups = [i for i, c in enumerate(maker.classes) if c.states]
+    crops = maker.make(8, rng=np.random.default_rng(3), labels=groups)
+    assert crops.names.tolist() == [-1] * 8
 
 
 def test_the_same_seed_makes_the_same_crops(maker: CropMaker, crops: Crops) -> None:

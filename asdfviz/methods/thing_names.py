@@ -1,0 +1,197 @@
+"""Which part a box shows, asked of the crop network, which saw far more parts than the detector did.
+
+Not in the paper. The crop network's opinion and the detector's are averaged, over a few frames where a
+thing lies still; and what stands out of the table though no box is about it is named too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.datatypes import Assembly, Detection, Frame
+from asdfviz.detector.crop_classes import class_name
+from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
+from asdfviz.methods.assignment import overlap, share_inside
+from asdfviz.pose.blobs import BlobConfig, standing_out
+
+
+@runtime_checkable
+class NamesThings(Protocol):
+    """Anything that tells which part is in a box."""
+
+    @property
+    def tells_names(self) -> bool:
+        """Whether it was taught to."""
+        ...
+
+    def names(
+        self, rgb: Rgb, K: Intrinsics, boxes: Sequence[Box], classes: Sequence[str]
+    ) -> Float64[np.ndarray, "n c"]:
+        """The probability of every class in every box."""
+        ...
+
+
+@dataclass(frozen=True)
+class NamesConfig:
+    """How much the crop network has to say."""
+
+    enabled: bool = True
+    """Whether it is asked; only one that was taught names can be."""
+    weight: float = 0.5
+    """Of its probability against the detector's score, 0 to 1."""
+    still: float = 0.8
+    """A box that overlaps one of the frame before more than this (intersection over union) shows the
+    same thing,"""
+    memory: float = 0.2
+    """of which a frame weighs this much, once there were enough, 0 to 1,"""
+    every: int = 4
+    """and which is looked at again after so many frames."""
+    least: float = 0.5
+    """Probability from which what stands out of the table is taken for a part."""
+    explained: float = 0.5
+    """Share of its box within a part's from which the part explains it, 0 to 1."""
+    most: int = 8
+    """Of these things so many are named a frame, the largest."""
+    blobs: BlobConfig = field(default_factory=BlobConfig)
+    """What stands out of the table."""
+
+
+@dataclass(slots=True, eq=False)
+class _Known:
+    """A thing and what it was taken for."""
+
+    box_xyxy: Box
+    probabilities: Float64[np.ndarray, "c"]
+    looks: int
+    seen: int
+    """Frame in which it was there,"""
+    looked: int
+    """and in which it was looked at last."""
+
+
+class ThingNames:
+    """Names things in one sequence."""
+
+    def __init__(self, assembly: Assembly, looker: object, *, config: NamesConfig) -> None:
+        """Begin a sequence; `looker` may be anything, and is asked only if it names things."""
+        knows = isinstance(looker, NamesThings) and looker.tells_names and config.enabled
+        self._looker = looker if isinstance(looker, NamesThings) and knows else None
+        self._config = config
+        parts = {part.detector_class: part for part in assembly.parts.values()}
+        self._labels = tuple(parts)
+        self._classes = [class_name(assembly, part) for part in parts.values()]
+        self._keypoints = {label: len(part.keypoints) for label, part in parts.items()}
+        self._known: list[_Known] = []
+        self._frame = 0
+
+    def begin(self) -> None:
+        """A frame comes."""
+        self._frame += 1
+
+    def told(self, frame: Frame, detections: Sequence[Detection]) -> tuple[Detection, ...]:
+        """The detections, those of parts with what the crop network makes of them."""
+        mine = [i for i, d in enumerate(detections) if d.label in self._labels]
+        if self._looker is None or not mine:
+            return tuple(detections)
+        told = list(detections)
+        boxes = [detections[i].box_xyxy for i in mine]
+        for i, probabilities in zip(mine, self._named(frame, boxes), strict=True):
+            told[i] = self._merged(detections[i], probabilities)
+        return tuple(told)
+
+    def beyond(
+        self, frame: Frame, detections: Sequence[Detection], found: Mapping[str, Detection]
+    ) -> tuple[Detection, ...]:
+        """The detections, and boxes about what stands out of the table and is taken for a part.
+
+        Args:
+            frame: with depth, or nothing is added.
+            detections: of the frame.
+            found: which of them stand for parts.
+        """
+        if self._looker is None or frame.depth is None:
+            return tuple(detections)
+        boxes = [d.box_xyxy for d in found.values()]
+        blobs = [
+            blob
+            for blob in standing_out(frame.depth, frame.camera.K, config=self._config.blobs)
+            if not any(share_inside(blob, box) > self._config.explained for box in boxes)
+        ][: self._config.most]
+        more: list[Detection] = []
+        for blob, probabilities in zip(blobs, self._named(frame, blobs), strict=True):
+            best = int(probabilities.argmax())
+            if probabilities[best] >= self._config.least:
+                more.append(self._detection(blob, self._labels[best], probabilities))
+        return (*detections, *more)
+
+    def _merged(self, detection: Detection, probabilities: Float64[np.ndarray, "c"]) -> Detection:
+        weight = self._config.weight
+        seen = {**detection.class_scores, detection.label: detection.score}
+        scores = {
+            label: (1 - weight) * seen.get(label, 0.0) + weight * float(p)
+            for label, p in zip(self._labels, probabilities, strict=True)
+        }
+        return replace(detection, score=scores[detection.label], class_scores=scores)
+
+    def _detection(
+        self, box_xyxy: Box, label: str, probabilities: Float64[np.ndarray, "c"]
+    ) -> Detection:
+        """A box that the detector did not give: without keypoints."""
+        count = self._keypoints[label]
+        weight = self._config.weight
+        scores = {n: weight * float(p) for n, p in zip(self._labels, probabilities, strict=True)}
+        return Detection(
+            label,
+            box_xyxy,
+            np.zeros((count, 2)),
+            np.zeros(count),
+            scores[label],
+            class_scores=scores,
+        )
+
+    def _named(self, frame: Frame, boxes: Sequence[Box]) -> list[Float64[np.ndarray, "c"]]:
+        """The probability of every label in every box; things that lie still are remembered."""
+        config, now = self._config, self._frame
+        self._known = [one for one in self._known if now - one.seen <= config.every]
+        things = [self._remembered(box) for box in boxes]
+        asked = [
+            i
+            for i, one in enumerate(things)
+            if one is None or now - one.looked >= config.every or one.looks < 2
+        ]
+        if asked and self._looker is not None:
+            answers = self._looker.names(
+                frame.rgb, frame.camera.K, [boxes[i] for i in asked], self._classes
+            )
+            for i, answer in zip(asked, answers, strict=True):
+                things[i] = self._looked_at(things[i], boxes[i], answer)
+        told: list[Float64[np.ndarray, "c"]] = []
+        for thing, box in zip(things, boxes, strict=True):
+            if thing is None:
+                continue
+            thing.seen, thing.box_xyxy = now, box
+            told.append(thing.probabilities)
+        return told
+
+    def _remembered(self, box_xyxy: Box) -> _Known | None:
+        near = [(overlap(one.box_xyxy, box_xyxy), i) for i, one in enumerate(self._known)]
+        best, place = max(near, default=(0.0, 0))
+        return self._known[place] if best > self._config.still else None
+
+    def _looked_at(
+        self, thing: _Known | None, box_xyxy: Box, answer: Float64[np.ndarray, "c"]
+    ) -> _Known:
+        if thing is None:
+            thing = _Known(box_xyxy, answer, 0, self._frame, self._frame)
+            self._known.append(thing)
+        if thing.looked < self._frame or thing.looks == 0:
+            thing.looks += 1
+            weight = max(self._config.memory, 1 / thing.looks)
+            thing.probabilities = thing.probabilities + weight * (answer - thing.probabilities)
+            thing.looked = self._frame
+        return thing

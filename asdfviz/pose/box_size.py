@@ -1,0 +1,68 @@
+"""Which parts a box is too large for, at the distance that depth measures there.
+
+To the network, which sees colour alone, a near pin and a far rod are alike. Not in the paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.geometry.rotation_grid import even_rotations, rotations_of
+from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points
+
+TURNS = 300
+"""Rotations in which a part's largest box is looked for."""
+MARGIN = 1.1
+"""Boxes may be larger than the part by this factor,"""
+MARGIN_PX = 3.0
+"""and this: those of small parts are drawn loosely, pixels of the diagonal."""
+CORE = 1 / 6
+"""Share of its width and height to either side of a box's middle in which depth is read."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoxSizes:
+    """The largest boxes of some parts."""
+
+    largest: Mapping[str, float]
+    """Diagonal of the box around a part in the rotation where it is largest, metres."""
+
+    @classmethod
+    def of(cls, corners: Mapping[str, Points]) -> BoxSizes:
+        """Measure parts, given by points that span their outlines (`hull_corners`), metres."""
+        turns = rotations_of(even_rotations(TURNS))
+        return cls({name: _largest(points, turns) for name, points in corners.items()})
+
+    def may_be(self, name: str, box_xyxy: Box, *, depth: Depth | None, K: Intrinsics) -> bool:
+        """Whether a box is small enough for a part.
+
+        Args:
+            name: of the part.
+            box_xyxy: in pixels.
+            depth: planar depth in metres, 0 = none, or None: then every box is small enough.
+            K: intrinsics of image and depth.
+        """
+        distance = None if depth is None else _distance(box_xyxy, depth)
+        if distance is None:
+            return True
+        diagonal = float(np.linalg.norm(box_xyxy[2:] - box_xyxy[:2]))
+        return diagonal - MARGIN_PX <= MARGIN * self.largest[name] / distance * float(K[0, 0])
+
+
+def _largest(points: Points, turns: np.ndarray) -> float:
+    flat = (points @ turns.transpose(0, 2, 1))[..., :2]
+    return float(np.linalg.norm(np.ptp(flat, axis=1), axis=1).max())
+
+
+def _distance(box_xyxy: Box, depth: Depth) -> float | None:
+    """Median of what was measured about the middle of a box, metres; None where nothing was."""
+    middle = (box_xyxy[:2] + box_xyxy[2:]) / 2
+    reach = np.maximum((box_xyxy[2:] - box_xyxy[:2]) * CORE, 1.0)
+    low = np.maximum(np.floor(middle - reach).astype(int), 0)
+    high = np.ceil(middle + reach).astype(int) + 1
+    window = depth[low[1] : max(high[1], 0), low[0] : max(high[0], 0)]
+    measured = window[window > 0]
+    return float(np.median(measured)) if len(measured) else None

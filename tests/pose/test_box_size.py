@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.pose.box_size import BoxSizes
+
+K = np.array([[500.0, 0, 159.5], [0, 500.0, 119.5], [0, 0, 1]])
+ROD = np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.002, 0.002) for z in (-0.002, 0.002)])
+SIZES = BoxSizes.of({"rod": ROD, "pin": ROD / 4})
+
+
+def box(width: float, height: float) -> np.ndarray:
+    return np.array([160 - width / 2, 120 - height / 2, 160 + width / 2, 120 + height / 2])
+
+
+def test_the_largest_box_of_a_rod_is_about_its_length() -> None:
+    assert SIZES.largest["rod"] == pytest.approx(0.1, rel=0.06)
+    assert SIZES.largest["pin"] == pytest.approx(SIZES.largest["rod"] / 4)
+
+
+def test_a_box_may_be_smaller_than_a_part_but_not_larger() -> None:
+    depth = np.full((240, 320), 0.5, np.float32)  # a metre is 1,000 px there
+    for name, length in (("rod", 100), ("pin", 25)):
+        assert SIZES.may_be(name, box(length, 4), depth=depth, K=K)
+        assert SIZES.may_be(name, box(length / 3, 4), depth=depth, K=K)
+        assert not SIZES.may_be(name, box(1.5 * length, 4), depth=depth, K=K)
+
+
+def test_the_same_box_is_larger_farther_away() -> None:
+    near, far = (np.full((240, 320), z, np.float32) for z in (0.4, 1.0))
+    assert SIZES.may_be("rod", box(90, 4), depth=near, K=K)
+    assert not SIZES.may_be("rod", box(90, 4), depth=far, K=K)
+
+
+def test_without_a_reading_every_box_is_small_enough() -> None:
+    whole = box(300, 200)
+    assert SIZES.may_be("pin", whole, depth=None, K=K)
+    assert SIZES.may_be("pin", whole, depth=np.zeros((240, 320), np.float32), K=K)
+
+
+def test_readings_beside_the_picture_are_none() -> None:
+    depth = np.full((240, 320), 0.5, np.float32)
+    assert SIZES.may_be("pin", whole := box(300, 200) - 1000, depth=depth, K=K)
+    assert SIZES.may_be("pin", whole + 5000, depth=depth, K=K)
