@@ -57,8 +57,8 @@ class NamesConfig:
     """Share of its box within a part's from which the part explains it, 0 to 1."""
     most: int = 8
     """Of these things so many are named a frame, the largest."""
-    blobs: BlobConfig = field(default_factory=BlobConfig)
-    """What stands out of the table."""
+    blobs: BlobConfig = field(default_factory=lambda: BlobConfig(rise=0.003, min_px=30))
+    """What stands out of the table: flatter and smaller things than a second look is worth."""
 
 
 @dataclass(slots=True, eq=False)
@@ -67,11 +67,22 @@ class _Known:
 
     box_xyxy: Box
     probabilities: Float64[np.ndarray, "c"]
-    looks: int
-    seen: int
-    """Frame in which it was there,"""
-    looked: int
+    looks: int = 0
+    seen: int = 0
+    """Frame in which it was there last,"""
+    looked: int = 0
     """and in which it was looked at last."""
+
+    def is_due(self, now: int, *, every: int) -> bool:
+        """Whether to look at it in this frame: twice at first, then now and then."""
+        return self.looked < now and (self.looks < 2 or now - self.looked >= every)
+
+    def hear(self, answer: Float64[np.ndarray, "c"], now: int, *, memory: float) -> None:
+        """Take in what the network says of it."""
+        self.looks += 1
+        weight = max(memory, 1 / self.looks)
+        self.probabilities = self.probabilities + weight * (answer - self.probabilities)
+        self.looked = now
 
 
 class ThingNames:
@@ -158,40 +169,23 @@ class ThingNames:
         """The probability of every label in every box; things that lie still are remembered."""
         config, now = self._config, self._frame
         self._known = [one for one in self._known if now - one.seen <= config.every]
-        things = [self._remembered(box) for box in boxes]
-        asked = [
-            i
-            for i, one in enumerate(things)
-            if one is None or now - one.looked >= config.every or one.looks < 2
-        ]
+        things = [self._thing(box) for box in boxes]
+        asked = [one for one in dict.fromkeys(things) if one.is_due(now, every=config.every)]
         if asked and self._looker is not None:
-            answers = self._looker.names(
-                frame.rgb, frame.camera.K, [boxes[i] for i in asked], self._classes
-            )
-            for i, answer in zip(asked, answers, strict=True):
-                things[i] = self._looked_at(things[i], boxes[i], answer)
-        told: list[Float64[np.ndarray, "c"]] = []
-        for thing, box in zip(things, boxes, strict=True):
-            if thing is None:
-                continue
-            thing.seen, thing.box_xyxy = now, box
-            told.append(thing.probabilities)
-        return told
+            places = [one.box_xyxy for one in asked]
+            answers = self._looker.names(frame.rgb, frame.camera.K, places, self._classes)
+            for thing, answer in zip(asked, answers, strict=True):
+                thing.hear(answer, now, memory=config.memory)
+        return [thing.probabilities for thing in things]
 
-    def _remembered(self, box_xyxy: Box) -> _Known | None:
+    def _thing(self, box_xyxy: Box) -> _Known:
+        """What is in a box: known from before or from another box of the frame, or new."""
         near = [(overlap(one.box_xyxy, box_xyxy), i) for i, one in enumerate(self._known)]
         best, place = max(near, default=(0.0, 0))
-        return self._known[place] if best > self._config.still else None
-
-    def _looked_at(
-        self, thing: _Known | None, box_xyxy: Box, answer: Float64[np.ndarray, "c"]
-    ) -> _Known:
-        if thing is None:
-            thing = _Known(box_xyxy, answer, 0, self._frame, self._frame)
-            self._known.append(thing)
-        if thing.looked < self._frame or thing.looks == 0:
-            thing.looks += 1
-            weight = max(self._config.memory, 1 / thing.looks)
-            thing.probabilities = thing.probabilities + weight * (answer - thing.probabilities)
-            thing.looked = self._frame
+        if best <= self._config.still:
+            place = len(self._known)
+            self._known.append(_Known(box_xyxy, np.zeros(len(self._labels))))
+        thing = self._known[place]
+        if thing.seen < self._frame:
+            thing.seen, thing.box_xyxy = self._frame, box_xyxy
         return thing

@@ -17,6 +17,7 @@ from asdfviz.methods.network import masks_path
 from asdfviz.methods.part_poses import PAPER_ICP
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
@@ -130,12 +131,22 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     once = SecondLookConfig(enabled=False)
     deaf = replace(plus.hypotheses, network=0.0)
     turned = replace(track.refind, rotation_weight=0.0, box_weight=0.0)
-    stays = replace(track.refind, support=SupportConfig(lead=float("inf")))
+    never = float("inf")
+    stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
+    unnamed = NamesConfig(enabled=False)
     return [
+        Variant("asdf", "asdf", AsdfConfig()),
+        Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=unnamed)),
         Variant("asdf_plus", "asdf_plus", plus),
+        Variant(
+            "asdf_plus, names by the detector alone", "asdf_plus", replace(plus, names=unnamed)
+        ),
         Variant("asdf_plus, one look", "asdf_plus", replace(plus, second_look=once)),
         Variant("asdf_plus, depth alone over time", "asdf_plus", replace(plus, hypotheses=deaf)),
         Variant("asdf_track", "asdf_track", track),
+        Variant(
+            "asdf_track, names by the detector alone", "asdf_track", replace(track, names=unnamed)
+        ),
         Variant("asdf_track, one look", "asdf_track", replace(track, second_look=once)),
         Variant("asdf_track, rivals by picture alone", "asdf_track", replace(track, refind=turned)),
         Variant("asdf_track, never begun anew", "asdf_track", replace(track, refind=stays)),
