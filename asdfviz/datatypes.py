@@ -1,7 +1,7 @@
 """The nouns that every room of the package speaks: cameras, frames, assemblies, predictions, truth.
 
-All are frozen and hold read-only arrays. Metres, radians and seconds; transforms T_a_b map points
-of frame b to frame a; the camera frame has OpenCV's axes.
+All are frozen. Metres, radians, seconds; transforms T_a_b map points of frame b to frame a; the camera
+frame has OpenCV's axes.
 """
 
 from __future__ import annotations
@@ -93,8 +93,7 @@ class Part:
 
     @property
     def middle(self) -> Vector:
-        """Of the box around the mesh, in the part's frame, metres: where distances between poses are
-        taken, since the CAD frame's origin may lie far outside the part."""
+        """Of the mesh's box, part's frame, metres; the CAD frame's origin may lie far outside."""
         return _box_middle(self.mesh)
 
 
@@ -184,16 +183,14 @@ class Detection:
     """One box of the network with its keypoints, in pixels of the frame."""
 
     label: str
-    """A detector class: of a part or of a state."""
+    """Of a part or a state."""
     box_xyxy: Box
     keypoints_px: Pixels
     keypoint_scores: Scores
     score: float
     mask: BoxMask | None = None
-    """Of a part, where a mask branch ran; run files do not keep it."""
     class_scores: Mapping[str, float] = field(default_factory=dict[str, float])
-    """What the network thinks of other classes in the same place, where it thinks anything of them;
-    run files do not keep it."""
+    """Of all classes that may be in its place; like the mask of a part, not kept in run files."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,7 +20,7 @@ from asdfviz.detector.precision import has_bfloat16
 from asdfviz.geometry.rotation_grid import even_rotations, modes
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
 
-T = TypeVar("T")
+_Answer = TypeVar("_Answer")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,9 @@ class CropLooker:
         found[:, [i >= 0 for i in wanted]] = logits.softmax(1)[:, :-1].cpu().numpy()
         return found
 
-    def _run(self, pictures: UInt8[np.ndarray, "n s s 3"], network: Callable[[Tensor], T]) -> T:
+    def _run(
+        self, pictures: UInt8[np.ndarray, "n s s 3"], network: Callable[[Tensor], _Answer]
+    ) -> _Answer:
         """Show crops to a network."""
         device = self._config.device
         crops = torch.as_tensor(pictures).to(device).permute(0, 3, 1, 2).float() / 255 - 0.5

@@ -41,9 +41,6 @@ class CropOutput:
     states: Float[Tensor, "b t"]
     """Logits of the states of all groups, one group's after another's: only its own ones tell of a
     crop. None where the network knows no groups (t = 0)."""
-    names: Float[Tensor, "b n"]
-    """Logits of what is shown: every class, then nothing that is known. None where the network was
-    not taught this (n = 0)."""
 
 
 class Film(nn.Module):
@@ -61,13 +58,17 @@ class Film(nn.Module):
 
 
 class NameBranch(nn.Module):
-    """From maps that know nothing of the class to the class."""
+    """From a crop of which nothing is known to the class; it shares nothing with the rest."""
 
-    def __init__(self, channels: int, classes: int) -> None:
+    def __init__(self, widths: tuple[int, int], classes: int) -> None:
         super().__init__()
         a, b, c, hidden = NAME_WIDTHS
+        half, quarter = widths
         self.maps = nn.Sequential(
-            Conv(channels, a, 3, stride=2),
+            Conv(3, half, 3, stride=2),
+            Conv(half, quarter, 3, stride=2),
+            Bottleneck(quarter, shortcut=True),
+            Conv(quarter, a, 3, stride=2),
             Bottleneck(a, shortcut=True),
             Conv(a, b, 3, stride=2),
             Bottleneck(b, shortcut=True),
@@ -76,9 +77,9 @@ class NameBranch(nn.Module):
         self.features = nn.Linear(9 * c, hidden)
         self.to_names = nn.Linear(hidden, classes)
 
-    def forward(self, quarter: Float[Tensor, "b c h w"]) -> Float[Tensor, "b n"]:
+    def forward(self, crops: Float[Tensor, "b 3 s s"]) -> Float[Tensor, "b n"]:
         """Logits of every class."""
-        maps = self.maps(quarter).flatten(1)
+        maps = self.maps(crops).flatten(1)
         return self.to_names(nn.functional.silu(self.features(maps)))
 
 
@@ -136,14 +137,13 @@ class CropNetwork(nn.Module):
         self.to_grid = nn.Linear(own, grid)
         self.to_place = nn.Linear(own, 3)
         self.to_states = nn.Linear(own, states) if states else None
-        self.name = NameBranch(b, classes + 1) if names else None
+        self.name = NameBranch((a, b), classes + 1) if names else None
         self.lift = nn.ModuleList([nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)])
         self.draw = nn.Sequential(Conv(b, b // 2, 3), nn.Conv2d(b // 2, 1, 1))
 
     def forward(self, crops: Float[Tensor, "b 3 s s"], part: Int64[Tensor, "b"]) -> CropOutput:
         """Look at crops (RGB, -0.5 to 0.5; a multiple of 32 on a side, 96 by default) of parts."""
-        unknown = self.quarter(crops)
-        quarter = self.know_quarter(unknown, part)
+        quarter = self.know_quarter(self.quarter(crops), part)
         eighth = self.know_eighth(self.eighth(quarter), part)
         sixteenth = self.know_sixteenth(self.sixteenth(eighth), part)
         last = self.last(sixteenth)
@@ -155,14 +155,12 @@ class CropNetwork(nn.Module):
         outline = self.draw(nn.functional.silu(large(quarter) + _doubled(up)))[:, 0]
         none = mine[:, :0]
         states = none if self.to_states is None else self.to_states(mine)
-        names = none if self.name is None else self.name(unknown)
-        return CropOutput(self.to_grid(mine), self.to_place(mine), outline, states, names)
+        return CropOutput(self.to_grid(mine), self.to_place(mine), outline, states)
 
     def names(self, crops: Float[Tensor, "b 3 s s"]) -> Float[Tensor, "b n"]:
-        """What crops show (`CropOutput.names`), without asking for anything else."""
-        if self.name is None:
-            return crops.new_zeros(len(crops), 0)
-        return self.name(self.quarter(crops))
+        """Logits of what crops show: every class, then nothing that is known; none (n = 0) where the
+        network was not taught this."""
+        return crops.new_zeros(len(crops), 0) if self.name is None else self.name(crops)
 
 
 def _doubled(x: Tensor) -> Tensor:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 from torch import Tensor
 from torch.nn.functional import (
     binary_cross_entropy_with_logits,
@@ -22,12 +22,18 @@ SMOOTHING = 0.02
 
 
 def crop_losses(
-    out: CropOutput, batch: Views, *, target: Float32[Tensor, "b g"], views: ViewMaker
+    out: CropOutput,
+    names: Float[Tensor, "b n"],
+    batch: Views,
+    *,
+    target: Float32[Tensor, "b g"],
+    views: ViewMaker,
 ) -> Float32[Tensor, "5"]:
     """The losses in the order of `LOSSES`.
 
     Args:
         out: of the network.
+        names: of the network; none where it is not taught them.
         batch: what it was shown.
         target: distribution over the grid, as `ViewMaker.targets` gives it.
         views: knows which states each group has.
@@ -41,14 +47,15 @@ def crop_losses(
     rows = batch.states >= 0
     own = views.own_states(out.states[rows].float(), batch.labels[rows])
     missed = cross_entropy(own, batch.states[rows], reduction="sum") / rows.sum().clamp(min=1)
-    return torch.stack([rotation, place, outline, missed, _misnamed(out, batch)])
+    return torch.stack([rotation, place, outline, missed, _misnamed(names, batch)])
 
 
-def _misnamed(out: CropOutput, batch: Views) -> Float32[Tensor, ""]:
+def _misnamed(names: Float[Tensor, "b n"], batch: Views) -> Float32[Tensor, ""]:
     """Cross-entropy among all names; what shows a group says nothing."""
     rows = batch.names >= 0
-    if not out.names.shape[1]:
-        return out.place.new_zeros(()).float()
-    names = out.names[rows].float()
-    missed = cross_entropy(names, batch.names[rows], reduction="sum", label_smoothing=SMOOTHING)
+    if not names.shape[1]:
+        return names.new_zeros(()).float()
+    missed = cross_entropy(
+        names[rows].float(), batch.names[rows], reduction="sum", label_smoothing=SMOOTHING
+    )
     return missed / rows.sum().clamp(min=1)

@@ -158,7 +158,8 @@ class CropSession(Sitting):
         pictures = batch.pictures.contiguous(memory_format=torch.channels_last)
         with torch.autocast(torch.device(config.device).type, torch.bfloat16, enabled=half):
             out = self.network(pictures, batch.labels)
-        return crop_losses(out, batch, target=target, views=self.views)
+            names = self.network.names(pictures)
+        return crop_losses(out, names, batch, target=target, views=self.views)
 
     def validate(self) -> tuple[CropValidation, ...]:
         """Validate the averaged weights; keep and export them if they are the best so far."""
@@ -176,7 +177,8 @@ class CropSession(Sitting):
             figures = (*rows.mean(axis=0), one.state, one.name_right)
             values |= {f"{one.name}:{f}": float(v) for f, v in zip(FIGURES, figures, strict=True)}
         # Parts in scenes are what counts; without any, crops of the training's own kind.
-        told = [v for v in (found[-1].score, found[0].state) if math.isfinite(v)]
+        told = (found[-1].score, found[0].state, found[-1].name_right)
+        told = [v for v in told if math.isfinite(v)]
         values["score"] = score = sum(told) / max(len(told), 1)
         self.validation_log.add(values)
         shown = [f"{one.name}:{figure}" for one in found for figure in ("found1", "found20")]

@@ -127,7 +127,7 @@ def validate_crops(
     grid = even_rotations(network.grid)
     for batch in views:
         with torch.inference_mode():
-            out = network(batch.pictures, batch.labels)
+            out, names = network(batch.pictures, batch.labels), network.names(batch.pictures)
             probabilities = out.rotations.float().softmax(1)
             angles = torch.rad2deg(maker.angles(batch.quaternions, batch.labels))
             ranked = angles.gather(1, probabilities.topk(BEST[-1], dim=1).indices).cpu().numpy()
@@ -141,7 +141,7 @@ def validate_crops(
                 outline = outline * np.nan
             said = maker.own_states(out.states.float(), batch.labels).argmax(1)
             right = torch.where(batch.states < 0, torch.nan, (said == batch.states).float())
-        called = out.names.float().argmax(1) if out.names.shape[1] else batch.names - 1
+        called = names.float().argmax(1) if names.shape[1] else batch.names - 1
         named = torch.where(batch.names < 0, torch.nan, (called == batch.names).float())
         quaternions = batch.quaternions.double().cpu().numpy()
         labels = batch.labels.cpu().numpy()

@@ -117,14 +117,15 @@ def test_parts_say_nothing_of_states(maker: CropMaker, crops: Crops, views: View
     count = sum(len(c.states) for c in maker.classes)
     network = CropNetwork(classes=len(maker.classes), grid=600, states=count)
     out = network(batch.pictures, batch.labels)
-    losses = crop_losses(out, batch, target=target, views=views)
+    names = network.names(batch.pictures)
+    losses = crop_losses(out, names, batch, target=target, views=views)
     assert bool(torch.isfinite(losses).all())
     parts = batch.states < 0
     changed = replace(out, states=torch.where(parts[:, None], out.states + 5, out.states * 1.0))
     changed.states[parts, 0] += 9
-    assert torch.allclose(losses, crop_losses(changed, batch, target=target, views=views))
+    assert torch.allclose(losses, crop_losses(changed, names, batch, target=target, views=views))
     alone = replace(batch, states=torch.full_like(batch.states, -1))
-    assert float(crop_losses(out, alone, target=target, views=views)[3].detach()) == 0.0
+    assert float(crop_losses(out, names, alone, target=target, views=views)[3].detach()) == 0.0
 
 
 def test_crops_of_nothing_known_teach_only_that(
@@ -140,18 +141,20 @@ def test_crops_of_nothing_known_teach_only_that(
     target = views.targets(batch.quaternions, batch.labels)
     network = CropNetwork(classes=count, grid=600, states=len(assembly.states), names=True)
     out = network(batch.pictures, batch.labels)
-    losses = crop_losses(out, batch, target=target, views=views)
+    names = network.names(batch.pictures)
+    losses = crop_losses(out, names, batch, target=target, views=views)
     changed = replace(
         out, rotations=torch.where(nothing[:, None], 9 * out.rotations, out.rotations)
     )
     changed.place[nothing] += 1
     changed.outline[nothing] += 1
-    assert torch.allclose(losses, crop_losses(changed, batch, target=target, views=views))
+    assert torch.allclose(losses, crop_losses(changed, names, batch, target=target, views=views))
     right = torch.nn.functional.one_hot(crops.names, count + 1) * 20.0
-    sure = crop_losses(replace(out, names=right), batch, target=target, views=views)
+    sure = crop_losses(out, right, batch, target=target, views=views)
     assert float(sure[4].detach()) < 0.5 < float(losses[4].detach())
-    untaught = replace(out, names=right[:, :0])
-    assert float(crop_losses(untaught, batch, target=target, views=views)[4].detach()) == 0.0
+    assert (
+        float(crop_losses(out, right[:, :0], batch, target=target, views=views)[4].detach()) == 0.0
+    )
 
 
 def test_groups_have_no_name(maker: CropMaker) -> None:
