@@ -1,4 +1,4 @@
-"""Hands that would stand in a part for a moment give way: back along their fingers, by millimetres.
+"""Hands that would stand in a part for a moment give way by millimetres, back or up.
 
 A grip is chosen for the ends of a move and some places between them; a finger may still brush a part
 on the way there, or where no grip does at a narrow place.
@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from asdfviz.geometry.shapes import Points, Transform
 from asdfviz.geometry.transforms import apply, inverse
 from asdfviz.synth.film import Moment
 from asdfviz.synth.grasping import backed, hand_points, scaled
 from asdfviz.synth.hands import hand_mesh
 from asdfviz.synth.layout import Outfit
+from asdfviz.synth.motion import moved
 from asdfviz.synth.penetration import Solid, depth
 
 ALLOWED = 0.0042
@@ -22,7 +25,7 @@ ALLOWED = 0.0042
 DOUBTED = 0.0025
 """Where some points of a hand are deeper than this in a part all of them are looked at, metres."""
 _STEPS = tuple(k / 1000 for k in range(1, 5))
-"""How far a hand goes back at most, and by what steps, metres: what it holds it must still touch."""
+"""How far a hand goes at most, and by what steps, metres: what it holds it must still touch."""
 
 
 def given_way(
@@ -46,13 +49,16 @@ def _cleared(moment: Moment, solids: Mapping[str, Solid], outfit: Outfit) -> Mom
     if _deepest(some, T_world_hand, moment, solids, outfit) < DOUBTED:
         return moment
     best, least = T_world_hand, _deepest(all_points, T_world_hand, moment, solids, outfit)
+    back = backed(T_world_hand, outfit, moment.grasp, 1.0)[:3, 3] - T_world_hand[:3, 3]
+    up = np.array([0.0, 0.0, 1.0])
     for step in _STEPS:
-        if least <= ALLOWED:
-            break
-        T_back = backed(T_world_hand, outfit, moment.grasp, step)
-        deep = _deepest(all_points, T_back, moment, solids, outfit)
-        if deep < least:
-            best, least = T_back, deep
+        for way in (back, up, (back + up) / np.linalg.norm(back + up)):
+            if least <= ALLOWED:
+                break
+            T_off = moved(T_world_hand, step * way)
+            deep = _deepest(all_points, T_off, moment, solids, outfit)
+            if deep < least:
+                best, least = T_off, deep
     return moment if best is T_world_hand else replace(moment, T_world_hand=best)
 
 

@@ -35,7 +35,7 @@ def deepest(one: Moment) -> float:
     return depth(apply(inverse(one.T_world_part["cube"]), world), SOLIDS["cube"])
 
 
-def test_a_hand_in_a_part_goes_back_by_millimetres() -> None:
+def test_a_hand_in_a_part_gives_way_by_millimetres() -> None:
     out = backed(np.eye(4), OUTFIT, 1, 1.0)[:3, 3]
     pressed = moment(-0.006 * out)
     assert deepest(pressed) > ALLOWED
@@ -45,7 +45,6 @@ def test_a_hand_in_a_part_goes_back_by_millimetres() -> None:
     assert deepest(cleared) < deepest(pressed) - 0.001
     way = cleared.T_world_hand[:3, 3] - pressed.T_world_hand[:3, 3]
     assert 0.0005 < np.linalg.norm(way) < 0.0045
-    np.testing.assert_allclose(way / np.linalg.norm(way), out, atol=1e-6)
     np.testing.assert_array_equal(cleared.T_world_part["cube"], pressed.T_world_part["cube"])
 
 
