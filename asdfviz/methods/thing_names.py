@@ -15,6 +15,7 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.detector.crop_classes import class_name
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
 from asdfviz.methods.assignment import overlap, share_inside
 from asdfviz.pose.blobs import BlobConfig, standing_out
@@ -89,7 +90,16 @@ class ThingNames:
     """Names things in one sequence."""
 
     def __init__(self, assembly: Assembly, looker: object, *, config: NamesConfig) -> None:
-        """Begin a sequence; `looker` may be anything, and is asked only if it names things."""
+        """Begin a sequence; `looker` may be anything, and is asked only if it names things.
+
+        Raises:
+            MethodError: an option is out of its range.
+        """
+        if not 0 <= config.weight <= 1 or config.every < 1:
+            raise MethodError(
+                f"names.weight is {config.weight:g} and names.every {config.every}: weight must be "
+                "from 0 to 1, every 1 or more"
+            )
         knows = isinstance(looker, NamesThings) and looker.tells_names and config.enabled
         self._looker = looker if isinstance(looker, NamesThings) and knows else None
         self._config = config

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.thing_names import NamesConfig, ThingNames
 
@@ -87,3 +88,9 @@ def test_a_network_without_names_changes_nothing(
         box = box_at("block", 20)
         assert told(names, box) == (box,)
         assert names.beyond(frame_with((30, 40)), (box,), {}) == (box,)
+
+
+@pytest.mark.parametrize("config", [NamesConfig(weight=1.5), NamesConfig(every=0)])
+def test_options_out_of_range_are_named(assembly: Assembly, config: NamesConfig) -> None:
+    with pytest.raises(MethodError, match="weight must be"):
+        ThingNames(assembly, Namer(), config=config)
