@@ -15,7 +15,7 @@ from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points
 
 TURNS = 300
 """Rotations in which a part's largest box is looked for."""
-MARGIN = 1.1
+MARGIN = 1.25
 """Boxes may be larger than the part by this factor,"""
 MARGIN_PX = 3.0
 """and this: those of small parts are drawn loosely, pixels of the diagonal."""
