@@ -1,7 +1,7 @@
 """Hands that would stand in a part for a moment give way by millimetres, back or up.
 
-A grip is chosen for the ends of a move and some places between them; a finger may still brush a part
-on the way there, or where no grip does at a narrow place.
+A grip is chosen for the ends of a move and some places between them; an empty hand may still brush a
+part on its way. One that holds something stays: it is rigid to what it holds.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ALLOWED = 0.0042
 DOUBTED = 0.0025
 """Where some points of a hand are deeper than this in a part all of them are looked at, metres."""
 _STEPS = tuple(k / 1000 for k in range(1, 5))
-"""How far a hand goes at most, and by what steps, metres: what it holds it must still touch."""
+"""How far a hand goes at most, and by what steps, metres."""
 
 
 def given_way(
@@ -43,7 +43,7 @@ def given_way(
 
 def _cleared(moment: Moment, solids: Mapping[str, Solid], outfit: Outfit) -> Moment:
     T_world_hand = moment.T_world_hand
-    if T_world_hand is None:
+    if T_world_hand is None or moment.held is not None:
         return moment
     some, all_points = hand_points(moment.grasp), hand_mesh(moment.grasp).mesh.vertices
     if _deepest(some, T_world_hand, moment, solids, outfit) < DOUBTED:
