@@ -1,7 +1,7 @@
 """The nouns that every room of the package speaks: cameras, frames, assemblies, predictions, truth.
 
-All are frozen. Metres, radians, seconds; transforms T_a_b map points of frame b to frame a; the camera
-frame has OpenCV's axes.
+All are frozen and hold read-only arrays. Metres, radians and seconds; transforms T_a_b map points
+of frame b to frame a; the camera frame has OpenCV's axes.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Part:
 
     @property
     def middle(self) -> Vector:
-        """Of the mesh's box, part's frame, metres; the CAD frame's origin may lie far outside."""
+        """Of the mesh's box, metres; distances are taken there: the CAD origin may lie far outside."""
         return _box_middle(self.mesh)
 
 
@@ -170,7 +170,7 @@ class Assembly:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxMask:
-    """Which pixels of the frame show a thing; none outside its box does."""
+    """Which pixels of the frame show a part, by a mask branch; none outside its box does."""
 
     left: int
     top: int
@@ -183,14 +183,14 @@ class Detection:
     """One box of the network with its keypoints, in pixels of the frame."""
 
     label: str
-    """Of a part or a state."""
+    """A detector class: of a part or of a state."""
     box_xyxy: Box
     keypoints_px: Pixels
     keypoint_scores: Scores
     score: float
     mask: BoxMask | None = None
     class_scores: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Of all classes that may be in its place; like the mask of a part, not kept in run files."""
+    """Of all classes that may be in its place; run files keep neither these nor the mask."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -110,7 +110,6 @@ class CropNetwork(nn.Module):
         """
         super().__init__()
         self.classes, self.grid, self.own, self.states = classes, grid, own, states
-        self.tells_names = names
         self.shape: dict[str, object] = {
             "classes": classes,
             "grid": grid,
@@ -140,6 +139,11 @@ class CropNetwork(nn.Module):
         self.name = NameBranch((a, b), classes + 1) if names else None
         self.lift = nn.ModuleList([nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)])
         self.draw = nn.Sequential(Conv(b, b // 2, 3), nn.Conv2d(b // 2, 1, 1))
+
+    @property
+    def tells_names(self) -> bool:
+        """Whether it was built to tell which part something is."""
+        return self.name is not None
 
     def forward(self, crops: Float[Tensor, "b 3 s s"], part: Int64[Tensor, "b"]) -> CropOutput:
         """Look at crops (RGB, -0.5 to 0.5; a multiple of 32 on a side, 96 by default) of parts."""

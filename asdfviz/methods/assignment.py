@@ -8,7 +8,7 @@ their names by staying near where they were in the previous frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias, cast
 
@@ -28,8 +28,8 @@ LEAST = 0.03
 UNFIT = 0.05
 """Share of its score that a class keeps where the box is too large for the part."""
 
-MayBe: TypeAlias = Callable[[str, Box], bool]
-"""Whether a box is small enough for a part of that class."""
+Fitting: TypeAlias = Callable[[Box], Collection[str]]
+"""The classes of parts that a box is small enough for."""
 
 
 @dataclass(slots=True, eq=False)
@@ -46,7 +46,7 @@ def assign_detections(
     assembly: Assembly,
     *,
     previous: Mapping[str, Box] | None = None,
-    may_be: MayBe | None = None,
+    fitting: Fitting | None = None,
 ) -> dict[str, Detection]:
     """Return the detection of every part that was found, labelled and scored as that part.
 
@@ -55,12 +55,12 @@ def assign_detections(
         assembly: which parts there are, and which share a detector class.
         previous: each part's last known box. Without it identical parts are named in the order of
             the assembly, from left to right.
-        may_be: which boxes are too large for which parts; left out, none is.
+        fitting: which parts boxes are small enough for; left out, for all.
     """
     names: dict[str, list[str]] = {}
     for part in assembly.parts.values():
         names.setdefault(part.detector_class, []).append(part.name)
-    things = _things([d for d in detections if d.label in names], list(names), may_be)
+    things = _things([d for d in detections if d.label in names], list(names), fitting)
     assigned: dict[str, Detection] = {}
     for label, boxes in _matched(things, {label: len(of) for label, of in names.items()}).items():
         assigned.update(_named(boxes, names[label], previous or {}))
@@ -76,13 +76,14 @@ def rival_boxes(
 
 
 def _things(
-    detections: Sequence[Detection], labels: Sequence[str], may_be: MayBe | None
+    detections: Sequence[Detection], labels: Sequence[str], fitting: Fitting | None
 ) -> list[_Thing]:
     """What is in the picture, and how much each class is like each of it."""
     things: list[_Thing] = []
+    allowed = {d: labels if fitting is None else fitting(d.box_xyxy) for d in detections}
 
     def fit(label: str, detection: Detection, score: float) -> float:
-        return score * (1 if may_be is None or may_be(label, detection.box_xyxy) else UNFIT)
+        return score * (1 if label in allowed[detection] else UNFIT)
 
     # A class that does not fit must not hide one that does.
     own = [(fit(d.label, d, d.score), d) for d in detections]

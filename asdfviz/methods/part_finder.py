@@ -76,7 +76,7 @@ class PartFinder:
         self._boxes = renamed(self._boxes, names)
 
     def _assigned(self, detections: Sequence[Detection], frame: Frame) -> dict[str, Detection]:
-        may_be = None
+        fitting = None
         if self._sizes is not None:
-            may_be = partial(self._sizes.may_be, depth=frame.depth, K=frame.camera.K)
-        return assign_detections(detections, self._assembly, previous=self._boxes, may_be=may_be)
+            fitting = partial(self._sizes.fitting, depth=frame.depth, K=frame.camera.K)
+        return assign_detections(detections, self._assembly, previous=self._boxes, fitting=fitting)

@@ -100,8 +100,9 @@ class ThingNames:
                 f"names.weight is {config.weight:g} and names.every {config.every}: weight must be "
                 "from 0 to 1, every 1 or more"
             )
-        knows = isinstance(looker, NamesThings) and looker.tells_names and config.enabled
-        self._looker = looker if isinstance(looker, NamesThings) and knows else None
+        self._looker: NamesThings | None = None
+        if config.enabled and isinstance(looker, NamesThings) and looker.tells_names:
+            self._looker = looker
         self._config = config
         parts = {part.detector_class: part for part in assembly.parts.values()}
         self._labels = tuple(parts)
@@ -147,7 +148,8 @@ class ThingNames:
         for blob, probabilities in zip(blobs, self._named(frame, blobs), strict=True):
             best = int(probabilities.argmax())
             if probabilities[best] >= self._config.least:
-                more.append(self._detection(blob, self._labels[best], probabilities))
+                bare = self._undetected(blob, self._labels[best])
+                more.append(self._merged(bare, probabilities))
         return (*detections, *more)
 
     def _merged(self, detection: Detection, probabilities: Float64[np.ndarray, "c"]) -> Detection:
@@ -159,21 +161,10 @@ class ThingNames:
         }
         return replace(detection, score=scores[detection.label], class_scores=scores)
 
-    def _detection(
-        self, box_xyxy: Box, label: str, probabilities: Float64[np.ndarray, "c"]
-    ) -> Detection:
-        """A box that the detector did not give: without keypoints."""
+    def _undetected(self, box_xyxy: Box, label: str) -> Detection:
+        """A box that the detector did not give: no keypoints, no score."""
         count = self._keypoints[label]
-        weight = self._config.weight
-        scores = {n: weight * float(p) for n, p in zip(self._labels, probabilities, strict=True)}
-        return Detection(
-            label,
-            box_xyxy,
-            np.zeros((count, 2)),
-            np.zeros(count),
-            scores[label],
-            class_scores=scores,
-        )
+        return Detection(label, box_xyxy, np.zeros((count, 2)), np.zeros(count), 0.0)
 
     def _named(self, frame: Frame, boxes: Sequence[Box]) -> list[Float64[np.ndarray, "c"]]:
         """The probability of every label in every box; things that lie still are remembered."""

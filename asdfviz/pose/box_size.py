@@ -36,20 +36,22 @@ class BoxSizes:
         turns = rotations_of(even_rotations(TURNS))
         return cls({name: _largest(points, turns) for name, points in corners.items()})
 
-    def may_be(self, name: str, box_xyxy: Box, *, depth: Depth | None, K: Intrinsics) -> bool:
-        """Whether a box is small enough for a part.
+    def fitting(self, box_xyxy: Box, *, depth: Depth | None, K: Intrinsics) -> frozenset[str]:
+        """The parts that a box is small enough for.
 
         Args:
-            name: of the part.
             box_xyxy: in pixels.
             depth: planar depth in metres, 0 = none, or None: then every box is small enough.
             K: intrinsics of image and depth.
         """
         distance = None if depth is None else _distance(box_xyxy, depth)
         if distance is None:
-            return True
+            return frozenset(self.largest)
         diagonal = float(np.linalg.norm(box_xyxy[2:] - box_xyxy[:2]))
-        return diagonal - MARGIN_PX <= MARGIN * self.largest[name] / distance * float(K[0, 0])
+        pixels = MARGIN / distance * float(K[0, 0])
+        return frozenset(
+            n for n, size in self.largest.items() if diagonal - MARGIN_PX <= size * pixels
+        )
 
 
 def _largest(points: Points, turns: np.ndarray) -> float:

@@ -112,10 +112,10 @@ def test_a_part_does_not_get_a_box_that_is_too_large_for_it(
     small = box_at("pin", 90, score=0.2)
     at = {"pin": large.box_xyxy}
 
-    def may_be(label: str, box_xyxy: np.ndarray) -> bool:
-        return label != "pin" or box_xyxy is not large.box_xyxy
+    def fitting(box_xyxy: np.ndarray) -> set[str]:
+        return {"base", "block"} if box_xyxy is large.box_xyxy else {"base", "block", "pin"}
 
-    assigned = assign_detections([large, small], assembly, previous=at, may_be=may_be)
+    assigned = assign_detections([large, small], assembly, previous=at, fitting=fitting)
     assert assigned["base"].box_xyxy[0] == 0
     assert assigned["pin"] is small
     assert "pin-copy" not in assigned

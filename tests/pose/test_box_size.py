@@ -22,24 +22,24 @@ def test_the_largest_box_of_a_rod_is_about_its_length() -> None:
 def test_a_box_may_be_smaller_than_a_part_but_not_larger() -> None:
     depth = np.full((240, 320), 0.5, np.float32)  # a metre is 1,000 px there
     for name, length in (("rod", 100), ("pin", 25)):
-        assert SIZES.may_be(name, box(length, 4), depth=depth, K=K)
-        assert SIZES.may_be(name, box(length / 3, 4), depth=depth, K=K)
-        assert not SIZES.may_be(name, box(1.5 * length, 4), depth=depth, K=K)
+        assert name in SIZES.fitting(box(length, 4), depth=depth, K=K)
+        assert name in SIZES.fitting(box(length / 3, 4), depth=depth, K=K)
+        assert name not in SIZES.fitting(box(1.5 * length, 4), depth=depth, K=K)
 
 
 def test_the_same_box_is_larger_farther_away() -> None:
     near, far = (np.full((240, 320), z, np.float32) for z in (0.4, 1.0))
-    assert SIZES.may_be("rod", box(90, 4), depth=near, K=K)
-    assert not SIZES.may_be("rod", box(90, 4), depth=far, K=K)
+    assert "rod" in SIZES.fitting(box(90, 4), depth=near, K=K)
+    assert "rod" not in SIZES.fitting(box(90, 4), depth=far, K=K)
 
 
 def test_without_a_reading_every_box_is_small_enough() -> None:
     whole = box(300, 200)
-    assert SIZES.may_be("pin", whole, depth=None, K=K)
-    assert SIZES.may_be("pin", whole, depth=np.zeros((240, 320), np.float32), K=K)
+    assert "pin" in SIZES.fitting(whole, depth=None, K=K)
+    assert "pin" in SIZES.fitting(whole, depth=np.zeros((240, 320), np.float32), K=K)
 
 
 def test_readings_beside_the_picture_are_none() -> None:
     depth = np.full((240, 320), 0.5, np.float32)
-    assert SIZES.may_be("pin", whole := box(300, 200) - 1000, depth=depth, K=K)
-    assert SIZES.may_be("pin", whole + 5000, depth=depth, K=K)
+    assert "pin" in SIZES.fitting(whole := box(300, 200) - 1000, depth=depth, K=K)
+    assert "pin" in SIZES.fitting(whole + 5000, depth=depth, K=K)
