@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 
@@ -26,7 +27,10 @@ class TrainCrops:
     validation: tuple[Path, ...] = ()
     """Scene folders with truth, as `asdfviz synth` writes them."""
     start: Path | None = None
-    """Checkpoint of another run to begin with (last.pt): what its classes share is taken over."""
+    """Weights to begin with (last.pt or crops.safetensors of another run): what its classes share is
+    taken over."""
+    teach: Literal["all", "names"] = "all"
+    """names: only which part a crop shows; all the rest stays as --start had it."""
     minutes: float = 60.0
     """Budget, earlier sittings counted in."""
     generators: int = 1

@@ -54,6 +54,12 @@ def crop_camera(box_xyxy: Box, K: Intrinsics, *, side: int = CROP_PIXELS) -> Cro
     )
 
 
+def metric_side(camera: CropCamera, distance: float) -> float:
+    """Longer side of the box that a crop was made of, at a distance (along the frame's z), metres."""
+    ahead = float(camera.R_camera_crop[2, 2])
+    return CROP_PIXELS * distance / (ahead * CONTEXT * float(camera.K[0, 0]))
+
+
 def cut(
     rgb: Rgb, camera: CropCamera, K: Intrinsics, *, side: int = CROP_PIXELS
 ) -> UInt8[np.ndarray, "side side 3"]:

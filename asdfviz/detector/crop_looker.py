@@ -14,7 +14,7 @@ from torch import Tensor
 
 from asdfviz.detector.blocks import Conv
 from asdfviz.detector.crop_answer import REACH, CropAnswer
-from asdfviz.detector.crop_cut import crop_camera, cut
+from asdfviz.detector.crop_cut import crop_camera, cut, metric_side
 from asdfviz.detector.crop_weights import load_crop_network
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.geometry.rotation_grid import even_rotations, modes
@@ -58,7 +58,13 @@ class CropLooker:
 
     @torch.inference_mode()
     def names(
-        self, rgb: Rgb, K: Intrinsics, boxes: Sequence[Box], classes: Sequence[str]
+        self,
+        rgb: Rgb,
+        K: Intrinsics,
+        boxes: Sequence[Box],
+        classes: Sequence[str],
+        *,
+        distances: Sequence[float | None],
     ) -> Float64[np.ndarray, "n c"]:
         """Which part is in each box, if any.
 
@@ -67,6 +73,7 @@ class CropLooker:
             K: its intrinsics.
             boxes: pixels.
             classes: that come into question; one that the network does not know has probability 0.
+            distances: along z from the camera to what is in each box, metres; None where unknown.
 
         Returns:
             Of each box the probability of every class; what is missing to 1 is that none is there.
@@ -77,8 +84,18 @@ class CropLooker:
         found = np.zeros((len(boxes), len(classes)))
         if not self.tells_names or not known or not len(boxes):
             return found
-        pictures = np.stack([cut(rgb, crop_camera(box, K), K) for box in boxes])
-        logits = self._run(pictures, self._network.names)[:, [*known, len(self.classes)]].float()
+        cameras = [crop_camera(box, K) for box in boxes]
+        pictures = np.stack([cut(rgb, camera, K) for camera in cameras])
+        sizes = torch.tensor(
+            [
+                np.nan if z is None else metric_side(camera, z)
+                for camera, z in zip(cameras, distances, strict=True)
+            ],
+            dtype=torch.float32,
+            device=self._config.device,
+        )
+        logits = self._run(pictures, lambda crops: self._network.names(crops, sizes))
+        logits = logits[:, [*known, len(self.classes)]].float()
         found[:, [i >= 0 for i in wanted]] = logits.softmax(1)[:, :-1].cpu().numpy()
         return found
 

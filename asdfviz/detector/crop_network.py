@@ -1,7 +1,8 @@
 """A small network that looks at one part, or one joined group, in a crop.
 
 Of a part it tells rotation, place and visible outline; of a group those of its base part, and the
-state. Asked of something unknown, it tells which part that is, if any.
+state. Asked of something unknown, it tells which part that is, if any; how large the
+thing is, where depth tells that, is part of the question, for a near pin and a far rod look alike.
 
 The rotation is a distribution over an even grid (geometry/rotation_grid.py), because parts without
 texture often look alike from several sides, and a mean of two good answers is a bad one. Which
@@ -11,6 +12,7 @@ a small layer of its own before the grid that all share.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -25,6 +27,8 @@ STRIDE = 4
 """Of the outline against the crop."""
 NAME_WIDTHS = (64, 112, 160, 128)
 """Channels at strides 8, 16 and 32 where the class is asked for, and features of the whole crop."""
+SIZES = torch.logspace(math.log10(0.006), math.log10(0.4), 16)
+"""Metres about which the branch that names parts tells sizes apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +62,7 @@ class Film(nn.Module):
 
 
 class NameBranch(nn.Module):
-    """From a crop of which nothing is known to the class; it shares nothing with the rest."""
+    """From a crop of which at most the size is known to the class; it shares nothing with the rest."""
 
     def __init__(self, widths: tuple[int, int], classes: int) -> None:
         super().__init__()
@@ -75,12 +79,18 @@ class NameBranch(nn.Module):
             Conv(b, c, 3, stride=2),
         )
         self.features = nn.Linear(9 * c, hidden)
+        self.know_size = nn.Linear(len(SIZES) + 1, 2 * hidden)
+        nn.init.zeros_(self.know_size.weight)
+        nn.init.zeros_(self.know_size.bias)
         self.to_names = nn.Linear(hidden, classes)
 
-    def forward(self, crops: Float[Tensor, "b 3 s s"]) -> Float[Tensor, "b n"]:
-        """Logits of every class."""
-        maps = self.maps(crops).flatten(1)
-        return self.to_names(nn.functional.silu(self.features(maps)))
+    def forward(
+        self, crops: Float[Tensor, "b 3 s s"], sizes: Float[Tensor, "b"]
+    ) -> Float[Tensor, "b n"]:
+        """Logits of every class; `sizes` as in `CropNetwork.names`."""
+        gain, shift = self.know_size(_spread(sizes)).chunk(2, dim=1)
+        features = self.features(self.maps(crops).flatten(1)) * (1 + gain) + shift
+        return self.to_names(nn.functional.silu(features))
 
 
 class CropNetwork(nn.Module):
@@ -161,10 +171,29 @@ class CropNetwork(nn.Module):
         states = none if self.to_states is None else self.to_states(mine)
         return CropOutput(self.to_grid(mine), self.to_place(mine), outline, states)
 
-    def names(self, crops: Float[Tensor, "b 3 s s"]) -> Float[Tensor, "b n"]:
-        """Logits of what crops show: every class, then nothing that is known; none (n = 0) where the
-        network was not taught this."""
-        return crops.new_zeros(len(crops), 0) if self.name is None else self.name(crops)
+    def names(
+        self, crops: Float[Tensor, "b 3 s s"], sizes: Float[Tensor, "b"]
+    ) -> Float[Tensor, "b n"]:
+        """Logits of what crops show: every class, then nothing that is known.
+
+        Args:
+            crops: RGB, -0.5 to 0.5.
+            sizes: longer side of the box that was cut out, at the distance of what is in it, metres;
+                NaN where no distance is known.
+
+        Returns:
+            None (n = 0) where the network was not taught this.
+        """
+        return crops.new_zeros(len(crops), 0) if self.name is None else self.name(crops, sizes)
+
+
+def _spread(sizes: Float[Tensor, "b"]) -> Float[Tensor, "b k"]:
+    """Sizes as bumps over the logarithms of `SIZES`, and whether they are known."""
+    centers = SIZES.to(sizes.device).log()
+    known = sizes.isfinite()[:, None]
+    logs = torch.where(known, sizes[:, None], 1.0).log()
+    bumps = torch.exp(-(((logs - centers) / (centers[1] - centers[0])) ** 2))
+    return torch.cat([torch.where(known, bumps, 0.0), known.to(bumps.dtype)], dim=1)
 
 
 def _doubled(x: Tensor) -> Tensor:

@@ -19,6 +19,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
 from asdfviz.methods.assignment import overlap, share_inside
 from asdfviz.pose.blobs import BlobConfig, standing_out
+from asdfviz.pose.box_size import box_distance
 
 
 @runtime_checkable
@@ -31,7 +32,13 @@ class NamesThings(Protocol):
         ...
 
     def names(
-        self, rgb: Rgb, K: Intrinsics, boxes: Sequence[Box], classes: Sequence[str]
+        self,
+        rgb: Rgb,
+        K: Intrinsics,
+        boxes: Sequence[Box],
+        classes: Sequence[str],
+        *,
+        distances: Sequence[float | None],
     ) -> Float64[np.ndarray, "n c"]:
         """The probability of every class in every box."""
         ...
@@ -174,7 +181,11 @@ class ThingNames:
         asked = [one for one in dict.fromkeys(things) if one.is_due(now, every=config.every)]
         if asked and self._looker is not None:
             places = [one.box_xyxy for one in asked]
-            answers = self._looker.names(frame.rgb, frame.camera.K, places, self._classes)
+            depth = frame.depth
+            distances = [None if depth is None else box_distance(box, depth) for box in places]
+            answers = self._looker.names(
+                frame.rgb, frame.camera.K, places, self._classes, distances=distances
+            )
             for thing, answer in zip(asked, answers, strict=True):
                 thing.hear(answer, now, memory=config.memory)
         return [thing.probabilities for thing in things]

@@ -44,7 +44,7 @@ class BoxSizes:
             depth: planar depth in metres, 0 = none, or None: then every box is small enough.
             K: intrinsics of image and depth.
         """
-        distance = None if depth is None else _distance(box_xyxy, depth)
+        distance = None if depth is None else box_distance(box_xyxy, depth)
         if distance is None:
             return frozenset(self.largest)
         diagonal = float(np.linalg.norm(box_xyxy[2:] - box_xyxy[:2]))
@@ -59,7 +59,7 @@ def _largest(points: Points, turns: np.ndarray) -> float:
     return float(np.linalg.norm(np.ptp(flat, axis=1), axis=1).max())
 
 
-def _distance(box_xyxy: Box, depth: Depth) -> float | None:
+def box_distance(box_xyxy: Box, depth: Depth) -> float | None:
     """Median of what was measured about the middle of a box, metres; None where nothing was."""
     middle = (box_xyxy[:2] + box_xyxy[2:]) / 2
     reach = np.maximum((box_xyxy[2:] - box_xyxy[:2]) * CORE, 1.0)

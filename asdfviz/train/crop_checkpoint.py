@@ -14,7 +14,7 @@ from torch import Tensor
 
 from asdfviz.data.atomic import write_text
 from asdfviz.detector.crop_network import CropNetwork
-from asdfviz.detector.crop_weights import save_crop_network
+from asdfviz.detector.crop_weights import load_crop_network, save_crop_network
 from asdfviz.errors import WeightsError
 from asdfviz.train.checkpoint import (
     Average,
@@ -91,15 +91,14 @@ def begin_crops_from(
 
     Args:
         network: to change.
-        checkpoint: last.pt of the other run.
+        checkpoint: last.pt of the other run, or its crops.safetensors.
         names: classes of `network`.
         states: of its groups.
 
     Raises:
         WeightsError: the checkpoint is corrupt, or of another shape of network.
     """
-    content = load_checkpoint(checkpoint)
-    there: dict[str, Any] = json.loads(content["about"])
+    there, average = _learned(checkpoint)
     own = {name: network.shape[name] for name in ("classes", "states", "names")}
     shape = {**there.get("shape", {}), **own}
     if shape != json.loads(json.dumps(network.shape)):
@@ -108,7 +107,6 @@ def begin_crops_from(
             f"{network.shape}"
         )
     known = [str(name) for name in there["classes"]]
-    average = cast(dict[str, Tensor], content["average"])
     for name, tensor in network.state_dict().items():
         if name.startswith("to_states."):
             if there.get("states") == json.loads(json.dumps(states)):
@@ -126,6 +124,16 @@ def begin_crops_from(
         for place, wanted in enumerate(names):
             if wanted in known:
                 own[place] = rows[known.index(wanted)]
+
+
+def _learned(path: Path) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """What a run was about, and its averaged weights."""
+    if path.suffix == ".safetensors":
+        loaded = load_crop_network(path)
+        about = {"classes": loaded.classes, "states": loaded.states, "shape": loaded.network.shape}
+        return json.loads(json.dumps(about)), loaded.network.state_dict()
+    content = load_checkpoint(path)
+    return json.loads(content["about"]), cast(dict[str, Tensor], content["average"])
 
 
 def _is_by_class(name: str) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from asdfviz.detector.crop_network import GRID
 from asdfviz.errors import InputError
@@ -22,8 +23,10 @@ class CropTrainConfig:
     """Scene folders with truth whose parts are never trained on; their sequence.json names the
     assembly."""
     start: Path | None = None
-    """Checkpoint of another run to begin with: what is shared by all classes is taken over, and new
-    classes begin at the mean of the old ones."""
+    """Checkpoint or crops.safetensors of another run to begin with: what is shared by all classes is
+    taken over, and new classes begin at the mean of the old ones."""
+    teach: Literal["all", "names"] = "all"
+    """What is taught: everything, or which part a crop shows alone; the rest stays as `start` had it."""
     minutes: float = 60.0
     """Budget, wall clock, resumed runs counted together."""
     steps: int | None = None
@@ -79,6 +82,11 @@ def check_crop_config(config: CropTrainConfig) -> None:
     """
     if not config.assemblies:
         raise InputError("no assembly named: give one or more")
+    if config.teach == "names" and config.start is None:
+        raise InputError(
+            "to teach names alone, name the weights to begin with (start): last.pt or "
+            "crops.safetensors of a run that was taught everything"
+        )
     if not (math.isfinite(config.minutes) and config.minutes > 0):
         raise InputError(f"minutes is {config.minutes:g}, give a budget above 0")
     least = {"threads": 1, "batch": 2, "grid": 60, "generators": 0, "shard": 16, "pool": 1}

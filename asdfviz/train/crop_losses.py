@@ -47,10 +47,10 @@ def crop_losses(
     rows = batch.states >= 0
     own = views.own_states(out.states[rows].float(), batch.labels[rows])
     missed = cross_entropy(own, batch.states[rows], reduction="sum") / rows.sum().clamp(min=1)
-    return torch.stack([rotation, place, outline, missed, _misnamed(names, batch)])
+    return torch.stack([rotation, place, outline, missed, misnamed(names, batch)])
 
 
-def _misnamed(names: Float[Tensor, "b n"], batch: Views) -> Float32[Tensor, ""]:
+def misnamed(names: Float[Tensor, "b n"], batch: Views) -> Float32[Tensor, ""]:
     """Cross-entropy among all names; what shows a group says nothing."""
     rows = batch.names >= 0
     if not names.shape[1]:

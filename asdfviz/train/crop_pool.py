@@ -20,6 +20,7 @@ import torch
 from asdfviz.data.assembly import load_assembly
 from asdfviz.errors import InputError, Stopped
 from asdfviz.train.crop_data import CropMaker, Crops
+from asdfviz.train.crop_scenes import CropConfig
 
 SPARE = 2
 """Shards that are made ahead when nobody trains."""
@@ -84,6 +85,7 @@ def generating(
     size: int,
     seed: int,
     niceness: int = 0,
+    drawing: CropConfig | None = None,
 ) -> Generator[Callable[[], bool]]:
     """Let processes fill a folder with shards while the body runs; yields whether any still lives.
 
@@ -95,13 +97,22 @@ def generating(
         size: shards of the pool.
         seed: other seeds show other crops.
         niceness: by which the processes stand back behind this one.
+        drawing: how crops are drawn.
     """
     folder.mkdir(parents=True, exist_ok=True)
     context = multiprocessing.get_context("spawn")
     workers = [
         context.Process(
             target=fill_folder,
-            args=(tuple(assemblies), folder, shard, size, [seed, number, time.time_ns()], niceness),
+            args=(
+                tuple(assemblies),
+                folder,
+                shard,
+                size,
+                [seed, number, time.time_ns()],
+                niceness,
+                drawing,
+            ),
             daemon=True,
         )
         for number in range(processes)
@@ -123,6 +134,7 @@ def fill_folder(
     size: int,
     seed: Sequence[int],
     niceness: int,
+    drawing: CropConfig | None,
 ) -> None:
     """Write shards as long as the parent process lives; wait while the folder is full."""
     # Ctrl+C reaches the whole group: the parent asks for the end.
@@ -131,7 +143,7 @@ def fill_folder(
     os.nice(niceness)
     parent = os.getppid()
     rng = np.random.default_rng(list(seed))
-    maker = CropMaker([load_assembly(name) for name in assemblies])
+    maker = CropMaker([load_assembly(name) for name in assemblies], config=drawing)
     while os.getppid() == parent:
         if len(shards_in(folder)) >= size + SPARE:
             time.sleep(1.0)

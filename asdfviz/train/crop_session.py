@@ -11,7 +11,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 import torch
@@ -31,19 +30,18 @@ from asdfviz.train.crop_checkpoint import (
     save_crop_checkpoint,
 )
 from asdfviz.train.crop_config import CropTrainConfig, check_crop_config
-from asdfviz.train.crop_data import CropMaker, Crops
-from asdfviz.train.crop_losses import LOSSES, crop_losses
+from asdfviz.train.crop_data import CropMaker
+from asdfviz.train.crop_losses import LOSSES, crop_losses, misnamed
 from asdfviz.train.crop_pool import CropPool, ShardFolder, await_shards, generating
-from asdfviz.train.crop_validation import CropValidation, scene_views, validate_crops
+from asdfviz.train.crop_scenes import CropConfig
+from asdfviz.train.crop_validation import CropValidation, validate_crops
+from asdfviz.train.crop_validation_sets import validation_sets
 from asdfviz.train.crop_views import ViewMaker, Views
 from asdfviz.train.log import CsvLog, Meter, write_curve
 from asdfviz.train.schedule import make_optimizer, rate_at
 
 LOG_SECONDS = 20.0
 FIGURES = ("found1", "found5", "found20", "best_deg", "mean_deg", "state", "name")
-VALIDATION_SEED = 987_654_321
-VALIDATION_BATCH = 128
-_Rows = TypeVar("_Rows", Crops, Views)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +66,10 @@ class CropSession(Sitting):
         config.output.mkdir(parents=True, exist_ok=True)
         self.config = config
         self.assemblies = [load_assembly(name) for name in config.assemblies]
-        self.maker = CropMaker(self.assemblies, device=config.device)
+        self._names_only = config.teach == "names"
+        # Crops of groups say nothing of names.
+        self._drawing = CropConfig(groups=0.0) if self._names_only else CropConfig()
+        self.maker = CropMaker(self.assemblies, config=self._drawing, device=config.device)
         self.classes = self.maker.classes
         self.names = [c.name for c in self.classes]
         self.states = group_states(self.classes)
@@ -78,8 +79,11 @@ class CropSession(Sitting):
         network.to(config.device)
         self.network = network
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
+        taught = network.name if self._names_only else network
+        assert taught is not None
+        self.taught = taught
         self.optimizer = make_optimizer(
-            (network,), learning_rate=config.learning_rate, weight_decay=config.weight_decay
+            (taught,), learning_rate=config.learning_rate, weight_decay=config.weight_decay
         )
         self.average = Average(network, decay=config.ema)
         super().__init__(config.output, minutes=config.minutes, steps=config.steps)
@@ -91,7 +95,7 @@ class CropSession(Sitting):
             config.output / "log.csv", ("step", "minutes", "rate", "crops_per_s", *LOSSES)
         )
         self.rng = np.random.default_rng([config.seed, self.progress.step])
-        self.validation_sets = self._validation_sets()
+        self.validation_sets = validation_sets(config, self.maker, self.views, self.assemblies)
         columns = [f"{name}:{figure}" for name in self.validation_sets for figure in FIGURES]
         self.validation_log = CsvLog(
             config.output / "validation.csv", ("step", "minutes", "score", *columns)
@@ -128,8 +132,7 @@ class CropSession(Sitting):
             group["lr"] = rate_at(config, self.progress.step, self.share)
         with torch.no_grad():
             batch = self.views.views(pool.draw(config.batch, rng=self.rng), rng=self.rng)
-            target = self.views.targets(batch.quaternions, batch.labels)
-        losses = self._losses(batch, target)
+        losses = self._losses(batch)
         gains = losses.new_tensor(
             [
                 1.0,
@@ -143,7 +146,7 @@ class CropSession(Sitting):
         descend(
             total,
             self.optimizer,
-            [*self.network.parameters()],
+            [*self.taught.parameters()],
             clip=config.clip,
             step=self.progress.step,
         )
@@ -151,14 +154,20 @@ class CropSession(Sitting):
         self.progress.step += 1
         meter.add(losses.detach(), len(batch.labels), len(batch.labels))
 
-    def _losses(self, batch: Views, target: Tensor) -> Tensor:
+    def _losses(self, batch: Views) -> Tensor:
         config = self.config
-        self.network.train()
+        self.network.eval()
+        self.taught.train()
         half = config.bfloat16 and has_bfloat16(config.device)
         pictures = batch.pictures.contiguous(memory_format=torch.channels_last)
         with torch.autocast(torch.device(config.device).type, torch.bfloat16, enabled=half):
+            names = self.network.names(pictures, batch.sizes)
+            if self._names_only:
+                missed = misnamed(names, batch)
+                return torch.stack([torch.zeros_like(missed)] * (len(LOSSES) - 1) + [missed])
             out = self.network(pictures, batch.labels)
-            names = self.network.names(pictures)
+        with torch.no_grad():
+            target = self.views.targets(batch.quaternions, batch.labels)
         return crop_losses(out, names, batch, target=target, views=self.views)
 
     def validate(self) -> tuple[CropValidation, ...]:
@@ -178,6 +187,8 @@ class CropSession(Sitting):
             values |= {f"{one.name}:{f}": float(v) for f, v in zip(FIGURES, figures, strict=True)}
         # Parts in scenes are what counts; without any, crops of the training's own kind.
         told = (found[-1].score, found[0].state, found[-1].name_right)
+        if self._names_only:
+            told = told[2:]
         told = [v for v in told if math.isfinite(v)]
         values["score"] = score = sum(told) / max(len(told), 1)
         self.validation_log.add(values)
@@ -216,6 +227,7 @@ class CropSession(Sitting):
             size=config.pool,
             seed=config.seed,
             niceness=config.generator_niceness,
+            drawing=self._drawing,
         ) as alive:
             wanted = min(config.first_shards, config.pool)
             await_shards(shards, pool, count=wanted, alive=alive, stop=stop)
@@ -223,24 +235,6 @@ class CropSession(Sitting):
                 for crops in shards.fresh(limit=1) if self.progress.step % 10 == 0 else ():
                     pool.add(crops)
                 yield pool
-
-    def _validation_sets(self) -> dict[str, list[Views]]:
-        """Views of crops that are never trained on, and of parts in scenes."""
-        config = self.config
-        count = config.validation_crops * len(self.classes)
-        file = config.output / "validation_crops.npz"
-        if not file.is_file():
-            rng = np.random.default_rng([VALIDATION_SEED, config.seed])
-            self.maker.make(count, rng=rng).save(file)
-        crops, rng = Crops.load(file), np.random.default_rng(VALIDATION_SEED)
-        starts = range(0, len(crops), VALIDATION_BATCH)
-        rows = [torch.arange(i, min(i + VALIDATION_BATCH, len(crops))) for i in starts]
-        on_device = [_on(crops.taken(part), config.device) for part in rows]
-        sets = {"crops": [self.views.views(part, rng=rng) for part in on_device]}
-        if config.validation:
-            scenes = scene_views(config.validation, self.assemblies, self.classes)
-            sets["scenes"] = [_on(part, config.device) for part in scenes]
-        return sets
 
     def checkpoint(self) -> None:
         """Write last.pt with all that is needed to go on."""
@@ -281,8 +275,3 @@ class CropSession(Sitting):
         losses: dict[str, float] = dict(zip(LOSSES, meter.means(), strict=False))
         share = min(self.share, 1.0)
         return CropReport(self.progress.step, share, losses, meter.inputs_per_s)
-
-
-def _on(rows: _Rows, device: str) -> _Rows:
-    """The same on a device."""
-    return type(rows)(*(getattr(rows, f.name).to(device) for f in dataclasses.fields(rows)))

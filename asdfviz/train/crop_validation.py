@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 import torch
 from jaxtyping import Float64
 
-from asdfviz.datatypes import Assembly
-from asdfviz.detector.crop_classes import CropClass, class_name
-from asdfviz.detector.crop_cut import CROP_PIXELS, crop_camera, cut
+from asdfviz.detector.crop_classes import CropClass
 from asdfviz.detector.crop_looker import REACH
-from asdfviz.detector.crop_network import STRIDE, CropNetwork
-from asdfviz.geometry.rotation_grid import angles_of, even_rotations, modes, quaternion_of
-from asdfviz.geometry.transforms import apply_to_point
-from asdfviz.synth.tensors import to_tensor
-from asdfviz.train.crop_views import SHIFT, ZOOM, ViewMaker, Views
-from asdfviz.train.dataset import load_images
+from asdfviz.detector.crop_network import CropNetwork
+from asdfviz.geometry.rotation_grid import angles_of, even_rotations, modes
+from asdfviz.train.crop_views import ViewMaker, Views
 
 NEAR_DEG = 25.0
 """A rotation this near to the truth counts as found."""
@@ -127,7 +121,10 @@ def validate_crops(
     grid = even_rotations(network.grid)
     for batch in views:
         with torch.inference_mode():
-            out, names = network(batch.pictures, batch.labels), network.names(batch.pictures)
+            out, names = (
+                network(batch.pictures, batch.labels),
+                network.names(batch.pictures, batch.sizes),
+            )
             probabilities = out.rotations.float().softmax(1)
             angles = torch.rad2deg(maker.angles(batch.quaternions, batch.labels))
             ranked = angles.gather(1, probabilities.topk(BEST[-1], dim=1).indices).cpu().numpy()
@@ -185,57 +182,4 @@ def _score(label: str, rows: Float64[np.ndarray, "n f"]) -> CropScore:
         place=float(np.median(rows[:, count + 3])),
         state=float(rows[:, count + 4].mean()),
         named=float(rows[:, count + 5].mean()),
-    )
-
-
-def scene_views(
-    folders: Iterable[Path],
-    assemblies: Sequence[Assembly],
-    classes: Sequence[CropClass],
-) -> list[Views]:
-    """Crops of the parts in scenes, cut as in use, with boxes as wrong as a detector's.
-
-    Raises:
-        SequenceError: a folder is broken or shows none of the assemblies.
-    """
-    rng = np.random.default_rng(0)
-    number = {c.name: place for place, c in enumerate(classes)}
-    by_name = {a.name: a for a in assemblies}
-    rows: list[tuple[np.ndarray, int, np.ndarray, np.ndarray]] = []
-    for image in load_images(tuple(folders), tuple(assemblies), image_size=1280):
-        assembly = by_name[image.assembly]
-        for item in image.objects:
-            if item.part is None or item.T_camera_part is None:
-                continue
-            label = number[class_name(assembly, assembly.parts[item.part])]
-            low, high = item.outline.min(0), item.outline.max(0)
-            side = float((high - low).max())
-            shift = SHIFT * side * np.clip(rng.normal(size=2), -2, 2)
-            half = (high - low) / 2 * np.exp(ZOOM * np.clip(rng.normal(), -2, 2))
-            middle = (low + high) / 2 + shift
-            box = np.concatenate([middle - half, middle + half]).astype(np.float64)
-            camera = crop_camera(box, image.K)
-            R_crop_part = camera.R_camera_crop.T @ item.T_camera_part[:3, :3]
-            seen = camera.R_camera_crop.T @ apply_to_point(
-                item.T_camera_part, classes[label].middle
-            )
-            focal = camera.K[0, 0]
-            place = [*(seen[:2] / seen[2] * focal / (CROP_PIXELS / 2)),
-                     np.log(focal * classes[label].diameter / (seen[2] * CROP_PIXELS))]  # fmt: skip
-            picture = cut(image.rgb, camera, image.K)
-            rows.append((picture, label, quaternion_of(R_crop_part), np.array(place)))
-    return [_views(rows[i : i + 128]) for i in range(0, len(rows), 128)]
-
-
-def _views(rows: Sequence[tuple[np.ndarray, int, np.ndarray, np.ndarray]]) -> Views:
-    pictures = to_tensor(np.stack([r[0] for r in rows]), "cpu").permute(0, 3, 1, 2)
-    cells = CROP_PIXELS // STRIDE
-    return Views(
-        pictures.float() / 255 - 0.5,
-        torch.tensor([r[1] for r in rows]),
-        torch.full((len(rows),), -1),
-        torch.tensor([r[1] for r in rows]),
-        to_tensor(np.stack([r[2] for r in rows]), "cpu", dtype=torch.float32),
-        to_tensor(np.stack([r[3] for r in rows]), "cpu", dtype=torch.float32),
-        torch.full((len(rows), cells, cells), torch.nan),
     )

@@ -26,6 +26,10 @@ SOFTNESS = 0.22
 """Radians by which the target distribution spreads about the true rotation."""
 SHIFT, ZOOM = 0.07, 0.14
 """Deviation of a detected box: of its middle as a share of its side, of the log of its size."""
+UNKNOWN, ASTRAY = 0.12, 0.15
+"""Share of boxes in which depth was not measured, and of those where it belongs to something else,"""
+NEAR_BY, FAR_BY = 0.03, 0.15
+"""and deviation of the log of the others' measured distances, and of theirs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +49,8 @@ class Views:
     """As `CropOutput.place`."""
     outline: Float32[Tensor, "b i j"]
     """Share of each cell that shows the part."""
+    sizes: Float32[Tensor, "b"]
+    """As `CropNetwork.names` takes them."""
 
 
 class ViewMaker:
@@ -113,6 +119,7 @@ class ViewMaker:
             _quaternions(R_view_part),
             self._places(R_view_part, t, focal, crops.labels),
             avg_pool2d(seen, STRIDE)[:, 0],
+            self._sizes(side, self._middle(R_view_part, t, crops.labels)[:, 2], rng, jitter),
         )
 
     def targets(
@@ -150,10 +157,21 @@ class ViewMaker:
         return (low + high) / 2, (high - low).amax(1)
 
     def _places(self, R: Tensor, t: Tensor, focal: Tensor, labels: Tensor) -> Tensor:
-        middle = (R @ self._middles[labels][:, :, None])[:, :, 0] + t
+        middle = self._middle(R, t, labels)
         offset = middle[:, :2] / middle[:, 2:] * (focal / (CROP_PIXELS / 2))[:, None]
         size = focal * self._diameters[labels] / (middle[:, 2] * CROP_PIXELS)
         return torch.cat([offset, size.log()[:, None]], dim=1)
+
+    def _middle(self, R: Tensor, t: Tensor, labels: Tensor) -> Tensor:
+        """Of the parts, in the view."""
+        return (R @ self._middles[labels][:, :, None])[:, :, 0] + t
+
+    def _sizes(
+        self, side: Tensor, distance: Tensor, rng: np.random.Generator, jitter: float
+    ) -> Float32[Tensor, "b"]:
+        """Boxes' longer sides (given at depth 1) at the distances that depth measures in them."""
+        noise = measured_sizes(rng, len(side)) if jitter > 0 else np.ones(len(side), np.float32)
+        return side * distance * to_tensor(noise, self.device)
 
     def _toned(self, rgb: Tensor, rng: np.random.Generator) -> Tensor:
         """Other brightness, contrast and tint; now and then grey."""
@@ -170,6 +188,14 @@ class ViewMaker:
         )
         noise = to_tensor(rng.standard_normal(rgb.shape, dtype=np.float32), self.device)
         return (gray + (rgb - gray) * keep + noise * each(0.0, 0.02)).clamp(0, 1)
+
+
+def measured_sizes(rng: np.random.Generator, count: int) -> Float32[np.ndarray, "n"]:
+    """Measured over true distances of what is in boxes, as depth gives them; NaN where unknown."""
+    astray = rng.random(count) < ASTRAY
+    factors = np.exp(rng.normal(size=count) * np.where(astray, FAR_BY, NEAR_BY))
+    factors[rng.random(count) < UNKNOWN] = np.nan
+    return factors.astype(np.float32)
 
 
 def _spans(classes: Sequence[CropClass], device: str) -> tuple[Tensor, Tensor]:

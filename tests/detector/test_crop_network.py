@@ -37,15 +37,28 @@ def test_outputs_depend_on_the_part_and_have_the_promised_shapes() -> None:
     assert out.place.shape == (2, 3)
     assert out.outline.shape == (2, 24, 24)
     assert out.states.shape == (2, 0)
-    assert net.names(crop).shape == (2, 0)
+    assert net.names(crop, torch.ones(2)).shape == (2, 0)
     assert not torch.allclose(out.rotations[0], out.rotations[1])
 
 
 def test_names_are_those_of_the_classes_and_nothing() -> None:
     net = network(names=True)
     with torch.inference_mode():
-        names = net.names(torch.rand(4, 3, CROP_PIXELS, CROP_PIXELS) - 0.5)
+        names = net.names(torch.rand(4, 3, CROP_PIXELS, CROP_PIXELS) - 0.5, torch.full((4,), 0.1))
     assert names.shape == (4, 3)
+
+
+def test_a_name_depends_on_the_size_where_it_is_known() -> None:
+    net = network(names=True)
+    assert net.name is not None
+    torch.nn.init.normal_(net.name.know_size.weight)
+    crop = (torch.rand(1, 3, CROP_PIXELS, CROP_PIXELS) - 0.5).expand(4, -1, -1, -1)
+    sizes = torch.tensor([0.02, 0.1, torch.nan, torch.nan])
+    with torch.inference_mode():
+        small, large, unknown, again = net.names(crop, sizes)
+    assert not torch.allclose(small, large)
+    assert bool(torch.isfinite(unknown).all())
+    assert torch.equal(unknown, again)
 
 
 def test_the_full_network_fits_the_weight_limit(tmp_path: Path) -> None:
@@ -72,7 +85,9 @@ def test_weights_come_back(tmp_path: Path) -> None:
     assert torch.allclose(want.outline, got.outline, atol=0.02)
     assert torch.allclose(want.states, got.states, atol=0.02)
     with torch.inference_mode():
-        assert torch.allclose(net.names(crops), loaded.network.names(crops), atol=0.02)
+        sizes = torch.tensor([0.05, torch.nan])
+        want, got = net.names(crops, sizes), loaded.network.names(crops, sizes)
+        assert torch.allclose(want, got, atol=0.02)
 
 
 FAULTS = ["missing", "cut short", "text", "other classes", "other states", "bias", "weight"]
@@ -173,17 +188,36 @@ def test_boxes_are_named_among_the_classes_in_question(tmp_path: Path) -> None:
     looker = CropLooker(path)
     rgb = np.zeros((240, 320, 3), np.uint8)
     boxes = [np.array([100.0, 100, 150, 160]), np.array([10.0, 10, 30, 40])]
-    named = looker.names(rgb, K, boxes, ["b/z", "c/new", "a/x"])
+    named = looker.names(rgb, K, boxes, ["b/z", "c/new", "a/x"], distances=[0.5, None])
     odds = np.exp([2.0, 1.0, 0.0])  # the last for nothing
     assert named == pytest.approx(
         np.tile([odds[0], 0.0 * odds.sum(), odds[1]], (2, 1)) / odds.sum()
     )
-    assert looker.names(rgb, K, [], ["a/x"]).shape == (0, 1)
-    assert not looker.names(rgb, K, boxes, ["c/new"]).any()
+    assert looker.names(rgb, K, [], ["a/x"], distances=[]).shape == (0, 1)
+    assert not looker.names(rgb, K, boxes, ["c/new"], distances=[0.5, 0.5]).any()
     save_crop_network(network(), path, classes=["a/x", "a/y"], states={})
     untaught = CropLooker(path)
     assert not untaught.tells_names
-    assert not untaught.names(rgb, K, boxes, ["a/x"]).any()
+    assert not untaught.names(rgb, K, boxes, ["a/x"], distances=[0.5, 0.5]).any()
+
+
+def test_the_looker_tells_the_network_how_large_things_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "crops.safetensors"
+    save_crop_network(network(names=True), path, classes=["a/x", "a/y"], states={})
+    looker, told = CropLooker(path), []
+    monkeypatch.setattr(
+        CropNetwork, "names", lambda self, crops, sizes: (told.append(sizes), torch.zeros(3, 3))[1]
+    )
+    box = np.array([140.0, 100, 180, 130])  # 40 px at f 300 px
+    aside = np.array([0.0, 0, 40, 30])
+    looker.names(
+        np.zeros((240, 320, 3), np.uint8), K, [box, box, aside], ["a/x"], distances=[0.6, None, 0.6]
+    )
+    assert float(told[0][0]) == pytest.approx(0.08, rel=0.01)
+    assert bool(told[0][1].isnan())
+    assert float(told[0][2]) == pytest.approx(0.08, rel=0.12), "off the axis nearly the same"
 
 
 def test_an_answer_tells_how_likely_any_rotation_is(tmp_path: Path) -> None:

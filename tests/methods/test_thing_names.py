@@ -22,9 +22,19 @@ class Namer:
 
     def __init__(self) -> None:
         self.asked: list[int] = []
+        self.distances: list[float | None] = []
 
-    def names(self, rgb: np.ndarray, K: np.ndarray, boxes: Sequence[Box], classes: Sequence[str]):
+    def names(
+        self,
+        rgb: np.ndarray,
+        K: np.ndarray,
+        boxes: Sequence[Box],
+        classes: Sequence[str],
+        *,
+        distances: Sequence[float | None],
+    ):
         assert tuple(classes) == CLASSES
+        self.distances += distances
         self.asked.append(len(boxes))
         return np.array([[0, 0, 0.9 if box[0] < 160 else 0.05] for box in boxes]).reshape(-1, 3)
 
@@ -43,11 +53,13 @@ def told(names: ThingNames, *detections: Detection) -> tuple[Detection, ...]:
 
 
 def test_both_networks_are_heard(assembly: Assembly, box_at: Callable) -> None:
-    names = ThingNames(assembly, Namer(), config=NamesConfig(weight=0.5))
+    looker = Namer()
+    names = ThingNames(assembly, looker, config=NamesConfig(weight=0.5))
     box = replace(box_at("block", 20, score=0.4), class_scores={"pin": 0.1})
     state = box_at("toy:block", 20)
     (named, same) = told(names, box, state)
     assert same is state
+    assert looker.distances == pytest.approx([0.6])
     assert named.score == pytest.approx(0.2)
     assert named.class_scores == pytest.approx({"base": 0.0, "block": 0.2, "pin": 0.5})
 

@@ -10,10 +10,10 @@ import torch
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
-from asdfviz.detector.crop_classes import crop_classes
+from asdfviz.detector.crop_classes import crop_classes, group_states
 from asdfviz.detector.crop_cut import CROP_PIXELS
 from asdfviz.detector.crop_network import CropNetwork
-from asdfviz.detector.crop_weights import load_crop_network
+from asdfviz.detector.crop_weights import load_crop_network, save_crop_network
 from asdfviz.errors import InputError, WeightsError
 from asdfviz.geometry.rotation_grid import rotation_of
 from asdfviz.geometry.symmetry import nearest_symmetric
@@ -24,6 +24,7 @@ from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import CropMaker, Crops
 from asdfviz.train.crop_losses import crop_losses
 from asdfviz.train.crop_pool import CropPool, ShardFolder
+from asdfviz.train.crop_scenes import CropConfig
 from asdfviz.train.crop_session import CropSession
 from asdfviz.train.crop_views import ViewMaker
 from asdfviz.train.schedule import rate_at
@@ -117,7 +118,7 @@ def test_parts_say_nothing_of_states(maker: CropMaker, crops: Crops, views: View
     count = sum(len(c.states) for c in maker.classes)
     network = CropNetwork(classes=len(maker.classes), grid=600, states=count)
     out = network(batch.pictures, batch.labels)
-    names = network.names(batch.pictures)
+    names = network.names(batch.pictures, batch.sizes)
     losses = crop_losses(out, names, batch, target=target, views=views)
     assert bool(torch.isfinite(losses).all())
     parts = batch.states < 0
@@ -141,7 +142,7 @@ def test_crops_of_nothing_known_teach_only_that(
     target = views.targets(batch.quaternions, batch.labels)
     network = CropNetwork(classes=count, grid=600, states=len(assembly.states), names=True)
     out = network(batch.pictures, batch.labels)
-    names = network.names(batch.pictures)
+    names = network.names(batch.pictures, batch.sizes)
     losses = crop_losses(out, names, batch, target=target, views=views)
     changed = replace(
         out, rotations=torch.where(nothing[:, None], 9 * out.rotations, out.rotations)
@@ -199,6 +200,23 @@ def test_views_keep_the_truth(assembly, maker, crops, views) -> None:
         cells = np.stack([columns, rows], axis=1) * 4 + 1.5
         assert np.all(cells >= uv.min(axis=0) - 7)
         assert np.all(cells <= uv.max(axis=0) + 7)
+
+
+def test_boxes_are_as_large_as_what_they_are_cut_about(assembly, maker, views) -> None:
+    parts = [i for i, c in enumerate(maker.classes) if not c.states]
+    crops = maker.make(24, rng=np.random.default_rng(7), labels=parts)
+    exact = views.views(crops, rng=np.random.default_rng(2), jitter=0.0)
+    for i in range(len(crops)):
+        part_class = maker.classes[int(crops.labels[i])]
+        corners = apply(crops.T_crop_part[i].double().numpy(), part_class.corners)
+        flat = corners[:, :2] / corners[:, 2:]
+        side = np.ptp(flat, axis=0).max() * float(crops.T_crop_part[i, 2, 3])
+        assert float(exact.sizes[i]) == pytest.approx(side, rel=0.1)
+        assert float(exact.sizes[i]) < 1.3 * part_class.diameter
+    measured = torch.cat(
+        [views.views(crops, rng=np.random.default_rng(seed)).sizes for seed in range(20)]
+    )
+    assert 0.05 < float(measured.isnan().float().mean()) < 0.25, "depth has holes"
 
 
 def test_a_roll_turns_the_pose_with_the_picture(crops: Crops, views: ViewMaker) -> None:
@@ -283,6 +301,34 @@ def test_a_run_trains_stops_goes_on_and_exports(tmp_path: Path) -> None:
     assert (tmp_path / "curve.png").is_file()
     with pytest.raises(WeightsError, match="another run folder"):
         CropSession(run_config(tmp_path, grid=240))
+
+
+def test_names_can_be_taught_alone(tmp_path: Path) -> None:
+    (tmp_path / "run" / "pool").mkdir(parents=True)
+    clamp = CropMaker([load_assembly("corner_clamp")], config=CropConfig(groups=0.0))
+    made = clamp.make(16, rng=np.random.default_rng(0))
+    made.save(tmp_path / "run" / "pool" / "shard_1.npz")
+    start = tmp_path / "crops.safetensors"
+    classes, states = [c.name for c in clamp.classes], group_states(clamp.classes)
+    count = sum(len(of) for of in states.values())
+    network = CropNetwork(classes=len(classes), grid=120, states=count, names=True)
+    save_crop_network(network, start, classes=classes, states=states)
+    session = CropSession(run_config(tmp_path / "run", start=start, teach="names"))
+    before = {k: v.clone() for k, v in session.network.state_dict().items()}
+    assert session.go(lambda report: None, lambda: False)
+    for name, value in session.network.state_dict().items():
+        same = torch.equal(value, before[name])
+        assert same or name.startswith("name."), name
+        assert not same or name != "name.know_size.bias"
+    assert session.validate()
+    assert session.progress.best > 0
+    assert not (tmp_path / "crops.json").exists()
+    assert load_crop_network(tmp_path / "run" / "crops.safetensors").network.tells_names
+
+
+def test_names_alone_need_a_beginning(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="name the weights to begin with"):
+        CropSession(run_config(tmp_path, teach="names"))
 
 
 def test_an_empty_pool_without_generators_is_refused(tmp_path: Path) -> None:
