@@ -51,7 +51,8 @@ def validation_sets(
         rng = np.random.default_rng([SEED, config.seed])
         maker.make(count, rng=rng).save(file)
     crops, rng = Crops.load(file), np.random.default_rng(SEED)
-    rows = torch.arange(len(crops)).split(BATCH)
+    starts = range(0, len(crops), BATCH)
+    rows = [torch.arange(i, min(i + BATCH, len(crops))) for i in starts]
     on_device = [_on(crops.taken(part), config.device) for part in rows]
     sets = {"crops": [views.views(part, rng=rng) for part in on_device]}
     if config.validation:
