@@ -78,12 +78,13 @@ class BenchLoss:
 
     def __call__(self) -> None:
         """Print the area under the ROC curve in percent, and how many poses of each kind there are."""
-        from asdfviz.bench.loss import told_apart
-        from asdfviz.evaluate.calibration import ranking_area
+        from asdfviz.bench.loss import loss_figures, told_apart
         from asdfviz.evaluate.inputs import open_result
         from asdfviz.evaluate.judgement import judge
+        from asdfviz.evaluate.protocols import TWINS
 
-        told: list[tuple[float, bool]] = []
+        by_name: list[tuple[float, bool]] = []
+        by_twin: list[tuple[float, bool]] = []
         for path in self.runs:
             result = open_result(path)
             judged = judge(
@@ -93,18 +94,24 @@ class BenchLoss:
                 camera=result.camera_to_render_with,
             )
             diameters = {name: part.diameter for name, part in result.assembly.parts.items()}
-            told += told_apart(
-                (r.score, r.error.add_s / diameters[r.part])
-                for r in judged.comparison.records
-                if r.error is not None and r.score is not None and r.visible >= self.visible
-            )
-        right = sum(is_right for _, is_right in told)
-        figures = {"loss_auc": ranking_area(told), "right": right, "lost": len(told) - right}
+            compared = judged.comparison
+            for told, records in ((by_name, compared.records), (by_twin, compared.exchanged)):
+                told += told_apart(
+                    (r.score, r.error.add_s / diameters[r.part])
+                    for r in records
+                    if r.error is not None and r.score is not None and r.visible >= self.visible
+                )
+        figures = {**loss_figures(by_name), **loss_figures(by_twin, suffix=TWINS)}
         if self.json:
             print(json.dumps(figures, indent=2))
             return
-        area = "-" if figures["loss_auc"] is None else f"{figures['loss_auc']:.1f} %"
-        print(f"AUC {area}: {right} right poses, {len(told) - right} lost ones")
+        for suffix, title in (("", ""), (TWINS, ", on either twin counts as right")):
+            if suffix and by_twin == by_name:
+                break
+            area = figures[f"loss_auc{suffix}"]
+            shown = "-" if area is None else f"{area:.1f} %"
+            right, lost = figures[f"right{suffix}"], figures[f"lost{suffix}"]
+            print(f"AUC {shown}: {right} right poses, {lost} lost ones{title}")
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,8 @@ class PoseError:
     """Angle between the rotations, radians, symmetry left aside."""
     e_r_sym: float
     """The same to the nearest symmetric pose, radians."""
+    overlap: float
+    """Intersection over union of the boxes about the part in the picture under both poses, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +83,27 @@ def pose_error(
         e_t=e_t(T_camera_estimate, T_camera_truth),
         e_r=e_r(T_camera_estimate, T_camera_truth),
         e_r_sym=e_r_symmetric(T_camera_estimate, T_camera_truth, symmetries),
+        overlap=box_overlap(T_camera_estimate, T_camera_truth, model.points),
     )
+
+
+def box_overlap(T_camera_estimate: Transform, T_camera_truth: Transform, points: Points) -> float:
+    """Intersection over union of the boxes about all points in the picture under both poses.
+
+    The boxes lie in the plane at depth 1, so no intrinsics are asked for; 0 where a point lies behind
+    the camera.
+    """
+    boxes: list[np.ndarray] = []
+    for T in (T_camera_estimate, T_camera_truth):
+        seen = apply(T, points)
+        if seen[:, 2].min() <= 0:
+            return 0.0
+        flat = seen[:, :2] / seen[:, 2:]
+        boxes.append(np.concatenate([flat.min(axis=0), flat.max(axis=0)]))
+    a, b = boxes
+    sides = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
+    shared = float(np.prod(np.maximum(sides, 0)))
+    return shared / float(np.prod(a[2:] - a[:2]) + np.prod(b[2:] - b[:2]) - shared)
 
 
 def add(T_camera_estimate: Transform, T_camera_truth: Transform, points: Points) -> float:

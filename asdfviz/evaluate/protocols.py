@@ -25,6 +25,8 @@ VISIBLE = 0.1
 """A part counts from this visible share on, as in BOP's protocol of 2024."""
 DETECTABLE = 0.3
 """Detection recall asks for parts from this visible share on."""
+IN_PLACE = 0.5
+"""Overlap of boxes (intersection over union) from which a pose is in the right place of the picture."""
 ADD_LIMIT = 0.1
 """Metres: ADD(S)@10 cm."""
 TIGHT_LIMIT = 0.02
@@ -49,6 +51,8 @@ MEAN_FIGURES = (
     "e_r_sym_deg_median",
     "e_r_sym_deg_p90",
     "detection_recall",
+    "box_recall",
+    "box_precision",
 )
 
 # obj4eval of the authors' script: the parts that each assembly's mean is taken over.
@@ -87,13 +91,13 @@ def pose_figures(
     parts: dict[str, Figures] = {}
     for name, part in assembly.parts.items():
         parts[name] = part_figures(by_part[name], part)
-        parts[name]["detection_recall"] = _detection_recall(by_part[name])
-        parts[name]["false_positives"] = len(comparison.false_positives.get(name, ()))
+        absent = len(comparison.false_positives.get(name, ()))
+        parts[name] |= {**_detection(by_part[name], absent), "false_positives": absent}
     if protocol == "gbot":
         return parts, _gbot_mean(parts, by_part, assembly)
     for name, records in _by_part(comparison.exchanged, assembly).items():
         figures = _strict_figures(records, assembly.parts[name])
-        figures["detection_recall"] = _detection_recall(records)
+        figures |= _detection(records, len(comparison.false_positives.get(name, ())))
         parts[name] |= {f"{key}{TWINS}": figures[key] for key in MEAN_FIGURES}
     keys = (*MEAN_FIGURES, *(f"{key}{TWINS}" for key in MEAN_FIGURES))
     return parts, {key: mean(figures[key] for figures in parts.values()) for key in keys}
@@ -227,6 +231,17 @@ def percentile(values: Sequence[float] | np.ndarray, share: float) -> float | No
     return float(np.percentile(values, share)) if len(values) else None
 
 
-def _detection_recall(records: Sequence[PoseRecord]) -> float | None:
+def _detection(records: Sequence[PoseRecord], absent: int) -> Figures:
+    """Of the parts that can be seen well, how many have a pose, and one in the right place; of all poses,
+    `absent` ones of parts that are not there among them, how many are in the right place."""
     asked = [record for record in records if record.visible >= DETECTABLE]
-    return percent(sum(record.error is not None for record in asked), len(asked))
+    given = [r for r in records if r.visible >= VISIBLE and r.error is not None]
+    return {
+        "detection_recall": percent(sum(r.error is not None for r in asked), len(asked)),
+        "box_recall": percent(sum(map(_in_place, asked)), len(asked)),
+        "box_precision": percent(sum(map(_in_place, given)), len(given) + absent),
+    }
+
+
+def _in_place(record: PoseRecord) -> bool:
+    return record.error is not None and record.error.overlap >= IN_PLACE

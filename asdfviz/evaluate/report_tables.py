@@ -36,6 +36,8 @@ POSES = (
     Column("mean", "e_r_sym_deg_median", "median", "°", -1),
     Column("mean", "e_r_sym_deg_p90", "p90", "°", -1),
     Column("mean", "detection_recall", "found", "%"),
+    Column("mean", "box_recall", "in place", "% of parts"),
+    Column("mean", "box_precision", "in place", "% of poses"),
     Column("mean", "score_auc", "score AUC", "%"),
 )
 TWIN_POSES = (

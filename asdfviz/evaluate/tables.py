@@ -27,6 +27,8 @@ POSE_COLUMNS = (
     ("sym. median", "e_r_sym_deg_median"),
     ("sym. p90", "e_r_sym_deg_p90"),
     ("found [%]", "detection_recall"),
+    ("in place, of parts [%]", "box_recall"),
+    ("of poses [%]", "box_precision"),
 )
 TWIN_COLUMNS = (
     ("ADD(S) < 10 cm, twins [%]", f"add_s_10cm{TWINS}"),

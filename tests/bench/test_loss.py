@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asdfviz.bench.loss import told_apart
+from asdfviz.bench.loss import loss_figures, told_apart
 from asdfviz.cli.bench import BenchLoss
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import open_sequence
@@ -45,3 +45,15 @@ def test_runs_are_judged_together(
     figures = json.loads(capsys.readouterr().out)
     assert figures["loss_auc"] == pytest.approx(area)
     assert figures["right"] == figures["lost"] > 0
+    assert figures["loss_auc_twins"] == figures["loss_auc"], "the corner clamp has no twins"
+    BenchLoss(tuple(folders))()
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.startswith(f"AUC {area:.1f} %")
+
+
+def test_without_both_kinds_there_is_no_area() -> None:
+    assert loss_figures([(0.5, True)], suffix="_twins") == {
+        "loss_auc_twins": None,
+        "right_twins": 1,
+        "lost_twins": 0,
+    }

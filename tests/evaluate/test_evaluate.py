@@ -66,6 +66,8 @@ def test_a_perfect_run(
         "auc_add_s_10cm": 100,
         "auc_add_s_2cm": 100,
         "detection_recall": 100,
+        "box_recall": 100,
+        "box_precision": 100,
     }
     twins = {f"{key}_twins": value for key, value in means.items()}
     assert report["mean"] == pytest.approx(
@@ -120,6 +122,10 @@ def test_strict_figures_by_hand(
     assert plate["auc_add_s_2cm"] == pytest.approx(5 * (20 - 1000 * turned) / 4)
     assert plate["e_r_deg"] == pytest.approx(4 / 3)
     assert plate["detection_recall"] == pytest.approx(100 * 2 / 3)  # frame 1 shows only 20 %
+    # In place in frame 0 alone; given in 0, 1 and 3. The rod twice, the last 20 mm aside.
+    assert plate["box_recall"] == plate["box_precision"] == pytest.approx(100 / 3)
+    assert (rod["box_recall"], rod["box_precision"]) == pytest.approx((100 / 3, 50))
+    assert block["box_precision"] == 0
     assert (rod["n_visible"], rod["n_poses"]) == (3, 2)
     assert rod["add_s_10cm"] == pytest.approx(200 / 3)
     assert rod["add_s_01d"] == pytest.approx(100 / 3)
@@ -128,7 +134,7 @@ def test_strict_figures_by_hand(
     assert rod["e_r_sym_deg"] == pytest.approx(0, abs=1e-5)
     assert rod["detection_recall"] == pytest.approx(200 / 3)
     assert block["false_positives"] == 1
-    assert {block[key] for key in MEAN_FIGURES} == {None}
+    assert {block[key] for key in MEAN_FIGURES if key != "box_precision"} == {None}
     assert report["mean"]["add_s_10cm"] == pytest.approx((50 + 200 / 3) / 2)
     assert report["mean"]["e_t_mm"] == pytest.approx((2035 / 3 + 10) / 2)
     assert report["mean"]["e_r_deg"] == pytest.approx((4 / 3 + 35) / 2)

@@ -9,6 +9,7 @@ from asdfviz.datatypes import Assembly
 from asdfviz.evaluate.pose_errors import (
     add,
     adi,
+    box_overlap,
     e_r,
     e_r_symmetric,
     e_t,
@@ -100,3 +101,15 @@ def test_an_unsymmetric_part_is_measured_by_add(assembly: Assembly) -> None:
 def test_the_sample_is_always_the_same(assembly: Assembly) -> None:
     part = assembly.parts["block"]
     np.testing.assert_array_equal(error_model(part).points, error_model(part).points)
+
+
+def test_boxes_overlap_as_the_picture_shows_them() -> None:
+    square = np.array([[-0.02, -0.02, 0], [0.02, -0.02, 0], [0.02, 0.02, 0], [-0.02, 0.02, 0]])
+    here = turned(0)
+    assert box_overlap(here, here, square) == pytest.approx(1)
+    assert box_overlap(turned(90), here, square) == pytest.approx(1)
+    aside = turned(0, t=(0.02, 0, 0.5))
+    assert box_overlap(aside, here, square) == pytest.approx(1 / 3)
+    assert box_overlap(turned(0, t=(0, 0, 1.0)), here, square) == pytest.approx(1 / 4)
+    assert box_overlap(turned(0, t=(0.1, 0, 0.5)), here, square) == 0
+    assert box_overlap(turned(0, t=(0, 0, -0.5)), here, square) == 0

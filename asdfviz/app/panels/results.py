@@ -13,6 +13,8 @@ _POSE = (
     ("ADD(S) < 10 cm", "add_s_10cm", "%"),
     ("ADD(S) < 0.1 d", "add_s_01d", "%"),
     ("parts found", "detection_recall", "%"),
+    ("found in place", "box_recall", "%"),
+    ("poses in place", "box_precision", "%"),
     ("translation, mean", "e_t_mm", "mm"),
     ("translation, median", "e_t_mm_median", "mm"),
     ("rotation up to symmetry", "e_r_sym_deg", "°"),
