@@ -189,6 +189,12 @@ class Asdf:
         """Of the parts, once reset() was called."""
         return self._started().shapes
 
+    @property
+    def looker(self) -> LooksAtParts | None:
+        """The crop network, once reset() was called; None where keypoints give first poses."""
+        crop_poses = self._started().crop_poses
+        return None if crop_poses is None else crop_poses.looker
+
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
         config, scene, timed = self._config, self._started(), StageTimer()

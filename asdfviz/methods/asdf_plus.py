@@ -31,6 +31,7 @@ from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
+from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig
 from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
@@ -64,11 +65,15 @@ class AsdfPlusConfig(AsdfConfig):
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = field(
-        default_factory=lambda: RelativePoseConfig(sigma_translation=0.02, doubted=1.0)
+        default_factory=lambda: RelativePoseConfig(
+            sigma_translation=0.02, doubted=1.0, wrong_rotations=0.9, temperature=1.5
+        )
     )
     """S_P; narrower than ASDF's, as the poses are."""
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
     """The hypothesis test over states."""
+    place_looks: PlaceLooksConfig = field(default_factory=PlaceLooksConfig)
+    """What the crop network sees where joined parts would stand."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
 
@@ -81,6 +86,7 @@ class _Scene:
     hypotheses: dict[str, PartHypotheses]
     states: StateFilter
     fits: GroupFits
+    place_looks: PlaceLooks
     group: GroupPoses
     twins: PlaceNames
     one_place: OnePlace
@@ -129,6 +135,7 @@ class AsdfPlus:
             },
             StateFilter(assembly, config=config.smoothing),
             GroupFits(assembly, shapes, config=config.group_fit),
+            PlaceLooks(assembly, shapes, self._asdf.looker, config=config.place_looks),
             GroupPoses(assembly, shapes, config=config.joined),
             PlaceNames(assembly),
             OnePlace(assembly),
@@ -147,7 +154,9 @@ class AsdfPlus:
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
             first = proposed.poses.get(scene.assembly.base)
             seen = scene.fits.step(poses, scene.states.belief, frame, first=first)
-            state = followed_state(scene.states, looks, places, seen)
+            base = scene.fits.base or poses.get(scene.assembly.base)
+            stands = scene.place_looks.step(base, poses, scene.states.belief, frame)
+            state = followed_state(scene.states, looks, places, seen, stands)
         if config.joined.enabled:
             with timed("group"):
                 poses = scene.group.step(poses, state, frame, base=scene.fits.base)

@@ -6,13 +6,19 @@ from asdfviz.datatypes import StateEstimate
 from asdfviz.geometry.shapes import Scores
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 
-FOLLOWED = SmoothingConfig(appearance_weight=0.15, pose_weight=0.3, group_weight=0.7)
+FOLLOWED = SmoothingConfig(
+    appearance_weight=0.15, pose_weight=0.3, group_weight=0.7, place_weight=0.5
+)
 """Appearance counts little: a lightly trained network mistakes states more often than places. What is
 seen of the group errs alike in frames that look alike, so it counts less than once a frame."""
 
 
 def followed_state(
-    states: StateFilter, looks: Scores | None, places: Scores | None, group_fit: Scores | None
+    states: StateFilter,
+    looks: Scores | None,
+    places: Scores | None,
+    group_fit: Scores | None,
+    place_looks: Scores | None,
 ) -> StateEstimate | None:
     """Take one frame's terms into the model; None before anything was ever seen.
 
@@ -21,9 +27,15 @@ def followed_state(
         looks: the term "appearance".
         places: the term "relative_pose".
         group_fit: the term of that name.
+        place_looks: the term of that name.
     """
-    belief = states.step(looks, places, group_fit)
+    belief = states.step(looks, places, group_fit, place_looks)
     if belief is None:
         return None
-    terms = {"appearance": looks, "relative_pose": places, "group_fit": group_fit}
+    terms = {
+        "appearance": looks,
+        "relative_pose": places,
+        "group_fit": group_fit,
+        "place_looks": place_looks,
+    }
     return StateEstimate(belief, {name: term for name, term in terms.items() if term is not None})

@@ -48,11 +48,11 @@ class FusionConfig:
     """w_DL, equation 3: weight of the network's state boxes."""
     w_p: float = 0.7
     """w_P, equation 3: weight of the relative poses."""
-    w_f: float = 0.35
+    w_f: float = 0.25
     """w_f, equation 5: weight of this frame."""
-    w_previous: float = 0.65
+    w_previous: float = 0.75
     """w_{f-1}, equation 5: weight of the previous frame."""
-    neighbour: float = 0.1
+    neighbour: float = 0.02
     """n, equation 4: share of each neighbour's previous probability."""
 
 

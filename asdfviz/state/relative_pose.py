@@ -54,9 +54,9 @@ class RelativePoseConfig:
     doubted: float = 0.0
     """Share of the doubt in a pose that counts to eps; 1 where scores are probabilities of being
     right, so that a pose which is hardly believed says hardly anything."""
-    wrong_rotations: float = 0.9
+    wrong_rotations: float = 0.4
     """u of a pose with score 0: share of joined parts of which the rotation says nothing, 0 to 1."""
-    temperature: float = 1.5
+    temperature: float = 1.0
     """Above 1 the parts are trusted less than independent witnesses."""
 
 

@@ -40,6 +40,8 @@ class SmoothingConfig:
     """Exponent of the relative poses' term."""
     group_weight: float = 1.0
     """Exponent of the group's term."""
+    place_weight: float = 1.0
+    """Exponent of the term of what stands in the places of joined parts."""
     floor: float = 0.02
     """Evidence is never below this share of its largest value: one frame does not rule out alone."""
 
@@ -66,6 +68,7 @@ class StateFilter:
         appearance: Scores | None,
         relative_pose: Scores | None,
         group_fit: Scores | None = None,
+        place_looks: Scores | None = None,
     ) -> Scores | None:
         """Take in one frame; None before anything was ever seen.
 
@@ -73,8 +76,9 @@ class StateFilter:
             appearance: probabilities by looks, None where they say nothing.
             relative_pose: probabilities by relative poses, None likewise.
             group_fit: probabilities by what the camera sees of each state's group, None likewise.
+            place_looks: probabilities by what stands in the places of joined parts, None likewise.
         """
-        evidence = combined(appearance, relative_pose, group_fit, config=self._config)
+        evidence = combined(appearance, relative_pose, group_fit, place_looks, config=self._config)
         if self._belief is None:
             if evidence is None:
                 return None
@@ -92,6 +96,7 @@ def most_likely_path(
     assembly: Assembly,
     *,
     group_fit: Sequence[Scores | None] | None = None,
+    place_looks: Sequence[Scores | None] | None = None,
     config: SmoothingConfig | None = None,
 ) -> list[int] | None:
     """Return the most probable state of every frame, all frames known (Viterbi).
@@ -102,6 +107,7 @@ def most_likely_path(
         assembly: its transitions.
         group_fit: probabilities by what the camera sees of each state's group, frame by frame; None
             where the term was not used.
+        place_looks: probabilities by what stands in the places of joined parts; None likewise.
         config: as for the filter.
 
     Returns:
@@ -110,14 +116,16 @@ def most_likely_path(
     Raises:
         MethodError: the sequences differ in length.
     """
-    fits = [None] * len(appearance) if group_fit is None else group_fit
-    if not len(appearance) == len(relative_pose) == len(fits):
+    silent: list[Scores | None] = [None] * len(appearance)
+    fits = silent if group_fit is None else group_fit
+    stands = silent if place_looks is None else place_looks
+    if not len(appearance) == len(relative_pose) == len(fits) == len(stands):
         raise MethodError(
             f"{len(appearance)} frames of appearance, {len(relative_pose)} of relative poses, "
-            f"{len(fits)} of group fits: all cover the same frames"
+            f"{len(fits)} of group fits, {len(stands)} of place looks: all cover the same frames"
         )
     chosen = config or SmoothingConfig()
-    terms = zip(appearance, relative_pose, fits, strict=True)
+    terms = zip(appearance, relative_pose, fits, stands, strict=True)
     evidence = [combined(*said, config=chosen) for said in terms]
     if all(e is None for e in evidence):
         return None
@@ -164,6 +172,7 @@ def combined(
     appearance: Scores | None,
     relative_pose: Scores | None,
     group_fit: Scores | None = None,
+    place_looks: Scores | None = None,
     *,
     config: SmoothingConfig,
 ) -> Scores | None:
@@ -172,6 +181,7 @@ def combined(
         (appearance, config.appearance_weight),
         (relative_pose, config.pose_weight),
         (group_fit, config.group_weight),
+        (place_looks, config.place_weight),
     )
     product: Scores | None = None
     for term, weight in weighted:

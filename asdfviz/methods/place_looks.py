@@ -1,0 +1,217 @@
+"""What stands where a joined part would stand, asked of the crop network: a witness for the state.
+
+Not in the paper. The state says where each part of the group is; the network that names things is shown
+that place and says whether it shows the part. How much of the part it sees in an empty place depends on
+what is there instead, so every place is compared with itself some frames before. Only places in which
+the states that are near in the assembly's order differ are looked at.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Int64
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate
+from asdfviz.detector.crop_classes import class_name
+from asdfviz.errors import MethodError
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.shapes import Box, Scores, Transform
+from asdfviz.geometry.transforms import apply, apply_to_point
+from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.thing_names import NamesThings
+from asdfviz.pose.box_size import box_distance
+from asdfviz.state.fusion import neighbours
+from asdfviz.state.joint_places import JointPlaces
+
+LARGEST_LOGIT = 6.0
+"""Probabilities are cut so that their log odds stay below."""
+LEAST_PX = 4.0
+"""A place that is smaller in the picture shows nothing."""
+
+
+@dataclass(frozen=True)
+class PlaceLooksConfig:
+    """How what the network sees in a place counts."""
+
+    enabled: bool = True
+    """Whether it is asked; only one that was taught names can be."""
+    empty: float = 0.15
+    """What it is expected to say of an empty place before it ever looked there, a probability."""
+    jump: float = 1.5
+    """Rise of its log odds that speaks neither for the part nor against it."""
+    gain: float = 0.5
+    """Log odds of the part per log odds of the network beyond that,"""
+    most: float = 2.0
+    """but no more than this"""
+    least: float = -1.0
+    """and no less: a part may be hidden."""
+    delay: int = 8
+    """After so many frames a look at a place that is still empty is remembered as one."""
+    up: float = 0.3
+    """Weight of such a look if the place looked more like the part than it did before,"""
+    down: float = 0.03
+    """and otherwise."""
+    empty_below: float = 0.3
+    """Probability of the part being joined below which its place is empty."""
+    in_front: float = 0.015
+    """What is nearer than the part can be by this hides it, metres."""
+
+
+@dataclass(slots=True, eq=False)
+class _Place:
+    """Where some states have a part, and how that place looked while it was empty."""
+
+    part: str
+    state: int
+    """One of the states that have it there."""
+    states: Int64[np.ndarray, "k"]
+    empty: float
+    """Log odds that the network gives the part in the empty place."""
+    recent: deque[float] = field(default_factory=deque[float])
+
+    def remember(self, logit: float, joined: float, config: PlaceLooksConfig) -> None:
+        """Take in a look; one of some frames ago counts as empty if the part is not joined yet."""
+        if joined >= config.empty_below:
+            self.recent.clear()
+            return
+        self.recent.append(logit)
+        if len(self.recent) > config.delay:
+            old = self.recent.popleft()
+            self.empty += (config.up if old > self.empty else config.down) * (old - self.empty)
+
+
+class PlaceLooks:
+    """Looks at the places of joined parts in one sequence."""
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        shapes: Mapping[str, PartShape],
+        looker: object | None,
+        *,
+        config: PlaceLooksConfig,
+    ) -> None:
+        """Begin a sequence.
+
+        Args:
+            assembly: whose states.
+            shapes: of the parts.
+            looker: the crop network; None, and anything that names nothing, is never asked.
+            config: how its answers count.
+
+        Raises:
+            MethodError: an option is out of its range.
+        """
+        if not 0 < config.empty < 1 or config.delay < 1:
+            raise MethodError(
+                f"place_looks.empty is {config.empty:g} and place_looks.delay {config.delay}: empty "
+                "must be above 0 and below 1, delay 1 or more"
+            )
+        self._looker: NamesThings | None = None
+        if config.enabled and isinstance(looker, NamesThings) and looker.tells_names:
+            self._looker = looker
+        self._assembly, self._config = assembly, config
+        self._corners = {name: shape.corners for name, shape in shapes.items()}
+        self._joints = JointPlaces(assembly)
+        self._near = neighbours(assembly) + np.eye(len(assembly.states)) > 0
+        found: dict[tuple[str, bytes], list[int]] = {}
+        for state in assembly.states:
+            for name, T in state.T_base_part.items():
+                if name != assembly.base:
+                    found.setdefault((name, T.tobytes()), []).append(state.index)
+        empty = _logit(config.empty)
+        self._places = [
+            _Place(name, states[0], np.array(states), empty) for (name, _), states in found.items()
+        ]
+
+    def step(
+        self,
+        base: PoseEstimate | None,
+        poses: Mapping[str, PoseEstimate],
+        belief: Scores | None,
+        frame: Frame,
+    ) -> Scores | None:
+        """Probability of every state by what stands in its places.
+
+        Args:
+            base: where the base part is, None if that is not known.
+            poses: of the parts: those that are in their joints tell how far these are.
+            belief: probability of every state before this frame, None before anything was seen.
+            frame: to look at.
+
+        Returns:
+            None where nothing could be looked at.
+        """
+        if self._looker is None or base is None:
+            return None
+        self._joints.see(base.T_camera_part, poses)
+        looked = [
+            (place, box, distance)
+            for place in self._doubtful(belief)
+            for box, distance in self._seen(place, base.T_camera_part, frame)
+        ]
+        if not looked:
+            return None
+        odds = np.zeros(len(self._assembly.states))
+        for (place, _, _), logit in zip(looked, self._asked(looked, frame), strict=True):
+            beyond = self._config.gain * (logit - place.empty - self._config.jump)
+            odds[place.states] += float(np.clip(beyond, self._config.least, self._config.most))
+            joined = 0.0 if belief is None else float(belief[place.states].sum())
+            place.remember(logit, joined, self._config)
+        scores = np.exp(odds - odds.max())
+        return scores / scores.sum()
+
+    def _doubtful(self, belief: Scores | None) -> list[_Place]:
+        """The places in which states near the most probable one differ."""
+        count = len(self._assembly.states)
+        near = np.ones(count, bool) if belief is None else self._near[int(belief.argmax())]
+        having = [int(near[place.states].sum()) for place in self._places]
+        return [p for p, k in zip(self._places, having, strict=True) if 0 < k < int(near.sum())]
+
+    def _seen(
+        self, place: _Place, T_camera_base: Transform, frame: Frame
+    ) -> list[tuple[Box, float]]:
+        """The place's box and distance, if it is in view and nothing is in front."""
+        part = self._assembly.parts[place.part]
+        state = self._assembly.states[place.state]
+        T = T_camera_base @ self._joints.last(place.part, state)
+        corners = apply(T, self._corners[place.part])
+        if corners[:, 2].min() <= 0:
+            return []
+        pixels = project(corners, frame.camera.K)
+        box = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+        middle, size = (box[:2] + box[2:]) / 2, (frame.camera.width, frame.camera.height)
+        if np.any(middle < 0) or np.any(middle >= size) or (box[2:] - box[:2]).min() < LEAST_PX:
+            return []
+        measured = None if frame.depth is None else box_distance(box, frame.depth)
+        if measured is not None and measured < corners[:, 2].min() - self._config.in_front:
+            return []
+        return [(box, float(apply_to_point(T, part.middle)[2]))]
+
+    def _asked(self, looked: list[tuple[_Place, Box, float]], frame: Frame) -> list[float]:
+        """Log odds that each place shows its part."""
+        parts = self._assembly.parts
+        wanted = [class_name(self._assembly, parts[place.part]) for place, _, _ in looked]
+        classes = list(dict.fromkeys(class_name(self._assembly, p) for p in parts.values()))
+        assert self._looker is not None
+        told = self._looker.names(
+            frame.rgb,
+            frame.camera.K,
+            [box for _, box, _ in looked],
+            classes,
+            distances=[distance for _, _, distance in looked],
+        )
+        return [
+            _logit(float(row[classes.index(name)])) for row, name in zip(told, wanted, strict=True)
+        ]
+
+
+def _logit(probability: float) -> float:
+    cut = 1 / (1 + math.exp(LARGEST_LOGIT))
+    p = min(max(probability, cut), 1 - cut)
+    return math.log(p / (1 - p))

@@ -1,0 +1,122 @@
+"""What stands in the places of joined parts, with a network that says what it is told to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Box
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.methods.part_poses import part_shapes
+from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig
+
+CAMERA = Camera(np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]]), 320, 240)
+ALONE = np.array([1.0, 0.0])
+FACING = rotation_about(np.array([1.0, 0, 0]), np.pi)
+"""The base's z, on which the block stands, looks at the camera."""
+
+
+class Namer:
+    """Says how surely it sees the block, wherever it looks."""
+
+    tells_names = True
+
+    def __init__(self, block: float) -> None:
+        self.block = block
+        self.boxes: list[Box] = []
+        self.distances: list[float | None] = []
+
+    def names(
+        self,
+        rgb: np.ndarray,
+        K: np.ndarray,
+        boxes: Sequence[Box],
+        classes: Sequence[str],
+        *,
+        distances: Sequence[float | None],
+    ) -> np.ndarray:
+        self.boxes += boxes
+        self.distances += distances
+        return np.array([[self.block if c == "toy/block" else 0.0 for c in classes]] * len(boxes))
+
+
+def base_at(x: float = 0.0) -> PoseEstimate:
+    return PoseEstimate("base", transform_from(FACING, np.array([x, 0, 0.6])), 1.0, "refined")
+
+
+def frame(depth: float | None = 0.57) -> Frame:
+    measured = None if depth is None else np.full((240, 320), depth, np.float32)
+    return Frame(0, 0.0, np.zeros((240, 320, 3), np.uint8), measured, CAMERA)
+
+
+def looks_of(assembly: Assembly, looker: object | None, **options: float) -> PlaceLooks:
+    shapes = part_shapes(assembly, surface_points=50)
+    return PlaceLooks(assembly, shapes, looker, config=PlaceLooksConfig(**options))  # pyright: ignore[reportArgumentType]
+
+
+def test_a_part_that_is_seen_in_its_place_speaks_for_its_state(assembly: Assembly) -> None:
+    for seen, speaks_for in ((0.98, 1), (0.01, 0)):
+        namer = Namer(seen)
+        scores = looks_of(assembly, namer).step(base_at(), {}, ALONE, frame())
+        assert scores is not None
+        assert scores.argmax() == speaks_for
+        assert scores.sum() == pytest.approx(1)
+        # The block's middle lies 30 mm along x and 30 mm nearer than the base's.
+        (box,) = namer.boxes
+        assert (box[:2] + box[2:]) / 2 == pytest.approx([159.5 + 300 * 0.03 / 0.57, 119.5], abs=1)
+        assert namer.distances == pytest.approx([0.57])
+
+
+def test_a_part_that_may_be_hidden_says_less_than_one_that_is_seen(assembly: Assembly) -> None:
+    told = [looks_of(assembly, Namer(p)).step(base_at(), {}, ALONE, frame()) for p in (0.99, 0.001)]
+    seen, unseen = (float(np.log(s[1] / s[0])) for s in told if s is not None)
+    assert seen > 1.5 * abs(unseen)
+
+
+def test_an_empty_place_that_looks_like_the_part_is_compared_with_itself(
+    assembly: Assembly,
+) -> None:
+    namer = Namer(0.7)
+    looks = looks_of(assembly, namer)
+    later = kept = None
+    first = looks.step(base_at(), {}, ALONE, frame())
+    for _ in range(40):
+        later = looks.step(base_at(), {}, ALONE, frame())
+    assert first is not None
+    assert later is not None
+    assert first[1] > 0.5 > later[1], "it looked like this all the time"
+    namer.block = 0.97
+    changed = looks.step(base_at(), {}, ALONE, frame())
+    assert changed is not None
+    assert changed[1] > 0.6
+    for _ in range(40):  # joined: the place is no longer taken for empty
+        kept = looks.step(base_at(), {}, np.array([0.1, 0.9]), frame())
+    assert kept is not None
+    assert kept[1] == pytest.approx(changed[1], abs=1e-3)
+
+
+def test_what_is_hidden_or_out_of_view_says_nothing(assembly: Assembly) -> None:
+    looks = looks_of(assembly, Namer(0.98))
+    assert looks.step(base_at(), {}, ALONE, frame(depth=0.45)) is None, "a hand in front"
+    assert looks.step(base_at(0.5), {}, ALONE, frame()) is None
+    assert looks.step(None, {}, ALONE, frame()) is None
+    assert looks.step(base_at(), {}, ALONE, frame(depth=None)) is not None
+
+
+def test_without_names_nobody_is_asked(assembly: Assembly) -> None:
+    mute = Namer(0.9)
+    mute.tells_names = False
+    for looker in (mute, None, object()):
+        assert looks_of(assembly, looker).step(base_at(), {}, ALONE, frame()) is None
+    off = looks_of(assembly, Namer(0.9), enabled=False)
+    assert off.step(base_at(), {}, ALONE, frame()) is None
+
+
+@pytest.mark.parametrize("wrong", [{"empty": 0.0}, {"empty": 1.0}, {"delay": 0}])
+def test_options_out_of_range_are_named(assembly: Assembly, wrong: dict[str, float]) -> None:
+    with pytest.raises(MethodError, match="place_looks"):
+        looks_of(assembly, None, **wrong)
