@@ -11,14 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from asdfviz.datatypes import (
-    Assembly,
-    Camera,
-    Detection,
-    Frame,
-    FramePrediction,
-    PoseEstimate,
-)
+from asdfviz.datatypes import Assembly, Camera, Detection, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
 from asdfviz.methods.first_pose import (
@@ -42,6 +35,7 @@ from asdfviz.methods.part_poses import (
     poses_from_keypoints,
     poses_refined_by_depth,
 )
+from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig, agreed
 from asdfviz.methods.rivals import RivalsConfig, settled_poses
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
@@ -97,6 +91,8 @@ class AsdfConfig:
     assembly's own, whose state boxes are about as good."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """S_DL: from state boxes to probabilities."""
+    place_looks: PlaceLooksConfig = field(default_factory=PlaceLooksConfig)
+    """What the crop network sees where joined parts would stand."""
     relative_pose: RelativePoseConfig = field(default_factory=RelativePoseConfig)
     """S_P: from part poses to probabilities."""
     fusion: FusionConfig = field(default_factory=FusionConfig)
@@ -116,6 +112,7 @@ class _Scene:
     crop_poses: CropPoses | None
     """None: first poses come from keypoints."""
     looks: StateLooks
+    place_looks: PlaceLooks
     group: GroupPoses
     twins: PlaceNames
 
@@ -180,6 +177,9 @@ class Asdf:
                 crops=config.crops,
                 crop_poses=first,
             ),
+            place_looks=PlaceLooks(
+                assembly, shapes, first and first.looker, config=config.place_looks
+            ),
             group=GroupPoses(assembly, shapes, config=config.group),
             twins=PlaceNames(assembly),
         )
@@ -190,10 +190,9 @@ class Asdf:
         return self._started().shapes
 
     @property
-    def looker(self) -> LooksAtParts | None:
-        """The crop network, once reset() was called; None where keypoints give first poses."""
-        crop_poses = self._started().crop_poses
-        return None if crop_poses is None else crop_poses.looker
+    def place_looks(self) -> PlaceLooks:
+        """Looks at the places of joined parts, once reset() was called."""
+        return self._started().place_looks
 
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
@@ -205,7 +204,9 @@ class Asdf:
             poses = renamed_poses(poses, names)
             self.rename(names)
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
-            state = scene.pose2state.step(self.looks, places)
+            base, belief = poses.get(scene.assembly.base), scene.pose2state.belief
+            stands = scene.place_looks.step(base, poses, belief, frame)
+            state = scene.pose2state.step(agreed(self.looks, stands), places)
         if config.group.enabled:
             with timed("group"):
                 poses = scene.group.step(poses, state, frame)

@@ -31,7 +31,6 @@ from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
-from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig
 from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
@@ -72,8 +71,6 @@ class AsdfPlusConfig(AsdfConfig):
     """S_P; narrower than ASDF's, as the poses are."""
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
     """The hypothesis test over states."""
-    place_looks: PlaceLooksConfig = field(default_factory=PlaceLooksConfig)
-    """What the crop network sees where joined parts would stand."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
 
@@ -86,7 +83,6 @@ class _Scene:
     hypotheses: dict[str, PartHypotheses]
     states: StateFilter
     fits: GroupFits
-    place_looks: PlaceLooks
     group: GroupPoses
     twins: PlaceNames
     one_place: OnePlace
@@ -135,7 +131,6 @@ class AsdfPlus:
             },
             StateFilter(assembly, config=config.smoothing),
             GroupFits(assembly, shapes, config=config.group_fit),
-            PlaceLooks(assembly, shapes, self._asdf.looker, config=config.place_looks),
             GroupPoses(assembly, shapes, config=config.joined),
             PlaceNames(assembly),
             OnePlace(assembly),
@@ -155,7 +150,7 @@ class AsdfPlus:
             first = proposed.poses.get(scene.assembly.base)
             seen = scene.fits.step(poses, scene.states.belief, frame, first=first)
             base = scene.fits.base or poses.get(scene.assembly.base)
-            stands = scene.place_looks.step(base, poses, scene.states.belief, frame)
+            stands = self._asdf.place_looks.step(base, poses, scene.states.belief, frame)
             state = followed_state(scene.states, looks, places, seen, stands)
         if config.joined.enabled:
             with timed("group"):

@@ -22,7 +22,6 @@ from asdfviz.methods.followed_state import FOLLOWED, followed_state
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_tracks import PartTracks
-from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
@@ -68,8 +67,6 @@ class AsdfTrackConfig(AsdfConfig):
     """S_P: from part poses to probabilities; narrower than for detected poses."""
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
     """The hypothesis test over states."""
-    place_looks: PlaceLooksConfig = field(default_factory=PlaceLooksConfig)
-    """What the crop network sees where joined parts would stand."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
     tracker: TrackerConfig = FINE
@@ -88,7 +85,6 @@ class _Scene:
     parts: PartTracks
     states: StateFilter
     fits: GroupFits
-    place_looks: PlaceLooks
     twins: PlaceNames
     state: StateEstimate | None = None
 
@@ -120,9 +116,6 @@ class AsdfTrack:
             parts=PartTracks(assembly, camera, tracker=config.tracker, refind=config.refind),
             states=StateFilter(assembly, config=config.smoothing),
             fits=GroupFits(assembly, self._asdf.shapes, config=config.group_fit),
-            place_looks=PlaceLooks(
-                assembly, self._asdf.shapes, self._asdf.looker, config=config.place_looks
-            ),
             twins=PlaceNames(assembly),
         )
 
@@ -151,7 +144,7 @@ class AsdfTrack:
             first = proposed.poses.get(assembly.base)
             seen = scene.fits.step(poses, scene.states.belief, frame, first=first)
             base = scene.fits.base or poses.get(assembly.base)
-            stands = scene.place_looks.step(base, poses, scene.states.belief, frame)
+            stands = self._asdf.place_looks.step(base, poses, scene.states.belief, frame)
             looks = self._asdf.looks
             scene.state = followed_state(scene.states, looks, places, seen, stands)
         runtime = {**proposed.runtime, **timed.seconds}

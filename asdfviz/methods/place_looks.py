@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Int64
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.detector.crop_classes import class_name
@@ -42,9 +41,9 @@ class PlaceLooksConfig:
     """Whether it is asked; only one that was taught names can be."""
     empty: float = 0.15
     """What it is expected to say of an empty place before it ever looked there, a probability."""
-    jump: float = 1.5
+    jump: float = 1.2
     """Rise of its log odds that speaks neither for the part nor against it."""
-    gain: float = 0.5
+    gain: float = 0.7
     """Log odds of the part per log odds of the network beyond that,"""
     most: float = 2.0
     """but no more than this"""
@@ -52,10 +51,12 @@ class PlaceLooksConfig:
     """and no less: a part may be hidden."""
     delay: int = 8
     """After so many frames a look at a place that is still empty is remembered as one."""
-    up: float = 0.3
+    up: float = 0.1
     """Weight of such a look if the place looked more like the part than it did before,"""
     down: float = 0.03
-    """and otherwise."""
+    """and otherwise, once there were enough."""
+    prior: float = 3.0
+    """Looks that what is expected before the first one is worth."""
     empty_below: float = 0.3
     """Probability of the part being joined below which its place is empty."""
     in_front: float = 0.015
@@ -67,11 +68,12 @@ class _Place:
     """Where some states have a part, and how that place looked while it was empty."""
 
     part: str
-    state: int
-    """One of the states that have it there."""
-    states: Int64[np.ndarray, "k"]
+    states: tuple[int, ...]
+    """That have it there."""
     empty: float
     """Log odds that the network gives the part in the empty place."""
+    looks: int = 0
+    """At the empty place."""
     recent: deque[float] = field(default_factory=deque[float])
 
     def remember(self, logit: float, joined: float, config: PlaceLooksConfig) -> None:
@@ -82,7 +84,9 @@ class _Place:
         self.recent.append(logit)
         if len(self.recent) > config.delay:
             old = self.recent.popleft()
-            self.empty += (config.up if old > self.empty else config.down) * (old - self.empty)
+            self.looks += 1
+            weight = config.up if old > self.empty else config.down
+            self.empty += max(weight, 1 / (self.looks + config.prior)) * (old - self.empty)
 
 
 class PlaceLooks:
@@ -125,9 +129,7 @@ class PlaceLooks:
                 if name != assembly.base:
                     found.setdefault((name, T.tobytes()), []).append(state.index)
         empty = _logit(config.empty)
-        self._places = [
-            _Place(name, states[0], np.array(states), empty) for (name, _), states in found.items()
-        ]
+        self._places = [_Place(name, tuple(states), empty) for (name, _), states in found.items()]
 
     def step(
         self,
@@ -150,19 +152,20 @@ class PlaceLooks:
         if self._looker is None or base is None:
             return None
         self._joints.see(base.T_camera_part, poses)
-        looked = [
-            (place, box, distance)
-            for place in self._doubtful(belief)
-            for box, distance in self._seen(place, base.T_camera_part, frame)
-        ]
-        if not looked:
+        seen = self._looked(self._doubtful(belief), base.T_camera_part, frame)
+        if not seen:
             return None
-        odds = np.zeros(len(self._assembly.states))
-        for (place, _, _), logit in zip(looked, self._asked(looked, frame), strict=True):
+        # Of parts that the state joins together, one may be in its place before the others are.
+        together: dict[tuple[int, ...], float] = {}
+        for place, logit in seen.items():
             beyond = self._config.gain * (logit - place.empty - self._config.jump)
-            odds[place.states] += float(np.clip(beyond, self._config.least, self._config.most))
-            joined = 0.0 if belief is None else float(belief[place.states].sum())
+            beyond = float(np.clip(beyond, self._config.least, self._config.most))
+            together[place.states] = min(beyond, together.get(place.states, beyond))
+            joined = 0.0 if belief is None else float(belief[[*place.states]].sum())
             place.remember(logit, joined, self._config)
+        odds = np.zeros(len(self._assembly.states))
+        for states, beyond in together.items():
+            odds[[*states]] += beyond
         scores = np.exp(odds - odds.max())
         return scores / scores.sum()
 
@@ -170,17 +173,37 @@ class PlaceLooks:
         """The places in which states near the most probable one differ."""
         count = len(self._assembly.states)
         near = np.ones(count, bool) if belief is None else self._near[int(belief.argmax())]
-        having = [int(near[place.states].sum()) for place in self._places]
+        having = [int(near[[*place.states]].sum()) for place in self._places]
         return [p for p, k in zip(self._places, having, strict=True) if 0 < k < int(near.sum())]
 
-    def _seen(
+    def _looked(
+        self, places: Sequence[_Place], T_camera_base: Transform, frame: Frame
+    ) -> dict[_Place, float]:
+        """Log odds that places show their parts; of those that can be seen."""
+        boxes = [
+            (place, box, distance)
+            for place in places
+            for box, distance in self._boxes(place, T_camera_base, frame)
+        ]
+        found: dict[_Place, float] = {}
+        if boxes:
+            for (place, _, _), logit in zip(boxes, self._asked(boxes, frame), strict=True):
+                found[place] = max(logit, found.get(place, logit))
+        return found
+
+    def _boxes(
         self, place: _Place, T_camera_base: Transform, frame: Frame
     ) -> list[tuple[Box, float]]:
-        """The place's box and distance, if it is in view and nothing is in front."""
-        part = self._assembly.parts[place.part]
-        state = self._assembly.states[place.state]
-        T = T_camera_base @ self._joints.last(place.part, state)
-        corners = apply(T, self._corners[place.part])
+        """The place's box and distance if it is in view and nothing is in front; two of them where a
+        joint is known to be elsewhere than the state has it."""
+        state = self._assembly.states[place.states[0]]
+        nominal, last = state.T_base_part[place.part], self._joints.last(place.part, state)
+        wanted = [last] if np.allclose(nominal, last, atol=1e-3) else [last, nominal]
+        return [box for T in wanted for box in self._box(place.part, T_camera_base @ T, frame)]
+
+    def _box(self, name: str, T: Transform, frame: Frame) -> list[tuple[Box, float]]:
+        part = self._assembly.parts[name]
+        corners = apply(T, self._corners[name])
         if corners[:, 2].min() <= 0:
             return []
         pixels = project(corners, frame.camera.K)
@@ -209,6 +232,14 @@ class PlaceLooks:
         return [
             _logit(float(row[classes.index(name)])) for row, name in zip(told, wanted, strict=True)
         ]
+
+
+def agreed(looks: Scores | None, stands: Scores | None) -> Scores | None:
+    """What two witnesses say of every state together; None where neither says anything."""
+    if looks is None or stands is None:
+        return stands if looks is None else looks
+    both = looks * stands
+    return both / both.sum()
 
 
 def _logit(probability: float) -> float:

@@ -68,6 +68,11 @@ class Pose2State:
         """Forget the previous frame."""
         self._previous = None
 
+    @property
+    def belief(self) -> Scores | None:
+        """The probability of every state after the last frame; None before anything was ever seen."""
+        return self._previous
+
     def step(self, appearance: Scores | None, relative_pose: Scores | None) -> StateEstimate | None:
         """Fuse one frame's terms with the frame before; None before anything was ever seen.
 

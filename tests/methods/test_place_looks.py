@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -120,3 +121,14 @@ def test_without_names_nobody_is_asked(assembly: Assembly) -> None:
 def test_options_out_of_range_are_named(assembly: Assembly, wrong: dict[str, float]) -> None:
     with pytest.raises(MethodError, match="place_looks"):
         looks_of(assembly, None, **wrong)
+
+
+def test_parts_that_are_joined_together_must_all_be_there(assembly: Assembly) -> None:
+    """A block and a pin make one step; the network sees the block alone."""
+    joined = assembly.states[1]
+    pin = transform_from(np.eye(3), np.array([-0.03, 0, 0.03]))
+    both = replace(joined, T_base_part={**joined.T_base_part, "pin": pin})
+    step = replace(assembly, states=(assembly.states[0], both))
+    scores = looks_of(step, Namer(0.98)).step(base_at(), {}, ALONE, frame())
+    assert scores is not None
+    assert scores.argmax() == 0
