@@ -32,6 +32,8 @@ LARGEST_LOGIT = 6.0
 LEAST_PX = 4.0
 """A place that is smaller in the picture shows nothing."""
 
+_WAYS = np.array([[1.0, 0, 1, 0], [-1, 0, -1, 0], [0, 1, 0, 1], [0, -1, 0, -1]])
+
 
 @dataclass(frozen=True)
 class PlaceLooksConfig:
@@ -49,14 +51,18 @@ class PlaceLooksConfig:
     """but no more than this"""
     least: float = -1.0
     """and no less: a part may be hidden."""
-    delay: int = 8
+    delay: int = 12
     """After so many frames a look at a place that is still empty is remembered as one."""
-    up: float = 0.1
-    """Weight of such a look if the place looked more like the part than it did before,"""
-    down: float = 0.03
-    """and otherwise, once there were enough."""
+    memory: float = 0.02
+    """Weight of such a look, once there were enough;"""
+    enough: int = 8
+    """until then all weigh the same,"""
     prior: float = 3.0
-    """Looks that what is expected before the first one is worth."""
+    """and what is expected before the first one as much as this many."""
+    small: float = 0.02
+    """Places that look smaller than this are looked at with shifts too, metres of the longer side,"""
+    shift: float = 0.35
+    """by this share of it: for them a slight error of the base's pose is large."""
     empty_below: float = 0.3
     """Probability of the part being joined below which its place is empty."""
     in_front: float = 0.015
@@ -85,8 +91,9 @@ class _Place:
         if len(self.recent) > config.delay:
             old = self.recent.popleft()
             self.looks += 1
-            weight = config.up if old > self.empty else config.down
-            self.empty += max(weight, 1 / (self.looks + config.prior)) * (old - self.empty)
+            is_new = self.looks <= config.enough
+            weight = 1 / (self.looks + config.prior) if is_new else config.memory
+            self.empty += weight * (old - self.empty)
 
 
 class PlaceLooks:
@@ -194,12 +201,17 @@ class PlaceLooks:
     def _boxes(
         self, place: _Place, T_camera_base: Transform, frame: Frame
     ) -> list[tuple[Box, float]]:
-        """The place's box and distance if it is in view and nothing is in front; two of them where a
-        joint is known to be elsewhere than the state has it."""
+        """The place's box and distance if it is in view and nothing is in front; another one where a
+        joint is known to be elsewhere than the state has it, and shifted ones of a small place."""
         state = self._assembly.states[place.states[0]]
         nominal, last = state.T_base_part[place.part], self._joints.last(place.part, state)
         wanted = [last] if np.allclose(nominal, last, atol=1e-3) else [last, nominal]
-        return [box for T in wanted for box in self._box(place.part, T_camera_base @ T, frame)]
+        found = [b for T in wanted for b in self._box(place.part, T_camera_base @ T, frame)]
+        for box, distance in found[:1]:
+            side = float((box[2:] - box[:2]).max())
+            if side * distance / float(frame.camera.K[0, 0]) < self._config.small:
+                found += [(box + self._config.shift * side * way, distance) for way in _WAYS]
+        return found
 
     def _box(self, name: str, T: Transform, frame: Frame) -> list[tuple[Box, float]]:
         part = self._assembly.parts[name]
