@@ -15,6 +15,7 @@ from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import masks_path
 from asdfviz.methods.part_poses import PAPER_ICP
+from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.thing_names import NamesConfig
@@ -133,20 +134,23 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     turned = replace(track.refind, rotation_weight=0.0, box_weight=0.0)
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
-    unnamed = NamesConfig(enabled=False)
+    unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
     return [
         Variant("asdf", "asdf", AsdfConfig()),
+        Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=blind)),
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=unnamed)),
         Variant("asdf_plus", "asdf_plus", plus),
         Variant(
             "asdf_plus, names by the detector alone", "asdf_plus", replace(plus, names=unnamed)
         ),
+        Variant("asdf_plus, no look at places", "asdf_plus", replace(plus, place_looks=blind)),
         Variant("asdf_plus, one look", "asdf_plus", replace(plus, second_look=once)),
         Variant("asdf_plus, depth alone over time", "asdf_plus", replace(plus, hypotheses=deaf)),
         Variant("asdf_track", "asdf_track", track),
         Variant(
             "asdf_track, names by the detector alone", "asdf_track", replace(track, names=unnamed)
         ),
+        Variant("asdf_track, no look at places", "asdf_track", replace(track, place_looks=blind)),
         Variant("asdf_track, one look", "asdf_track", replace(track, second_look=once)),
         Variant("asdf_track, rivals by picture alone", "asdf_track", replace(track, refind=turned)),
         Variant("asdf_track, never begun anew", "asdf_track", replace(track, refind=stays)),
