@@ -78,7 +78,8 @@ class BenchLoss:
 
     def __call__(self) -> None:
         """Print the area under the ROC curve in percent, and how many poses of each kind there are."""
-        from asdfviz.bench.loss import loss_figures, told_apart
+        from asdfviz.bench.loss import told_apart
+        from asdfviz.evaluate.calibration import ranking_area
         from asdfviz.evaluate.inputs import open_result
         from asdfviz.evaluate.judgement import judge
         from asdfviz.evaluate.protocols import TWINS
@@ -101,7 +102,11 @@ class BenchLoss:
                     for r in records
                     if r.error is not None and r.score is not None and r.visible >= self.visible
                 )
-        figures = {**loss_figures(by_name), **loss_figures(by_twin, suffix=TWINS)}
+        figures: dict[str, float | int | None] = {}
+        for suffix, told in (("", by_name), (TWINS, by_twin)):
+            right = sum(is_right for _, is_right in told)
+            figures[f"loss_auc{suffix}"] = ranking_area(told)
+            figures |= {f"right{suffix}": right, f"lost{suffix}": len(told) - right}
         if self.json:
             print(json.dumps(figures, indent=2))
             return

@@ -23,6 +23,7 @@ from asdfviz.evaluate.health_report import Finding
 from asdfviz.geometry.transforms import rotation_about
 from asdfviz.methods.asdf import AsdfConfig
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
+from asdfviz.state.fusion import FusionConfig
 
 METHODS = {
     "asdf": MethodSpec("asdf", "All <of> it.", AsdfConfig, "x:Y"),
@@ -194,7 +195,8 @@ def test_the_options_of_a_method_are_a_form(workspace: Workspace) -> None:
 
 
 def test_a_run_with_other_options_says_which(workspace: Workspace, clamp: Assembly) -> None:
-    config = {"detector": {"image_size": 960, "confidence": 0.1}, "fusion": {"w_f": 0.35}}
+    as_given = {"w_f": FusionConfig().w_f}
+    config = {"detector": {"image_size": 960, "confidence": 0.1}, "fusion": as_given}
     run = Run("asdf", config, "tiny", clamp.path, "0", ())
     workspace.put_run(run, "first")
     assert "; image size 960<" in methods.content(snapshot(workspace), METHODS)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asdfviz.bench.loss import loss_figures, told_apart
+from asdfviz.bench.loss import told_apart
 from asdfviz.cli.bench import BenchLoss
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import open_sequence
@@ -49,11 +49,3 @@ def test_runs_are_judged_together(
     BenchLoss(tuple(folders))()
     (line,) = capsys.readouterr().out.splitlines()
     assert line.startswith(f"AUC {area:.1f} %")
-
-
-def test_without_both_kinds_there_is_no_area() -> None:
-    assert loss_figures([(0.5, True)], suffix="_twins") == {
-        "loss_auc_twins": None,
-        "right_twins": 1,
-        "lost_twins": 0,
-    }
