@@ -146,6 +146,26 @@ def test_meshes_lie_on_the_picture_to_half_a_pixel(
     assert np.linalg.norm(found - expected, axis=1).max() <= 0.5
 
 
+@pytest.mark.parametrize("size", [(1280, 800), (1000, 900)])
+def test_no_control_covers_another(page: Page, size: tuple[int, int]) -> None:
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    boxes = page.evaluate(
+        """() => [document.querySelector('.ax-bottom'),
+                  ...document.querySelectorAll('.ax-controls .ax-btn, .ax-opacity')].map(e => {
+            const b = e.getBoundingClientRect();
+            return [b.left, b.top, b.right, b.bottom];
+        })"""
+    )
+    (left, _, right, _), *controls = boxes
+    assert len(controls) > 10
+    for i, a in enumerate(controls):
+        assert left <= a[0]
+        assert a[2] <= right
+        for b in controls[:i]:
+            apart = a[0] >= b[2] or b[0] >= a[2] or a[1] >= b[3] or b[1] >= a[3]
+            assert apart, (a, b)
+
+
 @pytest.mark.parametrize("size", [(1600, 900), (1280, 800)])
 def test_nothing_overlaps(page: Page, size: tuple[int, int]) -> None:
     page.set_viewport_size({"width": size[0], "height": size[1]})
