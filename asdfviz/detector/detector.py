@@ -18,9 +18,10 @@ from asdfviz.detector.joint import keep_classes, own_columns
 from asdfviz.detector.letterbox import Letterbox, letterbox, plan_letterbox
 from asdfviz.detector.mask_run import MaskRun
 from asdfviz.detector.network import Network
-from asdfviz.detector.nms import iou_matrix, suppress
+from asdfviz.detector.nms import suppress
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import InputError
+from asdfviz.geometry.boxes import iou_matrix
 from asdfviz.geometry.shapes import Box, Rgb, Scores
 
 CANDIDATES = 1000

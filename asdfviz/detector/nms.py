@@ -7,23 +7,11 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from asdfviz.geometry.boxes import iou_matrix
 from asdfviz.geometry.shapes import Scores
 
 Labels: TypeAlias = Int64[np.ndarray, "n"]
 Places: TypeAlias = Int64[np.ndarray, "k"]
-
-
-def iou_matrix(
-    a: Float64[np.ndarray, "n 4"], b: Float64[np.ndarray, "m 4"]
-) -> Float64[np.ndarray, "n m"]:
-    """Intersection over union of boxes x0 y0 x1 y1; 0 where both are empty."""
-    low = np.maximum(a[:, None, :2], b[None, :, :2])
-    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
-    overlap = np.clip(high - low, 0, None).prod(-1)
-    area_a = np.clip(a[:, 2:] - a[:, :2], 0, None).prod(-1)
-    area_b = np.clip(b[:, 2:] - b[:, :2], 0, None).prod(-1)
-    union = area_a[:, None] + area_b[None] - overlap
-    return overlap / np.maximum(union, 1e-12)
 
 
 def suppress(

@@ -14,8 +14,9 @@ import numpy as np
 from scipy.spatial import KDTree  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import Part
+from asdfviz.geometry.boxes import box_around, overlap
 from asdfviz.geometry.sampling import surface_points
-from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.geometry.shapes import Box, Points, Transform
 from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 
@@ -93,17 +94,13 @@ def box_overlap(T_camera_estimate: Transform, T_camera_truth: Transform, points:
     The boxes lie in the plane at depth 1, so no intrinsics are asked for; 0 where a point lies behind
     the camera.
     """
-    boxes: list[np.ndarray] = []
+    boxes: list[Box] = []
     for T in (T_camera_estimate, T_camera_truth):
         seen = apply(T, points)
         if seen[:, 2].min() <= 0:
             return 0.0
-        flat = seen[:, :2] / seen[:, 2:]
-        boxes.append(np.concatenate([flat.min(axis=0), flat.max(axis=0)]))
-    a, b = boxes
-    sides = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
-    shared = float(np.prod(np.maximum(sides, 0)))
-    return shared / float(np.prod(a[2:] - a[:2]) + np.prod(b[2:] - b[:2]) - shared)
+        boxes.append(box_around(seen[:, :2] / seen[:, 2:]))
+    return overlap(*boxes)
 
 
 def add(T_camera_estimate: Transform, T_camera_truth: Transform, points: Points) -> float:

@@ -17,6 +17,7 @@ from jaxtyping import Float64
 from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import Assembly, Detection
+from asdfviz.geometry.boxes import box_middle, overlap
 from asdfviz.geometry.shapes import Box
 
 MAX_OVERLAP = 0.5
@@ -156,9 +157,9 @@ def _named(
 ) -> dict[str, Detection]:
     if len(parts) == 1 or not boxes:
         return dict(zip(parts, boxes, strict=False))
-    from_left = sorted(boxes, key=lambda d: tuple(_center(d.box_xyxy)))
+    from_left = sorted(boxes, key=lambda d: tuple(box_middle(d.box_xyxy)))
     pairs = sorted(
-        (float(np.linalg.norm(_center(previous[name]) - _center(box.box_xyxy))), i, place)
+        (float(np.linalg.norm(box_middle(previous[name]) - box_middle(box.box_xyxy))), i, place)
         for i, name in enumerate(parts)
         if name in previous
         for place, box in enumerate(from_left)
@@ -171,22 +172,3 @@ def _named(
     free_boxes = [place for place in range(len(boxes)) if place not in box_of.values()]
     box_of.update(zip(free_parts, free_boxes, strict=False))
     return {parts[i]: from_left[place] for i, place in box_of.items()}
-
-
-def _center(box_xyxy: Box) -> np.ndarray:
-    return (box_xyxy[:2] + box_xyxy[2:]) / 2
-
-
-def overlap(a: Box, b: Box) -> float:
-    """Intersection over union of two boxes, 0 to 1."""
-    extent = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
-    if (extent <= 0).any():
-        return 0.0
-    both = float(extent.prod())
-    return both / float((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - both)
-
-
-def share_inside(a: Box, b: Box) -> float:
-    """Share of box a that lies within box b, 0 to 1."""
-    extent = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
-    return float(np.maximum(extent, 0).prod() / (a[2:] - a[:2]).prod())

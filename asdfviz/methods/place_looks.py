@@ -18,11 +18,12 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError
+from asdfviz.geometry.boxes import box_around, is_in_view
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Scores, Transform
 from asdfviz.geometry.transforms import apply, apply_to_point
 from asdfviz.methods.part_poses import PartShape
-from asdfviz.methods.thing_names import NamesThings
+from asdfviz.methods.thing_names import namer
 from asdfviz.pose.box_size import box_distance
 from asdfviz.state.fusion import neighbours
 from asdfviz.state.joint_places import JointPlaces
@@ -123,10 +124,10 @@ class PlaceLooks:
                 f"place_looks.empty is {config.empty:g} and place_looks.delay {config.delay}: empty "
                 "must be above 0 and below 1, delay 1 or more"
             )
-        self._looker: NamesThings | None = None
-        if config.enabled and isinstance(looker, NamesThings) and looker.tells_names:
-            self._looker = looker
+        self._looker = namer(looker) if config.enabled else None
         self._assembly, self._config = assembly, config
+        parts = assembly.parts.values()
+        self._classes = tuple(dict.fromkeys(class_name(assembly, part) for part in parts))
         self._corners = {name: shape.corners for name, shape in shapes.items()}
         self._joints = JointPlaces(assembly)
         self._near = neighbours(assembly) + np.eye(len(assembly.states)) > 0
@@ -215,13 +216,12 @@ class PlaceLooks:
 
     def _box(self, name: str, T: Transform, frame: Frame) -> list[tuple[Box, float]]:
         part = self._assembly.parts[name]
-        corners = apply(T, self._corners[name])
+        corners, camera = apply(T, self._corners[name]), frame.camera
         if corners[:, 2].min() <= 0:
             return []
-        pixels = project(corners, frame.camera.K)
-        box = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
-        middle, size = (box[:2] + box[2:]) / 2, (frame.camera.width, frame.camera.height)
-        if np.any(middle < 0) or np.any(middle >= size) or (box[2:] - box[:2]).min() < LEAST_PX:
+        box = box_around(project(corners, camera.K))
+        is_large = (box[2:] - box[:2]).min() >= LEAST_PX
+        if not is_large or not is_in_view(box, (camera.width, camera.height)):
             return []
         measured = None if frame.depth is None else box_distance(box, frame.depth)
         if measured is not None and measured < corners[:, 2].min() - self._config.in_front:
@@ -232,17 +232,17 @@ class PlaceLooks:
         """Log odds that each place shows its part."""
         parts = self._assembly.parts
         wanted = [class_name(self._assembly, parts[place.part]) for place, _, _ in looked]
-        classes = list(dict.fromkeys(class_name(self._assembly, p) for p in parts.values()))
         assert self._looker is not None
         told = self._looker.names(
             frame.rgb,
             frame.camera.K,
             [box for _, box, _ in looked],
-            classes,
+            self._classes,
             distances=[distance for _, _, distance in looked],
         )
         return [
-            _logit(float(row[classes.index(name)])) for row, name in zip(told, wanted, strict=True)
+            _logit(float(row[self._classes.index(name)]))
+            for row, name in zip(told, wanted, strict=True)
         ]
 
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from asdfviz.datatypes import Frame
+from asdfviz.geometry.boxes import box_around, overlap
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.geometry.transforms import apply
-from asdfviz.methods.assignment import overlap
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.pose.depth_fit import depth_fit
 from asdfviz.pose.icp import IcpConfig, register
@@ -110,5 +110,4 @@ def projected_box(T_camera_part: Transform, shape: PartShape, frame: Frame) -> B
     """The box around the part's outline, pixels."""
     points = apply(T_camera_part, shape.corners)
     points[:, 2] = np.maximum(points[:, 2], 0.01)
-    pixels = project(points, frame.camera.K)
-    return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+    return box_around(project(points, frame.camera.K))

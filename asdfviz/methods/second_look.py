@@ -16,8 +16,8 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.errors import MethodError
+from asdfviz.geometry.boxes import box_middle, share_inside
 from asdfviz.geometry.shapes import Box
-from asdfviz.methods.assignment import share_inside
 from asdfviz.methods.network import Detects
 from asdfviz.pose.blobs import BlobConfig, standing_out
 
@@ -101,17 +101,17 @@ class SecondLook:
         boxes = [d.box_xyxy for d in found.values()]
         # In turn: a part that was covered a moment ago must not keep all others waiting.
         if recent and now % 2:
-            return _middle(recent[now // 2 % len(recent)][1])
+            return box_middle(recent[now // 2 % len(recent)][1])
         if frame.depth is not None:
             for blob in standing_out(frame.depth, frame.camera.K, config=config.blobs):
                 if any(share_inside(blob, box) > config.explained for box in boxes):
                     continue
-                at = _middle(blob)
+                at = box_middle(blob)
                 near = float(np.linalg.norm(blob[2:] - blob[:2])) / 2
                 if all(float(np.linalg.norm(at - old)) > near for _, old in self._looked):
                     self._looked.append((now, at))
                     return at
-        return _middle(recent[now // 2 % len(recent)][1]) if recent else None
+        return box_middle(recent[now // 2 % len(recent)][1]) if recent else None
 
     def _through_window(self, frame: Frame, middle: Float64[np.ndarray, "2"]) -> list[Detection]:
         """What the detector sees in a window, in pixels of the frame."""
@@ -143,7 +143,3 @@ def _is_cut_off(
     low = (box_xyxy[:2] < BORDER_PX) & (corner > 0)
     high = (box_xyxy[2:] > size - 1 - BORDER_PX) & (corner + size < extent)
     return bool(low.any() or high.any())
-
-
-def _middle(box_xyxy: Box) -> Float64[np.ndarray, "2"]:
-    return (box_xyxy[:2] + box_xyxy[2:]) / 2

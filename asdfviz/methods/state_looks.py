@@ -16,7 +16,8 @@ from jaxtyping import Float64, Int64
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
 from asdfviz.detector.crop_classes import group_box, group_name, group_radius
 from asdfviz.errors import WeightsError
-from asdfviz.geometry.shapes import Box, Scores
+from asdfviz.geometry.boxes import is_in_view
+from asdfviz.geometry.shapes import Scores
 from asdfviz.methods.first_pose import CropPoseConfig, CropPoses, LooksAtParts, load_looker
 from asdfviz.methods.network import NetworkConfig, has_own_detector
 from asdfviz.state.appearance import AppearanceConfig, appearance_probabilities
@@ -56,7 +57,7 @@ class GroupLooker:
         if base is None:
             return None
         box = group_box(self.assembly, self.radius, base.T_camera_part, camera.K)
-        if not _is_in_view(box, (camera.width, camera.height)):
+        if not is_in_view(box, (camera.width, camera.height)):
             return None
         name = group_name(self.assembly)
         told = self.looker.look(frame.rgb, camera.K, {name: (name, box)})[name].states
@@ -126,9 +127,3 @@ class StateLooks:
         if told is not None:
             return told
         return appearance_probabilities(detections, self.assembly, config=self.config)
-
-
-def _is_in_view(box_xyxy: Box, size_wh: tuple[int, int]) -> bool:
-    """Whether the box's middle lies in the picture."""
-    middle = (box_xyxy[:2] + box_xyxy[2:]) / 2
-    return bool(np.all(middle >= 0) and np.all(middle < size_wh))

@@ -16,8 +16,8 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError
+from asdfviz.geometry.boxes import overlap, share_inside
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
-from asdfviz.methods.assignment import overlap, share_inside
 from asdfviz.pose.blobs import BlobConfig, standing_out
 from asdfviz.pose.box_size import box_distance
 
@@ -42,6 +42,11 @@ class NamesThings(Protocol):
     ) -> Float64[np.ndarray, "n c"]:
         """The probability of every class in every box."""
         ...
+
+
+def namer(looker: object) -> NamesThings | None:
+    """What is given, if it can be asked for names: most lookers cannot, or were not taught to."""
+    return looker if isinstance(looker, NamesThings) and looker.tells_names else None
 
 
 @dataclass(frozen=True)
@@ -107,9 +112,7 @@ class ThingNames:
                 f"names.weight is {config.weight:g} and names.every {config.every}: weight must be "
                 "from 0 to 1, every 1 or more"
             )
-        self._looker: NamesThings | None = None
-        if config.enabled and isinstance(looker, NamesThings) and looker.tells_names:
-            self._looker = looker
+        self._looker = namer(looker) if config.enabled else None
         self._config = config
         parts = {part.detector_class: part for part in assembly.parts.values()}
         self._labels = tuple(parts)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from asdfviz.geometry.boxes import box_middle
 from asdfviz.geometry.rotation_grid import even_rotations, rotations_of
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points
 
@@ -61,7 +62,7 @@ def _largest(points: Points, turns: np.ndarray) -> float:
 
 def box_distance(box_xyxy: Box, depth: Depth) -> float | None:
     """Median of what was measured about the middle of a box, metres; None where nothing was."""
-    middle = (box_xyxy[:2] + box_xyxy[2:]) / 2
+    middle = box_middle(box_xyxy)
     reach = np.maximum((box_xyxy[2:] - box_xyxy[:2]) * CORE, 1.0)
     low = np.maximum(np.floor(middle - reach).astype(int), 0)
     high = np.ceil(middle + reach).astype(int) + 1

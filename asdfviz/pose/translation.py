@@ -28,6 +28,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float64
 
+from asdfviz.geometry.boxes import box_middle
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.pose.depth_kernels import ray_shifts
@@ -153,7 +154,7 @@ def _along_ray(middle: Vector, shift: float) -> Vector:
 
 
 def _shrunk(box_xyxy: Box, share: float) -> Box:
-    center, half = (box_xyxy[:2] + box_xyxy[2:]) / 2, (box_xyxy[2:] - box_xyxy[:2]) / 2 * share
+    center, half = box_middle(box_xyxy), (box_xyxy[2:] - box_xyxy[:2]) / 2 * share
     return np.concatenate([center - half, center + half])
 
 

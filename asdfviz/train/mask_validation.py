@@ -11,7 +11,7 @@ import numpy as np
 from asdfviz.datatypes import Detection
 from asdfviz.detector.detector import Detector
 from asdfviz.detector.joint import SEPARATOR
-from asdfviz.detector.nms import iou_matrix
+from asdfviz.geometry.boxes import iou_matrix
 from asdfviz.geometry.shapes import Box, Mask
 from asdfviz.train.mask_data import MaskImage
 

@@ -12,7 +12,7 @@ from asdfviz.datatypes import Assembly, Detection, Part
 from asdfviz.detector.detector import DetectorConfig, detect
 from asdfviz.detector.joint import joint_classes, keep_classes, own_columns
 from asdfviz.detector.network import Network
-from asdfviz.detector.nms import iou_matrix
+from asdfviz.geometry.boxes import iou_matrix
 from asdfviz.geometry.shapes import Intrinsics, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import rotation_angle

@@ -2,13 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from asdfviz.detector.nms import iou_matrix, suppress
-
-
-def test_iou_of_known_boxes() -> None:
-    boxes = np.array([[0, 0, 2, 2], [1, 0, 3, 2], [5, 5, 6, 6], [4, 4, 4, 4.0]])
-    wanted = [[1, 1 / 3, 0, 0], [1 / 3, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]]
-    np.testing.assert_allclose(iou_matrix(boxes, boxes), wanted)
+from asdfviz.detector.nms import suppress
 
 
 def test_the_weaker_of_two_boxes_of_a_class_goes() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,7 @@ import pytest
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame, Mesh, Part, State
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.sampling import diameter, farthest_points, surface_points
-from asdfviz.geometry.shapes import Depth, Rgb, Transform
+from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Rgb, Transform
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
 
@@ -68,6 +68,34 @@ class FakeDetector:
 
     def detect(self, rgb: Rgb) -> tuple[Detection, ...]:
         return self.answers.get(int(rgb[0, 0, 0]), ())
+
+
+@dataclass
+class Namer:
+    """Names what is in boxes as a function of class and box says, and notes what it was asked."""
+
+    says: Callable[[str, Box], float]
+    boxes: list[Box] = field(default_factory=list)
+    distances: list[float | None] = field(default_factory=list)
+    asked: list[int] = field(default_factory=list)
+    """Number of boxes, time by time."""
+    classes: set[tuple[str, ...]] = field(default_factory=set)
+    tells_names: bool = True
+
+    def names(
+        self,
+        rgb: Rgb,
+        K: Intrinsics,
+        boxes: Sequence[Box],
+        classes: Sequence[str],
+        *,
+        distances: Sequence[float | None],
+    ) -> np.ndarray:
+        self.classes.add(tuple(classes))
+        self.boxes += boxes
+        self.distances += distances
+        self.asked.append(len(boxes))
+        return np.array([[self.says(name, box) for name in classes] for box in boxes])
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,3 +180,9 @@ def box_at() -> Callable[..., Detection]:
 @pytest.fixture
 def detector() -> FakeDetector:
     return FakeDetector()
+
+
+@pytest.fixture
+def namer() -> Callable[[Callable[[str, Box], float]], Namer]:
+    """Make a network that names things as it is told to."""
+    return Namer

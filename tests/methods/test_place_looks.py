@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig
@@ -21,28 +21,10 @@ FACING = rotation_about(np.array([1.0, 0, 0]), np.pi)
 """The base's z, on which the block stands, looks at the camera."""
 
 
-class Namer:
-    """Says how surely it sees the block, wherever it looks."""
-
-    tells_names = True
-
-    def __init__(self, block: float) -> None:
-        self.block = block
-        self.boxes: list[Box] = []
-        self.distances: list[float | None] = []
-
-    def names(
-        self,
-        rgb: np.ndarray,
-        K: np.ndarray,
-        boxes: Sequence[Box],
-        classes: Sequence[str],
-        *,
-        distances: Sequence[float | None],
-    ) -> np.ndarray:
-        self.boxes += boxes
-        self.distances += distances
-        return np.array([[self.block if c == "toy/block" else 0.0 for c in classes]] * len(boxes))
+@pytest.fixture
+def seeing(namer: Callable) -> Callable[[float], Any]:
+    """Make a network that sees the block so surely, wherever it looks."""
+    return lambda block: namer(lambda name, _: block * (name == "toy/block"))
 
 
 def base_at(x: float = 0.0) -> PoseEstimate:
@@ -59,30 +41,36 @@ def looks_of(assembly: Assembly, looker: object | None, **options: float) -> Pla
     return PlaceLooks(assembly, shapes, looker, config=PlaceLooksConfig(**options))  # pyright: ignore[reportArgumentType]
 
 
-def test_a_part_that_is_seen_in_its_place_speaks_for_its_state(assembly: Assembly) -> None:
+def test_a_part_that_is_seen_in_its_place_speaks_for_its_state(
+    assembly: Assembly, seeing: Callable
+) -> None:
     for seen, speaks_for in ((0.98, 1), (0.01, 0)):
-        namer = Namer(seen)
-        scores = looks_of(assembly, namer).step(base_at(), {}, ALONE, frame())
+        looker = seeing(seen)
+        scores = looks_of(assembly, looker).step(base_at(), {}, ALONE, frame())
         assert scores is not None
         assert scores.argmax() == speaks_for
         assert scores.sum() == pytest.approx(1)
         # The block's middle lies 30 mm along x and 30 mm nearer than the base's.
-        (box,) = namer.boxes
+        (box,) = looker.boxes
         assert (box[:2] + box[2:]) / 2 == pytest.approx([159.5 + 300 * 0.03 / 0.57, 119.5], abs=1)
-        assert namer.distances == pytest.approx([0.57])
+        assert looker.distances == pytest.approx([0.57])
 
 
-def test_a_part_that_may_be_hidden_says_less_than_one_that_is_seen(assembly: Assembly) -> None:
-    told = [looks_of(assembly, Namer(p)).step(base_at(), {}, ALONE, frame()) for p in (0.99, 0.001)]
+def test_a_part_that_may_be_hidden_says_less_than_one_that_is_seen(
+    assembly: Assembly, seeing: Callable
+) -> None:
+    told = [
+        looks_of(assembly, seeing(p)).step(base_at(), {}, ALONE, frame()) for p in (0.99, 0.001)
+    ]
     seen, unseen = (float(np.log(s[1] / s[0])) for s in told if s is not None)
     assert seen > 1.5 * abs(unseen)
 
 
 def test_an_empty_place_that_looks_like_the_part_is_compared_with_itself(
-    assembly: Assembly,
+    assembly: Assembly, seeing: Callable
 ) -> None:
-    namer = Namer(0.7)
-    looks = looks_of(assembly, namer)
+    looker = seeing(0.7)
+    looks = looks_of(assembly, looker)
     later = kept = None
     first = looks.step(base_at(), {}, ALONE, frame())
     for _ in range(40):
@@ -90,7 +78,7 @@ def test_an_empty_place_that_looks_like_the_part_is_compared_with_itself(
     assert first is not None
     assert later is not None
     assert first[1] > 0.5 > later[1], "it looked like this all the time"
-    namer.block = 0.97
+    looker.says = seeing(0.97).says
     changed = looks.step(base_at(), {}, ALONE, frame())
     assert changed is not None
     assert changed[1] > 0.6
@@ -100,20 +88,20 @@ def test_an_empty_place_that_looks_like_the_part_is_compared_with_itself(
     assert kept[1] == pytest.approx(changed[1], abs=0.01)
 
 
-def test_what_is_hidden_or_out_of_view_says_nothing(assembly: Assembly) -> None:
-    looks = looks_of(assembly, Namer(0.98))
+def test_what_is_hidden_or_out_of_view_says_nothing(assembly: Assembly, seeing: Callable) -> None:
+    looks = looks_of(assembly, seeing(0.98))
     assert looks.step(base_at(), {}, ALONE, frame(depth=0.45)) is None, "a hand in front"
     assert looks.step(base_at(0.5), {}, ALONE, frame()) is None
     assert looks.step(None, {}, ALONE, frame()) is None
     assert looks.step(base_at(), {}, ALONE, frame(depth=None)) is not None
 
 
-def test_without_names_nobody_is_asked(assembly: Assembly) -> None:
-    mute = Namer(0.9)
+def test_without_names_nobody_is_asked(assembly: Assembly, seeing: Callable) -> None:
+    mute = seeing(0.9)
     mute.tells_names = False
     for looker in (mute, None, object()):
         assert looks_of(assembly, looker).step(base_at(), {}, ALONE, frame()) is None
-    off = looks_of(assembly, Namer(0.9), enabled=False)
+    off = looks_of(assembly, seeing(0.9), enabled=False)
     assert off.step(base_at(), {}, ALONE, frame()) is None
 
 
@@ -123,19 +111,21 @@ def test_options_out_of_range_are_named(assembly: Assembly, wrong: dict[str, flo
         looks_of(assembly, None, **wrong)
 
 
-def test_parts_that_are_joined_together_must_all_be_there(assembly: Assembly) -> None:
+def test_parts_that_are_joined_together_must_all_be_there(
+    assembly: Assembly, seeing: Callable
+) -> None:
     """A block and a pin make one step; the network sees the block alone."""
     joined = assembly.states[1]
     pin = transform_from(np.eye(3), np.array([-0.03, 0, 0.03]))
     both = replace(joined, T_base_part={**joined.T_base_part, "pin": pin})
     step = replace(assembly, states=(assembly.states[0], both))
-    scores = looks_of(step, Namer(0.98)).step(base_at(), {}, ALONE, frame())
+    scores = looks_of(step, seeing(0.98)).step(base_at(), {}, ALONE, frame())
     assert scores is not None
     assert scores.argmax() == 0
 
 
-def test_a_small_place_is_looked_at_with_shifts(assembly: Assembly) -> None:
+def test_a_small_place_is_looked_at_with_shifts(assembly: Assembly, seeing: Callable) -> None:
     for small, count in ((0.02, 1), (0.5, 5)):
-        namer = Namer(0.5)
-        looks_of(assembly, namer, small=small).step(base_at(), {}, ALONE, frame())
-        assert len(namer.boxes) == count
+        looker = seeing(0.5)
+        looks_of(assembly, looker, small=small).step(base_at(), {}, ALONE, frame())
+        assert len(looker.boxes) == count

@@ -1,42 +1,24 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box
 from asdfviz.methods.thing_names import NamesConfig, ThingNames
 
 CAMERA = Camera(np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]]), 320, 240)
 CLASSES = ("toy/base", "toy/block", "toy/pin")
 
 
-class Namer:
+@pytest.fixture
+def looker(namer: Callable) -> Any:
     """Says that what lies left of the middle is a pin, and knows nothing else."""
-
-    tells_names = True
-
-    def __init__(self) -> None:
-        self.asked: list[int] = []
-        self.distances: list[float | None] = []
-
-    def names(
-        self,
-        rgb: np.ndarray,
-        K: np.ndarray,
-        boxes: Sequence[Box],
-        classes: Sequence[str],
-        *,
-        distances: Sequence[float | None],
-    ):
-        assert tuple(classes) == CLASSES
-        self.distances += distances
-        self.asked.append(len(boxes))
-        return np.array([[0, 0, 0.9 if box[0] < 160 else 0.05] for box in boxes]).reshape(-1, 3)
+    return namer(lambda name, box: (0.9 if box[0] < 160 else 0.05) * (name == "toy/pin"))
 
 
 def frame_with(*blobs: tuple[int, int]) -> Frame:
@@ -52,20 +34,21 @@ def told(names: ThingNames, *detections: Detection) -> tuple[Detection, ...]:
     return names.told(frame_with(), detections)
 
 
-def test_both_networks_are_heard(assembly: Assembly, box_at: Callable) -> None:
-    looker = Namer()
+def test_both_networks_are_heard(assembly: Assembly, box_at: Callable, looker: Any) -> None:
     names = ThingNames(assembly, looker, config=NamesConfig(weight=0.5))
     box = replace(box_at("block", 20, score=0.4), class_scores={"pin": 0.1})
     state = box_at("toy:block", 20)
     (named, same) = told(names, box, state)
     assert same is state
+    assert looker.classes == {CLASSES}
     assert looker.distances == pytest.approx([0.6])
     assert named.score == pytest.approx(0.2)
     assert named.class_scores == pytest.approx({"base": 0.0, "block": 0.2, "pin": 0.5})
 
 
-def test_what_lies_still_is_looked_at_now_and_then(assembly: Assembly, box_at: Callable) -> None:
-    looker = Namer()
+def test_what_lies_still_is_looked_at_now_and_then(
+    assembly: Assembly, box_at: Callable, looker: Any
+) -> None:
     names = ThingNames(assembly, looker, config=NamesConfig(every=4))
     for _ in range(10):
         (named,) = told(names, box_at("pin", 20))
@@ -76,9 +59,9 @@ def test_what_lies_still_is_looked_at_now_and_then(assembly: Assembly, box_at: C
 
 
 def test_what_no_box_is_about_is_named_where_it_is_surely_a_part(
-    assembly: Assembly, box_at: Callable
+    assembly: Assembly, box_at: Callable, looker: Any
 ) -> None:
-    names = ThingNames(assembly, Namer(), config=NamesConfig())
+    names = ThingNames(assembly, looker, config=NamesConfig())
     found = {"base": box_at("base", 98, 98, score=0.9)}
     names.begin()
     more = names.beyond(frame_with((30, 40), (100, 100), (220, 40)), (), found)
@@ -91,9 +74,8 @@ def test_what_no_box_is_about_is_named_where_it_is_surely_a_part(
 
 @pytest.mark.parametrize("config", [NamesConfig(enabled=False), NamesConfig()])
 def test_a_network_without_names_changes_nothing(
-    assembly: Assembly, box_at: Callable, config: NamesConfig
+    assembly: Assembly, box_at: Callable, looker: Any, config: NamesConfig
 ) -> None:
-    looker = Namer()
     looker.tells_names = not config.enabled
     for mute in (looker, None):
         names = ThingNames(assembly, mute, config=config)
@@ -103,6 +85,8 @@ def test_a_network_without_names_changes_nothing(
 
 
 @pytest.mark.parametrize("config", [NamesConfig(weight=1.5), NamesConfig(every=0)])
-def test_options_out_of_range_are_named(assembly: Assembly, config: NamesConfig) -> None:
+def test_options_out_of_range_are_named(
+    assembly: Assembly, looker: Any, config: NamesConfig
+) -> None:
     with pytest.raises(MethodError, match="weight must be"):
-        ThingNames(assembly, Namer(), config=config)
+        ThingNames(assembly, looker, config=config)

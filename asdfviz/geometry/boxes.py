@@ -1,0 +1,52 @@
+"""Boxes in the picture: x0 y0 x1 y1, whether in pixels or in a plane of the camera."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.geometry.shapes import Box, Pixels
+
+
+def box_around(pixels: Pixels) -> Box:
+    """The smallest box about points."""
+    return np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
+
+
+def box_middle(box_xyxy: Box) -> Float64[np.ndarray, "2"]:
+    """The point in the box's middle."""
+    return (box_xyxy[:2] + box_xyxy[2:]) / 2
+
+
+def is_in_view(box_xyxy: Box, size_wh: tuple[int, int]) -> bool:
+    """Whether the box's middle lies in a picture of this size."""
+    middle = box_middle(box_xyxy)
+    return bool(np.all(middle >= 0) and np.all(middle < size_wh))
+
+
+def iou_matrix(
+    a: Float64[np.ndarray, "n 4"], b: Float64[np.ndarray, "m 4"]
+) -> Float64[np.ndarray, "n m"]:
+    """Intersection over union of every box of `a` with every one of `b`; 0 where both are empty."""
+    low = np.maximum(a[:, None, :2], b[None, :, :2])
+    high = np.minimum(a[:, None, 2:], b[None, :, 2:])
+    both = np.clip(high - low, 0, None).prod(-1)
+    area_a = np.clip(a[:, 2:] - a[:, :2], 0, None).prod(-1)
+    area_b = np.clip(b[:, 2:] - b[:, :2], 0, None).prod(-1)
+    return both / np.maximum(area_a[:, None] + area_b[None] - both, 1e-12)
+
+
+def overlap(a: Box, b: Box) -> float:
+    """Intersection over union of two boxes, 0 to 1."""
+    # Not by `iou_matrix`: most pairs that loops ask for lie apart, and that is told sooner here.
+    extent = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
+    if (extent <= 0).any():
+        return 0.0
+    both = float(extent.prod())
+    return both / float((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - both)
+
+
+def share_inside(a: Box, b: Box) -> float:
+    """Share of box a that lies within box b, 0 to 1."""
+    extent = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
+    return float(np.maximum(extent, 0).prod() / (a[2:] - a[:2]).prod())
