@@ -19,14 +19,17 @@ from asdfviz.datatypes import (
     Frame,
     FramePrediction,
     PoseEstimate,
+    StateEstimate,
 )
 from asdfviz.errors import MethodError
 from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.contour_fits import ContourConfig, ContourFit, ContourFits
 from asdfviz.methods.first_pose import LooksAtParts
 from asdfviz.methods.followed_state import FOLLOWED, followed_state
+from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
-from asdfviz.methods.kept_poses import Decision, HypothesesConfig, Proposal
+from asdfviz.methods.kept_poses import Decision, HypothesesConfig, Proposal, pose_confidence
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
 from asdfviz.methods.one_place import OnePlace
@@ -35,7 +38,8 @@ from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
-from asdfviz.pose.confidence import ConfidenceConfig, confidence
+from asdfviz.methods.tracking import load_bodies
+from asdfviz.pose.confidence import ConfidenceConfig
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.relative_pose import (
     RelativePoseConfig,
@@ -55,6 +59,8 @@ class AsdfPlusConfig(AsdfConfig):
     """Six degrees of freedom from depth."""
     hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
     """Poses kept side by side over time."""
+    contours: ContourConfig = field(default_factory=ContourConfig)
+    """The last millimetres."""
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
     """How sure a pose is."""
     joined: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=True))
@@ -86,6 +92,9 @@ class _Scene:
     group: GroupPoses
     twins: PlaceNames
     one_place: OnePlace
+    contours: ContourFits | None
+    together: GroupContours | None
+    """None where contours are not asked."""
 
 
 class AsdfPlus:
@@ -117,7 +126,8 @@ class AsdfPlus:
         """
         config = self._config
         self._asdf.reset(assembly, camera, None)
-        shapes = self._asdf.shapes
+        shapes, contours = self._asdf.shapes, config.contours
+        bodies = load_bodies(assembly) if contours.enabled else None
         self._scene = _Scene(
             assembly,
             {
@@ -134,6 +144,10 @@ class AsdfPlus:
             GroupPoses(assembly, shapes, config=config.joined),
             PlaceNames(assembly),
             OnePlace(assembly),
+            None if bodies is None else ContourFits(bodies, camera, config=contours),
+            None
+            if bodies is None
+            else GroupContours(bodies, camera, base=assembly.base, config=contours),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -143,8 +157,12 @@ class AsdfPlus:
         config, scene, timed = self._config, self._scene, StageTimer()
         proposed = self._asdf.propose(frame)
         with timed("register"):
-            poses = self._named_by_place(self._followed(proposed, frame, scene), scene)
+            decided = self._decided(proposed, frame, scene)
+        with timed("contours"):
+            fits = self._settled(decided, frame, scene)
         with timed("follow"):
+            followed = self._followed(proposed, decided, fits, frame, scene)
+            poses = self._named_by_place(followed, scene)
             looks = self._asdf.looks
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
             first = proposed.poses.get(scene.assembly.base)
@@ -155,6 +173,7 @@ class AsdfPlus:
         if config.joined.enabled:
             with timed("group"):
                 poses = scene.group.step(poses, state, frame, base=scene.fits.base)
+                poses = self._settled_together(poses, state, frame, scene)
         runtime = {**proposed.runtime, **timed.seconds}
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
 
@@ -168,28 +187,80 @@ class AsdfPlus:
         self._asdf.rename(names)
         return renamed_poses(poses, names)
 
-    def _followed(
+    def _decided(
         self, proposed: FramePrediction, frame: Frame, scene: _Scene
-    ) -> dict[str, PoseEstimate]:
+    ) -> dict[str, Decision]:
         """The most trusted pose of every part, this frame's first poses among them."""
-        found = self._asdf.assigned
-        poses: dict[str, PoseEstimate] = {}
+        found, decided = self._asdf.assigned, dict[str, Decision]()
         for name, hypotheses in scene.hypotheses.items():
-            box = found[name].box_xyxy if name in found else None
-            own = proposed.poses.get(name)
             look = self._asdf.looked_at.get(name)
             decision = hypotheses.step(
-                self._proposals(own, look),
+                self._proposals(proposed.poses.get(name), look),
                 frame,
-                box_xyxy=box,
+                box_xyxy=found[name].box_xyxy if name in found else None,
                 likely=None if look is None else look.likely,
             )
-            if decision is None:
-                continue
-            score = found[name].score if name in found else None
-            sure = pose_confidence(decision, score, config=self._config.confidence)
+            if decision is not None:
+                decided[name] = decision
+        return decided
+
+    def _settled(
+        self, decided: Mapping[str, Decision], frame: Frame, scene: _Scene
+    ) -> dict[str, ContourFit]:
+        """What contours make of these poses, which go on from there."""
+        if scene.contours is None:
+            return {}
+        poses = {name: decision.best.T_camera_part for name, decision in decided.items()}
+        fits = scene.contours.step(frame, poses)
+        for name, fit in fits.items():
+            if fit.moved:
+                scene.hypotheses[name].move(fit.T_camera_part)
+        return fits
+
+    def _settled_together(
+        self,
+        poses: dict[str, PoseEstimate],
+        state: StateEstimate | None,
+        frame: Frame,
+        scene: _Scene,
+    ) -> dict[str, PoseEstimate]:
+        """The poses, those of the parts that the state holds together settled as one."""
+        held = scene.group.held
+        if scene.together is None or state is None or len(held) < 2:
+            return poses
+        settled = scene.together.step(
+            frame,
+            {name: poses[name].T_camera_part for name in held},
+            scene.assembly.states[state.index],
+        )
+        if not settled:
+            return poses
+        fitted = {n: PoseEstimate(n, T, poses[n].score, "group") for n, T in settled.items()}
+        scene.group.see(settled[scene.assembly.base], fitted)
+        return {**poses, **fitted}
+
+    def _followed(
+        self,
+        proposed: FramePrediction,
+        decided: Mapping[str, Decision],
+        fits: Mapping[str, ContourFit],
+        frame: Frame,
+        scene: _Scene,
+    ) -> dict[str, PoseEstimate]:
+        """The decided poses and how sure they are; of two parts in one place, the surer one."""
+        found = self._asdf.assigned
+        poses: dict[str, PoseEstimate] = {}
+        for name, decision in decided.items():
+            own, fit = proposed.poses.get(name), fits.get(name)
+            sure = pose_confidence(
+                decision,
+                found[name].score if name in found else None,
+                None if fit is None else fit.sure,
+                config=self._config.confidence,
+            )
             stage = own.stage if frame.depth is None and own is not None else "refined"
-            poses[name] = PoseEstimate(name, decision.best.T_camera_part, sure, stage)
+            T = decision.best.T_camera_part if fit is None else fit.T_camera_part
+            poses[name] = PoseEstimate(name, T, sure, stage)
         intruders = scene.one_place.intruders(
             {name: pose.T_camera_part for name, pose in poses.items()},
             {name: pose.score for name, pose in poses.items()},
@@ -209,29 +280,10 @@ class AsdfPlus:
         ]
 
 
-def pose_confidence(decision: Decision, score: float | None, *, config: ConfidenceConfig) -> float:
-    """Probability that a decided pose is right.
-
-    Args:
-        decision: the pose and what speaks for it.
-        score: of the detected box, None without.
-        config: weights.
-    """
-    best = decision.best
-    return confidence(
-        trust=best.trust,
-        lead=decision.lead,
-        agreeing=best.evidence.agreeing,
-        liked=best.liked,
-        outline=best.evidence.outline,
-        detection=score,
-        config=config,
-    )
-
-
 SPEC = MethodSpec(
     name="asdf_plus",
     summary="ASDF with poses kept side by side over time, group poses and a followed state",
     config=AsdfPlusConfig,
     factory="asdfviz.methods.asdf_plus:AsdfPlus",
+    viewpoints=True,
 )

@@ -134,7 +134,7 @@ class AsdfTrack:
             parts.rename(frame, names)
             self._asdf.rename(names)
         with timed("track"):
-            joined = self._join(scene)
+            joined = self._join(frame, scene)
             parts.tracker.move(frame)
             poses = parts.settle(frame, joined)
         with timed("fuse"):
@@ -150,8 +150,11 @@ class AsdfTrack:
         runtime = {**proposed.runtime, **timed.seconds}
         return FramePrediction(frame.index, poses, scene.state, proposed.detections, runtime)
 
-    def _join(self, scene: _Scene) -> frozenset[str]:
-        """Hold the parts together that the state joins; return their names without the base."""
+    def _join(self, frame: Frame, scene: _Scene) -> frozenset[str]:
+        """Hold the parts together that the state joins; return their names without the base.
+
+        Those that are not tracked, as nobody found them, begin where a settled state has them.
+        """
         tracker, base = scene.parts.tracker, scene.assembly.base
         tracker.release()
         if scene.state is None or base not in tracker.names:
@@ -160,6 +163,11 @@ class AsdfTrack:
         if scene.state.probabilities[state.index] < self._config.join.probability:
             return frozenset()
         poses = tracker.poses
+        if scene.state.probabilities[state.index] >= self._config.join.settled:
+            missing = [name for name in state.attached if name not in poses]
+            T_camera_base = poses[base]
+            scene.parts.begin(frame, {n: T_camera_base @ state.T_base_part[n] for n in missing})
+            poses = tracker.poses
         near = [n for n in state.attached if n in poses and self._joins(n, poses, state, scene)]
         held = {name: state.T_base_part[name] for name in (base, *near)}
         joints = {name: joint for name, joint in state.joints.items() if name in near}

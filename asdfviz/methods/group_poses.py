@@ -47,7 +47,8 @@ class GroupConfig:
     """Probability from which a pose elsewhere is not believed at all, since the part cannot be in
     two places, and one in its place is replaced where the group's agrees as well."""
     surer: float = 0.3
-    """A pose whose score is higher by this than that of the pose that places the group stays."""
+    """A pose whose score is higher by this than that of the pose that places the group stays, unless
+    it is not believed at all."""
     least_fit: float = 0.35
     """A group pose that agrees with less of the depth readings is not taken."""
 
@@ -74,6 +75,16 @@ class GroupPoses:
             for state in states
         ]
         """By state and part, the states that have the part at the same place."""
+        self._held: tuple[str, ...] = ()
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """The base and the parts that were in their places in the last frame."""
+        return self._held
+
+    def see(self, T_camera_base: Transform, poses: Mapping[str, PoseEstimate]) -> None:
+        """Remember the joints of parts that somebody saw in them."""
+        self._places.see(T_camera_base, poses)
 
     def step(
         self,
@@ -91,7 +102,7 @@ class GroupPoses:
             frame: with depth, or no pose is judged by it.
             base: where the base is by all that is seen of the group, if that is known.
         """
-        result = dict(poses)
+        result, self._held = dict(poses), ()
         if state is None:
             return result
         joined, sure = self._joined(state)
@@ -106,18 +117,21 @@ class GroupPoses:
         for name in (self._assembly.base, *joined):
             placed = self._placed(name, T_camera_base, poses.get(name), named)
             own = poses.get(name)
-            if own is not None and own.score >= trust + self._config.surer:
-                continue
             fit = self._fit(name, placed, frame)
             if fit < self._config.least_fit:
                 continue
             certain = sure.get(name, 1.0)
             if own is None or fit > self._least_to_replace(
-                name, own, T_camera_base, named, frame, certain
+                name, own, T_camera_base, named, frame, certain, trust
             ):
                 # A root, since the three say much the same; no surer than what places it.
                 score = trust * math.sqrt(certain * fit)
                 result[name] = PoseEstimate(name, placed, score, "group")
+        self._held = tuple(
+            name
+            for name in (self._assembly.base, *joined)
+            if name in result and self._agrees(self._off(name, T_camera_base, result, named))
+        )
         return result
 
     def _joined(self, state: StateEstimate) -> tuple[list[str], dict[str, float]]:
@@ -184,6 +198,7 @@ class GroupPoses:
         state: State,
         frame: Frame,
         certain: float,
+        trust: float,
     ) -> float:
         """The fit above which the group's pose is to replace the part's own."""
         T_own = inverse(T_camera_base) @ own.T_camera_part
@@ -191,6 +206,8 @@ class GroupPoses:
         is_settled = certain >= self._config.settled
         if is_settled and not is_joined:
             return self._config.least_fit
+        if own.score >= trust + self._config.surer:
+            return math.inf
         gain = self._config.gain * (not is_settled) if is_joined else -self._config.doubt
         return self._fit(name, own.T_camera_part, frame) + gain
 

@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.registration import Evidence
+from asdfviz.pose.confidence import ConfidenceConfig, confidence
 
 Likely: TypeAlias = Callable[[Transform], float]
 """The network's preference for a pose T_camera_part in this frame, 0 to 1."""
@@ -80,3 +81,27 @@ class Decision:
     best: Hypothesis
     lead: float
     """Over the most trusted pose that is another one; the trust itself where there is none."""
+
+
+def pose_confidence(
+    decision: Decision, score: float | None, contours: float | None, *, config: ConfidenceConfig
+) -> float:
+    """Probability that a decided pose is right.
+
+    Args:
+        decision: the pose and what speaks for it.
+        score: of the detected box, None without.
+        contours: confidence by them, None where they were not asked.
+        config: weights.
+    """
+    best = decision.best
+    return confidence(
+        trust=best.trust,
+        lead=decision.lead,
+        agreeing=best.evidence.agreeing,
+        liked=best.liked,
+        outline=best.evidence.outline,
+        detection=score,
+        contours=contours,
+        config=config,
+    )

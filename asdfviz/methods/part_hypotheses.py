@@ -93,6 +93,10 @@ class PartHypotheses:
         self._kept = self._apart(self._overtaken(found))[: self._config.kept]
         return self._decided(box_xyxy)
 
+    def move(self, T_camera_part: Transform) -> None:
+        """The most trusted pose is known better than it was."""
+        self._kept[0] = replace(self._kept[0], T_camera_part=T_camera_part)
+
     def _overtaken(self, found: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Older poses lose trust where a new one explains the depth better.
 

@@ -68,16 +68,19 @@ class PartTracks:
             state: what was said of the frame before.
         """
         self._frames += 1
-        new = {n: p.T_camera_part for n, p in proposed.items() if n not in self.tracks}
-        if new:
-            self.tracker.add(frame, new)
-            self.tracks |= {name: Track(T) for name, T in new.items()}
+        self.begin(frame, {n: p.T_camera_part for n, p in proposed.items() if n not in self.tracks})
         base = self._assembly.base
         for name in sorted(self.tracks, key=lambda name: name != base):
             self.tracks[name].support.fade(self._config.support)
             if name in looked_at and name in proposed:
                 self._believe_the_detector(name, frame, proposed[name], looked_at[name])
             self._look_for(name, frame, proposed.get(name), looked_at.get(name), state)
+
+    def begin(self, frame: Frame, poses: Mapping[str, Transform]) -> None:
+        """Take in parts that were not tracked, at poses T_camera_part; all others are let go."""
+        if poses:
+            self.tracker.add(frame, poses)
+            self.tracks |= {name: Track(T) for name, T in poses.items()}
 
     def settle(self, frame: Frame, joined: frozenset[str]) -> dict[str, PoseEstimate]:
         """Keep the tracker's poses that fit, put the others back, and return what is to be said.

@@ -34,6 +34,10 @@ class ConfidenceConfig:
     """Per score of the detected box, 0 to 1."""
     undetected: float = -0.88
     """Where there is no box, of which outline and detection say nothing then."""
+    contours: float = 0.0
+    """Per confidence by contours and depth, 0 to 1,"""
+    unsettled: float = 0.0
+    """and where they were not asked."""
 
 
 def confidence(
@@ -44,6 +48,7 @@ def confidence(
     liked: float,
     outline: float,
     detection: float | None,
+    contours: float | None,
     config: ConfidenceConfig,
 ) -> float:
     """Probability that a pose is right.
@@ -55,6 +60,7 @@ def confidence(
         liked: what the network thought of its rotation over time, 0 to 1.
         outline: overlap of boxes, 0 to 1.
         detection: score of the box, 0 to 1; None where there was none.
+        contours: confidence by contours and depth, 0 to 1; None where they were not asked.
         config: weights.
     """
     odds = config.bias + config.trust * trust + config.lead * lead
@@ -63,4 +69,5 @@ def confidence(
         odds += config.undetected
     else:
         odds += config.outline * outline + config.detection * detection
+    odds += config.unsettled if contours is None else config.contours * contours
     return 1 / (1 + math.exp(-odds))

@@ -53,10 +53,10 @@ def test_a_perturbed_start_is_forgotten(results: dict[str, ModeResult]) -> None:
 
 
 def test_times_are_milliseconds_of_tracking(results: dict[str, ModeResult]) -> None:
-    """Ten times the aim, because this machine may be busy."""
+    """Not seconds and not microseconds; how many is for `asdfviz bench track` to say."""
     for row in results.values():
         assert row.m3t_ms_median is not None
-        assert 0.01 < row.ms_median < 20 * row.m3t_ms_median
+        assert 0.01 < row.ms_median < 1000
 
 
 def test_the_report_has_exactly_its_keys(results: dict[str, ModeResult]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from asdfviz.geometry.sampling import diameter, farthest_points, surface_points
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Rgb, Transform
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
+from asdfviz.methods import tracking
+from asdfviz.track.viewpoint_model import ViewpointConfig, ViewpointModel, build_viewpoint_model
 
 CAMERA = Camera(np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]]), 320, 240)
 HALF = {
@@ -68,6 +71,27 @@ class FakeDetector:
 
     def detect(self, rgb: Rgb) -> tuple[Detection, ...]:
         return self.answers.get(int(rgb[0, 0, 0]), ())
+
+
+@cache
+def small_model(name: str, key: tuple[bytes, bytes]) -> ViewpointModel:
+    vertices = np.frombuffer(key[0]).reshape(-1, 3)
+    faces = np.frombuffer(key[1], np.int32).reshape(-1, 3)
+    config = ViewpointConfig(subdivisions=2, points=200, image_size=300)
+    return build_viewpoint_model(Mesh(vertices, faces), config=config)
+
+
+@pytest.fixture
+def small_models(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coarse viewpoint models, made once."""
+
+    def load(assembly: Assembly, **_: object) -> dict[str, ViewpointModel]:
+        return {
+            name: small_model(name, (part.mesh.vertices.tobytes(), part.mesh.faces.tobytes()))
+            for name, part in assembly.parts.items()
+        }
+
+    monkeypatch.setattr(tracking, "load_viewpoint_models", load)
 
 
 @dataclass

@@ -14,6 +14,8 @@ from asdfviz.methods.yolov8pose import Yolov8Pose
 from asdfviz.methods.yolov8pose_icp import Yolov8PoseIcpConfig
 from asdfviz.methods.yolov8pose_state import Yolov8PoseStateConfig
 
+pytestmark = pytest.mark.usefixtures("small_models")
+
 
 def started(toy, method):
     method.reset(toy.assembly, toy.frame(0).camera, None)

@@ -85,6 +85,18 @@ def test_where_the_state_is_settled_a_pose_elsewhere_is_not_believed(toy, group)
     assert np.allclose(found.T_camera_part, joined["block"])
 
 
+def test_not_even_a_much_surer_pose_elsewhere_is_believed_then(toy, group) -> None:
+    joined, apart = toy.poses(joined=True), toy.poses(joined=False)
+    depth = np.minimum(toy.depth(joined), toy.depth({"block": apart["block"]}))
+    frame = replace(toy.frame(1, joined), depth=depth)
+    poses = {"base": estimate("base", joined["base"]), "block": estimate("block", apart["block"])}
+    poses = {n: replace(p, score={"base": 0.6, "block": 0.92}[n]) for n, p in poses.items()}
+    likely = StateEstimate(np.array([0.1, 0.9]))
+    assert group.step(poses, likely, frame)["block"].stage == "refined"
+    settled = StateEstimate(np.array([0.01, 0.99]))
+    assert group.step(poses, settled, frame)["block"].stage == "group"
+
+
 def test_the_base_is_where_the_whole_group_says(toy, group) -> None:
     true = toy.poses(joined=True)
     off = transform_from(np.eye(3), np.array([0.03, 0.02, 0.0])) @ true["base"]

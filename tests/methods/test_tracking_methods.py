@@ -4,26 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Assembly, Frame, FramePrediction, Mesh, PoseEstimate
+from asdfviz.datatypes import Assembly, Frame, FramePrediction, Joint, Mesh, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods import tracking
 from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.contour_fits import ContourConfig, ContourFits
 from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.gbot import Gbot, GbotConfig
 from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
+from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.registry import available_methods, build_method, find_method
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.track import raster
 from asdfviz.track.presets import FINE, GBOT, RBOT_REGION, TrackerConfig
-from asdfviz.track.viewpoint_model import ViewpointConfig, ViewpointModel, build_viewpoint_model
 
 COLORS = {"base": (30, 60, 200), "block": (220, 120, 20)}
 KNOBS = {"base": (-0.045, 0.025, 0.015), "block": (0.01, 0.02, 0.025)}
@@ -33,26 +34,7 @@ ARRIVED = 8
 """Frame from which the block is joined."""
 
 
-@cache
-def small_model(name: str, key: tuple[bytes, bytes]) -> ViewpointModel:
-    vertices = np.frombuffer(key[0]).reshape(-1, 3)
-    faces = np.frombuffer(key[1], np.int32).reshape(-1, 3)
-    config = ViewpointConfig(subdivisions=2, points=200, image_size=300)
-    return build_viewpoint_model(Mesh(vertices, faces), config=config)
-
-
-@pytest.fixture(autouse=True)
-def small_models(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Coarse viewpoint models, made once for the module."""
-
-    def load(assembly: Assembly, **_: object) -> dict[str, ViewpointModel]:
-        return {
-            name: small_model(name, (part.mesh.vertices.tobytes(), part.mesh.faces.tobytes()))
-            for name, part in assembly.parts.items()
-            if name in COLORS
-        }
-
-    monkeypatch.setattr(tracking, "load_viewpoint_models", load)
+pytestmark = pytest.mark.usefixtures("small_models")
 
 
 @dataclass(frozen=True, eq=False)
@@ -365,7 +347,110 @@ def test_asdf_track_finds_parts_again(scene: Scene, toy, detector) -> None:
     assert scene.off_mm(said[-1], "base") < 5
 
 
-def test_a_part_never_seen_is_absent(scene: Scene, toy, detector) -> None:
+def test_a_part_that_no_box_shows_is_absent_until_the_state_joins_it(
+    scene: Scene, toy, detector
+) -> None:
     detector.answers = {i: (toy.detection("base", T["base"]),) for i, T in enumerate(scene.truth)}
     said = play(AsdfTrack(AsdfTrackConfig(), detector=detector), scene, None)
+    assert all(set(p.poses) == {"base"} for p in said[:ARRIVED])
+    placed = said[-1].poses["block"]
+    assert placed.stage == "group"
+    assert scene.off_mm(said[-1], "block") < 5
+
+
+def test_a_part_that_is_not_there_is_absent(scene: Scene, toy, detector) -> None:
+    alone = replace(scene.assembly, parts={"base": scene.assembly.parts["base"]})
+    frames = [scene.only(alone, i) for i in range(FRAMES)]
+    detector.answers = {i: (toy.detection("base", T["base"]),) for i, T in enumerate(scene.truth)}
+    method = AsdfTrack(AsdfTrackConfig(), detector=detector)
+    said = play(method, replace(scene, frames=frames), None)
     assert all(set(p.poses) == {"base"} for p in said)
+
+
+def nudged(T: Transform, mm: float, degrees: float) -> Transform:
+    """The pose moved across the view and turned about the line of sight."""
+    moved = T @ transform_from(
+        rotation_about(np.array([0, 0, 1.0]), np.deg2rad(degrees)), np.zeros(3)
+    )
+    moved[0, 3] += mm / 1e3
+    return moved
+
+
+def test_contours_end_what_depth_leaves_open(scene: Scene) -> None:
+    fits = ContourFits(
+        tracking.load_bodies(scene.assembly), scene.frames[0].camera, config=ContourConfig()
+    )
+    true = scene.truth[ARRIVED]
+    frame = scene.frames[ARRIVED]
+    found = fits.step(frame, {"base": nudged(true["base"], 4, 5)})
+    settled = found["base"].T_camera_part
+    off = settled @ np.linalg.inv(true["base"])
+    assert found["base"].sure > 0.8
+    assert np.linalg.norm((settled - true["base"])[:3, 3]) < 0.0015
+    assert rotation_angle(off[:3, :3]) < np.deg2rad(2)
+    assert fits.step(replace(frame, depth=None), true) == {}
+
+
+def test_what_the_picture_does_not_show_is_not_moved(scene: Scene) -> None:
+    fits = ContourFits(
+        tracking.load_bodies(scene.assembly), scene.frames[0].camera, config=ContourConfig()
+    )
+    elsewhere = scene.truth[0]["base"].copy()
+    elsewhere[:2, 3] += 0.12
+    away = fits.step(scene.frames[0], {"base": elsewhere})["base"]
+    assert not away.moved
+    assert np.array_equal(away.T_camera_part, elsewhere)
+    assert away.sure < 0.2
+    assert not any(fit.moved for fit in fits.step(hidden(scene.frames[0]), scene.truth[0]).values())
+    back = fits.step(scene.frames[0], {"base": scene.truth[0]["base"]})["base"]
+    assert back.moved, "colours that were learnt elsewhere are learnt anew"
+
+
+def test_a_pose_that_rests_is_settled_now_and_then(scene: Scene) -> None:
+    config = ContourConfig(times=2, every=4)
+    fits = ContourFits(tracking.load_bodies(scene.assembly), scene.frames[0].camera, config=config)
+    pose = {"base": nudged(scene.truth[0]["base"], 2, 1)}
+    settled = []
+    for frame in scene.frames[:9]:
+        found = fits.step(frame, pose)
+        pose = {"base": found["base"].T_camera_part}
+        settled.append(found["base"].moved)
+    assert settled == [True, True, False, False, False, True, False, False, False]
+
+
+@pytest.fixture
+def together(scene: Scene) -> GroupContours:
+    bodies = tracking.load_bodies(scene.assembly)
+    return GroupContours(bodies, scene.frames[0].camera, base="base", config=ContourConfig())
+
+
+def test_joined_parts_are_settled_as_one(scene: Scene, together: GroupContours) -> None:
+    true, state = scene.truth[ARRIVED], scene.assembly.states[1]
+    off = {"base": nudged(true["base"], 3, 3), "block": nudged(true["block"], 4, -6)}
+    found = together.step(scene.frames[ARRIVED], off, state)
+    for name in ("base", "block"):
+        assert np.linalg.norm((found[name] - true[name])[:3, 3]) < 0.002
+    T_base_block = np.linalg.inv(found["base"]) @ found["block"]
+    np.testing.assert_allclose(T_base_block, state.T_base_part["block"], atol=1e-9)
+
+
+def test_a_joint_is_settled_too(scene: Scene, together: GroupContours) -> None:
+    """The block may slide along the base and is said to be 6 mm off."""
+    state, true = scene.assembly.states[1], scene.truth[ARRIVED]
+    slide = Joint("prismatic", np.array([0.0, 1, 0]), np.zeros(3), slide=(-0.02, 0.02))
+    state = replace(state, joints={"block": slide})
+    off = true["base"] @ transform_from(np.eye(3), np.array([0, 0.006, 0]))
+    off = off @ state.T_base_part["block"]
+    found = together.step(scene.frames[ARRIVED], {"base": true["base"], "block": off}, state)
+    assert np.linalg.norm((found["block"] - true["block"])[:3, 3]) < 0.002
+
+
+def test_a_group_that_is_not_there_stays_as_it_was(scene: Scene, together: GroupContours) -> None:
+    state, true = scene.assembly.states[1], scene.truth[ARRIVED]
+    aside = {n: transform_from(np.eye(3), np.array([0.1, 0.1, 0])) @ T for n, T in true.items()}
+    found = together.step(scene.frames[ARRIVED], aside, state)
+    for name, T in found.items():
+        assert np.linalg.norm((T - aside[name])[:3, 3]) < 0.012
+    assert together.step(hidden(scene.frames[ARRIVED]), true, state) == {}
+    assert together.step(replace(scene.frames[ARRIVED], depth=None), true, state) == {}
+    assert together.step(scene.frames[ARRIVED], {"block": true["block"]}, state) == {}

@@ -46,16 +46,20 @@ def test_without_readings_or_a_front_nothing_is_said() -> None:
     assert fit(0.5, np.full((100, 100), 0.5, np.float32), -TOWARDS) is None
 
 
-WITNESSES = ("trust", "lead", "agreeing", "liked", "outline", "detection")
+WITNESSES = ("trust", "lead", "agreeing", "liked", "outline", "detection", "contours")
 
 
 @pytest.mark.parametrize("better", WITNESSES)
 def test_what_speaks_for_a_pose_makes_it_surer(better: str) -> None:
     seen = dict.fromkeys(WITNESSES, 0.5)
-    config = ConfidenceConfig(bias=-2.0, undetected=0.25, **dict.fromkeys(WITNESSES, 1.0))
+    config = ConfidenceConfig(
+        bias=-2.0, undetected=0.25, unsettled=0.5, **dict.fromkeys(WITNESSES, 1.0)
+    )
     before = confidence(**seen, config=config)
     assert confidence(**{**seen, better: 0.9}, config=config) > before
     # Log odds: the bias and half of every weight.
-    assert before == pytest.approx(1 / (1 + np.exp(2 - 3.0)))
+    assert before == pytest.approx(1 / (1 + np.exp(2 - 3.5)))
     unseen = confidence(**{**seen, "detection": None}, config=config)
-    assert unseen == pytest.approx(1 / (1 + np.exp(2 - 2.0 - 0.25)))  # its outline says nothing
+    assert unseen == pytest.approx(1 / (1 + np.exp(2 - 2.5 - 0.25)))  # its outline says nothing
+    unsettled = confidence(**{**seen, "contours": None}, config=config)
+    assert unsettled == pytest.approx(1 / (1 + np.exp(2 - 3.0 - 0.5)))

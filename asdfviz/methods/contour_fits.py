@@ -1,0 +1,123 @@
+"""The last millimetres: poses moved until their contours lie where the colours change.
+
+Not in the paper. Depth alone lets a flat part slide, and leaves its turn about the line of sight to the
+detector. The optimiser of the trackers settles every pose in its own frame, by contours and depth; no
+pose is carried on here, only the parts' colours are, so a frame's poses still stand by themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Camera, Frame
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import apply_to_point
+from asdfviz.track.bodies import Body
+from asdfviz.track.presets import FINE, TrackerConfig
+from asdfviz.track.starts import Trial
+from asdfviz.track.tracker import Tracker
+
+
+@dataclass(frozen=True)
+class ContourConfig:
+    """When a settled pose is taken."""
+
+    enabled: bool = True
+    """On or off."""
+    tracker: TrackerConfig = FINE
+    """How poses are settled."""
+    rounds: int = 7
+    """Searches for correspondences, from coarse to fine."""
+    sure: float = 0.5
+    """Confidence from which the contours and depth of a pose are believed, 0 to 1."""
+    visible: float = 0.4
+    """Share of the part that must be seen, 0 to 1."""
+    farthest: float = 0.012
+    """A pose that is moved by more was another one, metres of the part's middle."""
+    times: int = 3
+    """A pose that stays as it is, is settled in so many frames one after another,"""
+    every: int = 6
+    """then in one of so many."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContourFit:
+    """A pose, settled if that was possible."""
+
+    T_camera_part: Transform
+    sure: float
+    """Confidence by contours and depth, 0 to 1."""
+    moved: bool
+    """Whether it was settled in this frame."""
+
+
+@dataclass(slots=True, eq=False)
+class _Settled:
+    """A pose that was settled, and how often."""
+
+    T_camera_part: Transform
+    times: int = 0
+    frames: int = 0
+    """Since then."""
+
+
+class ContourFits:
+    """Settles poses in one sequence."""
+
+    def __init__(
+        self, bodies: Mapping[str, Body], camera: Camera, *, config: ContourConfig
+    ) -> None:
+        self._config, self._bodies = config, bodies
+        self._tracker = Tracker(bodies, camera, config.tracker)
+        self._known: dict[str, _Settled] = {}
+
+    def step(self, frame: Frame, poses: Mapping[str, Transform]) -> dict[str, ContourFit]:
+        """Settle poses T_camera_part; nothing is said without depth."""
+        if frame.depth is None:
+            return {}
+        tracker, moved = self._tracker, dict[str, Transform]()
+        for name, T in poses.items():
+            if self._rests(name, T):
+                continue
+            settled = self._settled(name, T, frame) if name in tracker.names else None
+            if settled is None:  # its colours were learnt where it was not, or are not known
+                tracker.drop([name])
+                tracker.add(frame, {name: T})
+                settled = self._settled(name, T, frame)
+            if settled is not None:
+                moved[name] = settled
+                self._note(name, T, settled)
+        now = {**poses, **moved}
+        tracker.replace(frame, now)
+        sure = tracker.confidence(frame)
+        tracker.learn(frame, tuple(moved))
+        return {name: ContourFit(T, sure[name], name in moved) for name, T in now.items()}
+
+    def _rests(self, name: str, T: Transform) -> bool:
+        """Whether the pose was settled often enough and stayed there."""
+        known = self._known.get(name)
+        if known is None or not np.array_equal(known.T_camera_part, T):
+            return False
+        known.frames += 1
+        return known.times >= self._config.times and known.frames < self._config.every
+
+    def _note(self, name: str, T: Transform, T_settled: Transform) -> None:
+        known = self._known.get(name)
+        stayed = known is not None and np.array_equal(known.T_camera_part, T)
+        self._known[name] = _Settled(T_settled, known.times + 1 if known and stayed else 1)
+
+    def _settled(self, name: str, T: Transform, frame: Frame) -> Transform | None:
+        (trial,) = self._tracker.trials(frame, name, [T], rounds=self._config.rounds)
+        return trial.T_camera_part if self._is_believed(name, T, trial) else None
+
+    def _is_believed(self, name: str, T: Transform, trial: Trial) -> bool:
+        middle = self._bodies[name].model.centre
+        moved = apply_to_point(trial.T_camera_part, middle) - apply_to_point(T, middle)
+        return (
+            trial.confidence >= self._config.sure
+            and trial.evidence.visible >= self._config.visible
+            and float(np.linalg.norm(moved)) <= self._config.farthest
+        )

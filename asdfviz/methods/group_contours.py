@@ -1,0 +1,72 @@
+"""Joined parts settled as one: their contours and depth together, with the freedoms of their joints.
+
+Not in the paper. What one part leaves open the others tell, and where a joint lets a part move, that is
+looked for in the picture instead of taken from the part's own pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from asdfviz.datatypes import Camera, Frame, State
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import apply_to_point
+from asdfviz.methods.contour_fits import ContourConfig
+from asdfviz.track.bodies import Body
+from asdfviz.track.confidence import Evidence
+from asdfviz.track.tracker import Tracker
+
+SLACK = 0.97
+"""A settled group must fit nearly as well as before by the trackers' plain questions, which tell
+parts in place from lost ones and hardly millimetres."""
+
+
+class GroupContours:
+    """Settles the group of one sequence."""
+
+    def __init__(
+        self, bodies: Mapping[str, Body], camera: Camera, *, base: str, config: ContourConfig
+    ) -> None:
+        self._config, self._base = config, base
+        self._centre = bodies[base].model.centre
+        self._tracker = Tracker(bodies, camera, config.tracker)
+
+    def step(
+        self, frame: Frame, poses: Mapping[str, Transform], state: State
+    ) -> dict[str, Transform]:
+        """Poses T_camera_part of a group, settled; nothing where that fits the picture no better.
+
+        Args:
+            frame: with depth, or nothing is said.
+            poses: of the base and of what is joined to it.
+            state: that joins them; other parts that it joins are left out.
+        """
+        if frame.depth is None or self._base not in poses:
+            return {}
+        tracker = self._tracker
+        tracker.drop([name for name in tracker.names if name not in poses])
+        tracker.add(frame, {n: T for n, T in poses.items() if n not in tracker.names})
+        tracker.replace(frame, poses)
+        held = {name: state.T_base_part[name] for name in state.attached if name in poses}
+        joints = {name: joint for name, joint in state.joints.items() if name in held}
+        tracker.hold(replace(state, T_base_part=held, joints=joints), base=self._base)
+        before = self._value(tracker.evidence(frame))
+        tracker.move(frame)
+        evidence, settled = tracker.evidence(frame), tracker.poses
+        moved = apply_to_point(settled[self._base], self._centre)
+        moved = moved - apply_to_point(poses[self._base], self._centre)
+        is_near = float(np.linalg.norm(moved)) <= self._config.farthest
+        value = self._value(evidence)
+        if not is_near or value <= SLACK * before:
+            tracker.drop(tracker.names)  # its colours may be those of something else
+            return {}
+        sure = [n for n, e in evidence.items() if tracker.judged(e) >= self._config.sure]
+        tracker.learn(frame, sure)
+        return settled
+
+    def _value(self, evidence: Mapping[str, Evidence]) -> float:
+        """How well the group fits; parts count by what is seen of them."""
+        return sum(e.visible * self._tracker.judged(e) for e in evidence.values())
