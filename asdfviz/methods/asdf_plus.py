@@ -144,9 +144,11 @@ class AsdfPlus:
             GroupPoses(assembly, shapes, config=config.joined),
             PlaceNames(assembly),
             OnePlace(assembly),
-            None if bodies is None else ContourFits(bodies, camera, config=contours),
             None
             if bodies is None
+            else ContourFits(assembly.parts, bodies, camera, config=contours),
+            None
+            if bodies is None or not contours.together
             else GroupContours(bodies, camera, base=assembly.base, config=contours),
         )
 
@@ -199,6 +201,7 @@ class AsdfPlus:
                 frame,
                 box_xyxy=found[name].box_xyxy if name in found else None,
                 likely=None if look is None else look.likely,
+                ruled_out=[] if scene.contours is None else scene.contours.ruled_out(name),
             )
             if decision is not None:
                 decided[name] = decision
@@ -211,7 +214,7 @@ class AsdfPlus:
         if scene.contours is None:
             return {}
         poses = {name: decision.best.T_camera_part for name, decision in decided.items()}
-        fits = scene.contours.step(frame, poses)
+        fits = scene.contours.step(frame, poses, held=scene.group.held)
         for name, fit in fits.items():
             if fit.moved:
                 scene.hypotheses[name].move(fit.T_camera_part)

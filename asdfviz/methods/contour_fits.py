@@ -7,14 +7,15 @@ pose is carried on here, only the parts' colours are, so a frame's poses still s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from asdfviz.datatypes import Camera, Frame
-from asdfviz.geometry.shapes import Transform
+from asdfviz.datatypes import Camera, Frame, Part
+from asdfviz.geometry.shapes import Rotation, Transform
 from asdfviz.geometry.transforms import apply_to_point
+from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
 from asdfviz.track.bodies import Body
 from asdfviz.track.presets import FINE, TrackerConfig
 from asdfviz.track.starts import Trial
@@ -27,6 +28,8 @@ class ContourConfig:
 
     enabled: bool = True
     """On or off."""
+    together: bool = True
+    """Whether joined parts are settled as one besides."""
     tracker: TrackerConfig = FINE
     """How poses are settled."""
     rounds: int = 7
@@ -37,6 +40,8 @@ class ContourConfig:
     """Share of the part that must be seen, 0 to 1."""
     farthest: float = 0.012
     """A pose that is moved by more was another one, metres of the part's middle."""
+    turns: TurnConfig = field(default_factory=TurnConfig)
+    """Whether a part is turned otherwise."""
     times: int = 3
     """A pose that stays as it is, is settled in so many frames one after another,"""
     every: int = 6
@@ -68,14 +73,29 @@ class ContourFits:
     """Settles poses in one sequence."""
 
     def __init__(
-        self, bodies: Mapping[str, Body], camera: Camera, *, config: ContourConfig
+        self,
+        parts: Mapping[str, Part],
+        bodies: Mapping[str, Body],
+        camera: Camera,
+        *,
+        config: ContourConfig,
     ) -> None:
         self._config, self._bodies = config, bodies
         self._tracker = Tracker(bodies, camera, config.tracker)
+        self._checks = TurnChecks(parts, bodies, config=config.turns)
         self._known: dict[str, _Settled] = {}
 
-    def step(self, frame: Frame, poses: Mapping[str, Transform]) -> dict[str, ContourFit]:
-        """Settle poses T_camera_part; nothing is said without depth."""
+    def ruled_out(self, name: str) -> list[Rotation]:
+        """Turns of the part, in its own axes about its centre, that it is surely not in."""
+        return self._checks.ruled_out(name)
+
+    def step(
+        self, frame: Frame, poses: Mapping[str, Transform], *, held: Collection[str] = ()
+    ) -> dict[str, ContourFit]:
+        """Settle poses T_camera_part; nothing is said without depth.
+
+        Parts that are `held` by the state are not checked for being turned otherwise.
+        """
         if frame.depth is None:
             return {}
         tracker, moved = self._tracker, dict[str, Transform]()
@@ -94,6 +114,11 @@ class ContourFits:
         tracker.replace(frame, now)
         sure = tracker.confidence(frame)
         tracker.learn(frame, tuple(moved))
+        free = {name: T for name, T in now.items() if name not in held}
+        turned = self._checks.step(frame, tracker, free)
+        tracker.replace(frame, turned)
+        moved |= turned
+        now |= turned
         return {name: ContourFit(T, sure[name], name in moved) for name, T in now.items()}
 
     def _rests(self, name: str, T: Transform) -> bool:

@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from asdfviz.datatypes import Frame, Part
-from asdfviz.geometry.shapes import Box, Transform
+from asdfviz.geometry.shapes import Box, Rotation, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import rotation_angle
 from asdfviz.methods.kept_poses import (
@@ -28,6 +28,7 @@ from asdfviz.methods.kept_poses import (
     Proposal,
 )
 from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.refinding import turned
 from asdfviz.methods.registration import (
     Evidence,
     RegistrationConfig,
@@ -63,6 +64,7 @@ class PartHypotheses:
         *,
         box_xyxy: Box | None,
         likely: Likely | None = None,
+        ruled_out: Sequence[Rotation] = (),
     ) -> Decision | None:
         """Take in a frame; None where nothing is known of the part, or nothing seen of it.
 
@@ -71,11 +73,13 @@ class PartHypotheses:
             frame: with depth; without, the first proposal is the answer.
             box_xyxy: where the part was detected, pixels, or None.
             likely: of any pose; left out, the proposals' own preferences stand for it.
+            ruled_out: turns of the most trusted pose, about the part's middle, that it is not in.
         """
         if likely is None and proposals:
             likely = partial(self._likely, proposals)
         if frame.depth is None:
             return self._without_depth(proposals, frame, box_xyxy, likely)
+        proposals = self._without(ruled_out, proposals)
         found: list[Hypothesis] = []
         for place, old in enumerate(self._kept):
             found.append(self._carried(old, likely, frame, box_xyxy))
@@ -92,6 +96,21 @@ class PartHypotheses:
         self._box = box_xyxy if box_xyxy is not None else self._box
         self._kept = self._apart(self._overtaken(found))[: self._config.kept]
         return self._decided(box_xyxy)
+
+    def _without(
+        self, ruled_out: Sequence[Rotation], proposals: Sequence[Proposal]
+    ) -> Sequence[Proposal]:
+        """The proposals that are not in these turns of the most trusted pose; nor are others kept."""
+        if not self._kept or not ruled_out:
+            return proposals
+        best, middle = self._kept[0], self._middle[:3]
+        wrong = [turned(best.T_camera_part, R, centre=middle) for R in ruled_out]
+
+        def is_open(T: Transform) -> bool:
+            return not any(self._is_same(T, other) for other in wrong)
+
+        self._kept = [best, *(h for h in self._kept[1:] if is_open(h.T_camera_part))]
+        return [p for p in proposals if is_open(p.T_camera_part)]
 
     def move(self, T_camera_part: Transform) -> None:
         """The most trusted pose is known better than it was."""

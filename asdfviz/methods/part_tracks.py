@@ -189,13 +189,15 @@ class PartTracks:
         The tracker's colours and depth hardly tell a part from the same part turned round.
         """
         if look is None:
-            return trial.score
+            return trial.sharp_score
         T, K = trial.T_camera_part, frame.camera.K
         x, y, z = K @ apply_to_point(T, centre)
         x0, y0, x1, y1 = look.detection.box_xyxy
         is_inside = z > 0 and x0 * z <= x <= x1 * z and y0 * z <= y <= y1 * z
         liked = self._config.rotation_weight * trial.evidence.visible * look.likely(T)
-        return trial.score + liked + self._config.box_weight * look.detection.score * is_inside
+        return (
+            trial.sharp_score + liked + self._config.box_weight * look.detection.score * is_inside
+        )
 
     def _decided(self, track: Track, best: Trial, jumps: list[Trial], value: Value) -> Trial:
         """The pose that carries on, or one that is clearly better; one a little better is watched."""

@@ -11,6 +11,7 @@ from asdfviz.methods.asdf import AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track import AsdfTrackConfig
+from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import masks_path
@@ -134,6 +135,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     turned = replace(track.refind, rotation_weight=0.0, box_weight=0.0)
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
+    flat, single = ContourConfig(enabled=False), ContourConfig(together=False)
     unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
     return [
         Variant("asdf", "asdf", AsdfConfig()),
@@ -144,6 +146,8 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
             "asdf_plus, names by the detector alone", "asdf_plus", replace(plus, names=unnamed)
         ),
         Variant("asdf_plus, no look at places", "asdf_plus", replace(plus, place_looks=blind)),
+        Variant("asdf_plus, no contours", "asdf_plus", replace(plus, contours=flat)),
+        Variant("asdf_plus, contours of single parts", "asdf_plus", replace(plus, contours=single)),
         Variant("asdf_plus, one look", "asdf_plus", replace(plus, second_look=once)),
         Variant("asdf_plus, depth alone over time", "asdf_plus", replace(plus, hypotheses=deaf)),
         Variant("asdf_track", "asdf_track", track),

@@ -60,6 +60,10 @@ class ConfidenceConfig:
     """Visible share below which the evidence is too little; confidence falls to 0 with it."""
     lost_below: float = 0.2
     """A part whose confidence is lower counts as lost."""
+    sharp: float = 3e-3
+    """Depth that fits where poses are compared that fit about as well, metres. Of half turns of five
+    rendered parts that lay still, this told the right one from the wrong one in all of 72 pairs of
+    single frames, 2 mm and 4 mm too, the tolerance with less than half of the difference."""
 
 
 def confidence(

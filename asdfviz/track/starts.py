@@ -26,6 +26,13 @@ class Trial:
     evidence: Evidence
     confidence: float
     """Probability, 0 to 1, that it is near the truth."""
+    sharp: float = 0.0
+    """Share of the seen surface points that depth fits closely, 0 to 1."""
+
+    @property
+    def detail(self) -> float:
+        """For choosing between trials that look alike and end in one place, about 0 to 2."""
+        return self.evidence.contrast + self.sharp
 
     @property
     def score(self) -> float:
@@ -35,8 +42,16 @@ class Trial:
         speaks against it. Depth fits a flat part wherever it lies flat, so it counts no more than
         the colours do.
         """
+        return self._scored(self.evidence.fit)
+
+    @property
+    def sharp_score(self) -> float:
+        """The same where only what depth fits closely counts: lower, and tells turns apart."""
+        return self._scored(self.sharp)
+
+    def _scored(self, fit: float) -> float:
         seen = self.evidence
-        return seen.visible * (seen.contrast + 2.0 * min(seen.fit, seen.contrast) - 1.0)
+        return seen.visible * (seen.contrast + 2.0 * min(fit, seen.contrast) - 1.0)
 
 
 def settle(

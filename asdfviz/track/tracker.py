@@ -195,20 +195,16 @@ class Tracker:
             InputError: the body is not tracked, or the frame does not fit.
         """
         rgb, depth = self._images(frame)
-        i = self._place(name)
-        centre = self._bodies[name].model.centre
+        i, config = self._place(name), self.config
+        tracked, centre = self._tracked[i], self._bodies[name].model.centre
+        count, sharp = rounds or config.correspondence_iterations, config.confidence.sharp
         found: list[Trial] = []
         for T_camera_part in starts:
-            T = settle(
-                self._tracked[i],
-                rgb,
-                depth,
-                T_camera_part @ _shift(centre),
-                config=self.config,
-                rounds=rounds or self.config.correspondence_iterations,
-            )
+            start = T_camera_part @ _shift(centre)
+            T = settle(tracked, rgb, depth, start, config=config, rounds=count)
             seen = self._seen(rgb, depth, i, T, NO_SILHOUETTES)
-            found.append(Trial(T @ _shift(-centre), seen, self.judged(seen)))
+            close = self._seen(rgb, depth, i, T, NO_SILHOUETTES, tolerance=sharp)
+            found.append(Trial(T @ _shift(-centre), seen, self.judged(seen), close.fit))
         return found
 
     def _seen(
@@ -218,12 +214,14 @@ class Tracker:
         i: int,
         T_camera_centre: Transform,
         silhouettes: Silhouettes,
+        *,
+        tolerance: float | None = None,
     ) -> Evidence:
         return self._tracked[i].evidence(
             rgb,
             depth,
             T_camera_centre,
-            tolerance=depth_tolerance(self.config.confidence, float(self._drawn.reaches[i])),
+            tolerance=tolerance or depth_tolerance(self.config.confidence, self._drawn.reaches[i]),
             silhouettes=silhouettes,
             number=i,
         )

@@ -21,8 +21,10 @@ from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.gbot import Gbot, GbotConfig
 from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
 from asdfviz.methods.group_contours import GroupContours
+from asdfviz.methods.refinding import turned
 from asdfviz.methods.registry import available_methods, build_method, find_method
 from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.track import raster
 from asdfviz.track.presets import FINE, GBOT, RBOT_REGION, TrackerConfig
 
@@ -376,10 +378,14 @@ def nudged(T: Transform, mm: float, degrees: float) -> Transform:
     return moved
 
 
+def contour_fits(scene: Scene, config: ContourConfig | None = None) -> ContourFits:
+    assembly, camera = scene.assembly, scene.frames[0].camera
+    bodies = tracking.load_bodies(assembly)
+    return ContourFits(assembly.parts, bodies, camera, config=config or ContourConfig())
+
+
 def test_contours_end_what_depth_leaves_open(scene: Scene) -> None:
-    fits = ContourFits(
-        tracking.load_bodies(scene.assembly), scene.frames[0].camera, config=ContourConfig()
-    )
+    fits = contour_fits(scene)
     true = scene.truth[ARRIVED]
     frame = scene.frames[ARRIVED]
     found = fits.step(frame, {"base": nudged(true["base"], 4, 5)})
@@ -392,9 +398,7 @@ def test_contours_end_what_depth_leaves_open(scene: Scene) -> None:
 
 
 def test_what_the_picture_does_not_show_is_not_moved(scene: Scene) -> None:
-    fits = ContourFits(
-        tracking.load_bodies(scene.assembly), scene.frames[0].camera, config=ContourConfig()
-    )
+    fits = contour_fits(scene)
     elsewhere = scene.truth[0]["base"].copy()
     elsewhere[:2, 3] += 0.12
     away = fits.step(scene.frames[0], {"base": elsewhere})["base"]
@@ -406,9 +410,38 @@ def test_what_the_picture_does_not_show_is_not_moved(scene: Scene) -> None:
     assert back.moved, "colours that were learnt elsewhere are learnt anew"
 
 
+def test_a_part_that_is_taken_end_for_end_is_turned(scene: Scene) -> None:
+    """Several frames must say so; then its other turns are ruled out, the wrong one among them."""
+    fits = contour_fits(scene)
+    true, R = scene.truth[0]["base"], np.diag([1.0, -1, -1])
+    centre = tracking.load_bodies(scene.assembly)["base"].model.centre
+    pose = {"base": turned(true, R, centre=centre)}
+    off = []
+    for frame in scene.frames:
+        found = fits.step(frame, pose)["base"]
+        pose = {"base": found.T_camera_part}
+        off.append(rotation_angle(found.T_camera_part[:3, :3].T @ true[:3, :3]))
+    assert min(off[:2]) > 2
+    assert off[-1] < 0.1
+    for _ in range(10):
+        for frame in scene.frames:
+            pose = {"base": fits.step(frame, pose)["base"].T_camera_part}
+    np.testing.assert_allclose(pose["base"], true, atol=0.02)
+    assert any(np.allclose(R, other) for other in fits.ruled_out("base"))
+
+
+def test_what_the_state_holds_is_not_turned(scene: Scene) -> None:
+    fits = contour_fits(scene)
+    wrong = turned(scene.truth[0]["base"], np.diag([1.0, -1, -1]), centre=np.zeros(3))
+    pose = {"base": wrong}
+    for frame in scene.frames:
+        pose = {"base": fits.step(frame, pose, held=("base",))["base"].T_camera_part}
+    assert rotation_angle(pose["base"][:3, :3].T @ wrong[:3, :3]) < 0.5
+
+
 def test_a_pose_that_rests_is_settled_now_and_then(scene: Scene) -> None:
-    config = ContourConfig(times=2, every=4)
-    fits = ContourFits(tracking.load_bodies(scene.assembly), scene.frames[0].camera, config=config)
+    config = ContourConfig(times=2, every=4, turns=TurnConfig(enabled=False))
+    fits = contour_fits(scene, config)
     pose = {"base": nudged(scene.truth[0]["base"], 2, 1)}
     settled = []
     for frame in scene.frames[:9]:
