@@ -39,7 +39,7 @@ from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.tracking import load_bodies
-from asdfviz.pose.confidence import ConfidenceConfig
+from asdfviz.pose.confidence import ConfidenceConfig, confidence_held
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.relative_pose import (
     RelativePoseConfig,
@@ -238,7 +238,11 @@ class AsdfPlus:
         )
         if not settled:
             return poses
-        fitted = {n: PoseEstimate(n, T, poses[n].score, "group") for n, T in settled.items()}
+        sure = {
+            name: confidence_held(poses[name].score, config=self._config.confidence)
+            for name in settled
+        }
+        fitted = {n: PoseEstimate(n, T, sure[n], "group") for n, T in settled.items()}
         scene.group.see(settled[scene.assembly.base], fitted)
         return {**poses, **fitted}
 

@@ -27,6 +27,7 @@ from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
@@ -86,6 +87,7 @@ class _Scene:
     states: StateFilter
     fits: GroupFits
     twins: PlaceNames
+    places: JointPlaces
     state: StateEstimate | None = None
 
 
@@ -117,6 +119,7 @@ class AsdfTrack:
             states=StateFilter(assembly, config=config.smoothing),
             fits=GroupFits(assembly, self._asdf.shapes, config=config.group_fit),
             twins=PlaceNames(assembly),
+            places=JointPlaces(assembly),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -137,23 +140,27 @@ class AsdfTrack:
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
             poses = parts.settle(frame, joined)
+            if assembly.base in poses:
+                seen = {n: pose for n, pose in poses.items() if not parts.tracks[n].unsure}
+                scene.places.see(poses[assembly.base].T_camera_part, seen)
         with timed("fuse"):
             # What the state holds together cannot bear witness for the state.
             free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
             places = relative_pose_probabilities(free, assembly, config=config.relative_pose)
             first = proposed.poses.get(assembly.base)
-            seen = scene.fits.step(poses, scene.states.belief, frame, first=first)
+            fits = scene.fits.step(poses, scene.states.belief, frame, first=first)
             base = scene.fits.base or poses.get(assembly.base)
             stands = self._asdf.place_looks.step(base, poses, scene.states.belief, frame)
             looks = self._asdf.looks
-            scene.state = followed_state(scene.states, looks, places, seen, stands)
+            scene.state = followed_state(scene.states, looks, places, fits, stands)
         runtime = {**proposed.runtime, **timed.seconds}
         return FramePrediction(frame.index, poses, scene.state, proposed.detections, runtime)
 
     def _join(self, frame: Frame, scene: _Scene) -> frozenset[str]:
         """Hold the parts together that the state joins; return their names without the base.
 
-        Those that are not tracked, as nobody found them, begin where a settled state has them.
+        Those that are not tracked, as nobody found them, begin where a settled state has them. What
+        is not seen is in its joint where the parts that move with it tell.
         """
         tracker, base = scene.parts.tracker, scene.assembly.base
         tracker.release()
@@ -162,11 +169,11 @@ class AsdfTrack:
         state = scene.assembly.states[scene.state.index]
         if scene.state.probabilities[state.index] < self._config.join.probability:
             return frozenset()
-        poses = tracker.poses
+        poses, tracks = tracker.poses, scene.parts.tracks
+        told = {n: poses[base] @ scene.places.last(n, state) for n in state.attached if n != base}
         if scene.state.probabilities[state.index] >= self._config.join.settled:
-            missing = [name for name in state.attached if name not in poses]
-            T_camera_base = poses[base]
-            scene.parts.begin(frame, {n: T_camera_base @ state.T_base_part[n] for n in missing})
+            scene.parts.begin(frame, {n: T for n, T in told.items() if n not in poses})
+            tracker.replace(frame, {n: T for n, T in told.items() if tracks[n].unsure})
             poses = tracker.poses
         near = [n for n in state.attached if n in poses and self._joins(n, poses, state, scene)]
         held = {name: state.T_base_part[name] for name in (base, *near)}

@@ -99,8 +99,15 @@ class TurnChecks:
             T = self._checked(frame, tracker, name, poses[name])
             if T is not None:
                 found[name] = T
-                self._turns[name] = _Turns()
+                self._turns[name] = self._turned_back(self._turns[name].last)
         return found
+
+    def _turned_back(self, turn: int) -> _Turns:
+        """What is known of a part that was turned: it is not as it was before."""
+        known = _Turns()
+        back = next(i for i, R in enumerate(TURNS) if np.array_equal(R, TURNS[turn].T))
+        known.lead[back] = -self._config.lead
+        return known
 
     def _checked(
         self, frame: Frame, tracker: Tracker, name: str, T_now: Transform

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.pose.confidence import ConfidenceConfig, confidence
+from asdfviz.pose.confidence import ConfidenceConfig, confidence, confidence_held
 from asdfviz.pose.depth_fit import depth_fit
 
 K = np.array([[100.0, 0, 49.5], [0, 100.0, 49.5], [0, 0, 1]])
@@ -63,3 +63,12 @@ def test_what_speaks_for_a_pose_makes_it_surer(better: str) -> None:
     assert unseen == pytest.approx(1 / (1 + np.exp(2 - 2.5 - 0.25)))  # its outline says nothing
     unsettled = confidence(**{**seen, "contours": None}, config=config)
     assert unsettled == pytest.approx(1 / (1 + np.exp(2 - 3.0 - 0.5)))
+
+
+def test_what_fits_with_others_is_surer() -> None:
+    config = ConfidenceConfig(held=2.0)
+    assert confidence_held(0.5, config=config) == pytest.approx(1 / (1 + np.exp(-2.0)))
+    sure = [confidence_held(p, config=config) for p in (0.0, 0.2, 0.9, 1.0)]
+    assert sure == sorted(sure)
+    assert sure[0] < 1e-4
+    assert sure[-1] == 1
