@@ -2,10 +2,10 @@
 
 First poses of `asdf` and their runners-up are kept side by side over time and judged by depth, box and
 what the crop network thinks of each rotation; those from keypoints are registered with the depth image
-in six degrees of freedom. The detector looks again, nearer, at what depth shows and no box explains.
-Twins go by the place where they lie. Parts that the state joins are placed by the group. The state
-comes from a hidden Markov model instead of an average. A pose's score is the probability that it is
-right.
+in six degrees of freedom. Contours and depth settle every pose, and turn what was taken end for end.
+The detector looks again, nearer, at what depth shows and no box explains. Twins go by the place where
+they lie. Parts that the state joins are placed by the group, and settled as one. The state comes from a
+hidden Markov model instead of an average. A pose's score is the probability that it is right.
 """
 
 from __future__ import annotations
@@ -289,7 +289,7 @@ class AsdfPlus:
 
 SPEC = MethodSpec(
     name="asdf_plus",
-    summary="ASDF with poses kept side by side over time, group poses and a followed state",
+    summary="ASDF with poses kept over time, settled by contours and as a group, and a followed state",
     config=AsdfPlusConfig,
     factory="asdfviz.methods.asdf_plus:AsdfPlus",
     viewpoints=True,

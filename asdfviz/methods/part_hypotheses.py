@@ -107,7 +107,8 @@ class PartHypotheses:
         wrong = [turned(best.T_camera_part, R, centre=middle) for R in ruled_out]
 
         def is_open(T: Transform) -> bool:
-            return not any(self._is_same(T, other) for other in wrong)
+            is_best = self._is_same(T, best.T_camera_part)
+            return is_best or not any(self._is_same(T, other) for other in wrong)
 
         self._kept = [best, *(h for h in self._kept[1:] if is_open(h.T_camera_part))]
         return [p for p in proposals if is_open(p.T_camera_part)]

@@ -1,4 +1,4 @@
-"""Whether a part is not rather turned otherwise: by its quarter turns, settled and compared over time.
+"""Whether a part is not rather turned otherwise: other turns of it, settled and compared over time.
 
 Not in the paper. A part taken end for end looks almost the same, and a network that never learnt the
 difference prefers the wrong end in every frame. Settled by contours and depth, the right one lies a
@@ -16,16 +16,25 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Frame, Part
 from asdfviz.geometry.shapes import Rotation, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
-from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.geometry.transforms import rotation_about, rotation_angle
 from asdfviz.methods.refinding import QUARTER_TURNS, turned
 from asdfviz.track.bodies import Body
 from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
-TURNS = tuple(
-    sorted(QUARTER_TURNS[1:], key=lambda R: (np.count_nonzero(np.diag(R)) < 3, -float(np.trace(R))))
-)
-"""Half turns first: most parts that are taken for turned are taken end for end."""
+
+def _turns() -> tuple[Rotation, ...]:
+    """Half turns first, as most parts that are taken for turned are taken end for end; quarter turns;
+    a third and two thirds of those, for what has several lobes; then all that a cube has besides."""
+    axes = np.eye(3)
+    slight = [rotation_about(a, s * np.pi / 6) for s in (1, -1, 2, -2) for a in axes]
+    cube = sorted(
+        QUARTER_TURNS[1:], key=lambda R: (np.count_nonzero(np.diag(R)) < 3, -float(np.trace(R)))
+    )
+    return (*cube[:9], *slight, *cube[9:])
+
+
+TURNS = _turns()
 
 
 @dataclass(frozen=True)
@@ -105,7 +114,7 @@ class TurnChecks:
     def _turned_back(self, turn: int) -> _Turns:
         """What is known of a part that was turned: it is not as it was before."""
         known = _Turns()
-        back = next(i for i, R in enumerate(TURNS) if np.array_equal(R, TURNS[turn].T))
+        back = next(i for i, R in enumerate(TURNS) if np.allclose(R, TURNS[turn].T))
         known.lead[back] = -self._config.lead
         return known
 

@@ -20,6 +20,7 @@ from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.thing_names import NamesConfig
+from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
@@ -136,6 +137,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
     flat, single = ContourConfig(enabled=False), ContourConfig(together=False)
+    unturned = ContourConfig(turns=TurnConfig(enabled=False))
     unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
     return [
         Variant("asdf", "asdf", AsdfConfig()),
@@ -148,6 +150,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
         Variant("asdf_plus, no look at places", "asdf_plus", replace(plus, place_looks=blind)),
         Variant("asdf_plus, no contours", "asdf_plus", replace(plus, contours=flat)),
         Variant("asdf_plus, contours of single parts", "asdf_plus", replace(plus, contours=single)),
+        Variant("asdf_plus, nothing turned", "asdf_plus", replace(plus, contours=unturned)),
         Variant("asdf_plus, one look", "asdf_plus", replace(plus, second_look=once)),
         Variant("asdf_plus, depth alone over time", "asdf_plus", replace(plus, hypotheses=deaf)),
         Variant("asdf_track", "asdf_track", track),
