@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 from asdfviz.datatypes import (
     Assembly,
@@ -201,7 +202,7 @@ class AsdfPlus:
                 frame,
                 box_xyxy=found[name].box_xyxy if name in found else None,
                 likely=None if look is None else look.likely,
-                ruled_out=[] if scene.contours is None else scene.contours.ruled_out(name),
+                allows=None if scene.contours is None else partial(scene.contours.allows, name),
             )
             if decision is not None:
                 decided[name] = decision

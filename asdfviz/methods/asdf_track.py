@@ -26,6 +26,7 @@ from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
+from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
@@ -74,6 +75,8 @@ class AsdfTrackConfig(AsdfConfig):
     """What evidence the tracker uses, and how."""
     refind: RefindConfig = field(default_factory=RefindConfig)
     """From where parts are looked for."""
+    turns: TurnConfig = field(default_factory=TurnConfig)
+    """How it is told over time that a part is turned otherwise."""
     join: JoinConfig = field(default_factory=JoinConfig)
     """When parts are tracked as one."""
 
@@ -115,7 +118,13 @@ class AsdfTrack:
         self._asdf.reset(assembly, camera, None)
         self._scene = _Scene(
             assembly=assembly,
-            parts=PartTracks(assembly, camera, tracker=config.tracker, refind=config.refind),
+            parts=PartTracks(
+                assembly,
+                camera,
+                tracker=config.tracker,
+                refind=config.refind,
+                turns=config.turns,
+            ),
             states=StateFilter(assembly, config=config.smoothing),
             fits=GroupFits(assembly, self._asdf.shapes, config=config.group_fit),
             twins=PlaceNames(assembly),

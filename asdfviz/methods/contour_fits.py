@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from asdfviz.datatypes import Camera, Frame, Part
-from asdfviz.geometry.shapes import Rotation, Transform
+from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point
 from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
 from asdfviz.track.bodies import Body
@@ -85,9 +85,9 @@ class ContourFits:
         self._checks = TurnChecks(parts, bodies, config=config.turns)
         self._known: dict[str, _Settled] = {}
 
-    def ruled_out(self, name: str) -> list[Rotation]:
-        """Turns of the part, in its own axes about its centre, that it is surely not in."""
-        return self._checks.ruled_out(name)
+    def allows(self, name: str, T_now: Transform, T_other: Transform) -> bool:
+        """Whether a pose of a part is no turn of another one that was ruled out."""
+        return self._checks.allows(name, T_now, T_other)
 
     def step(
         self, frame: Frame, poses: Mapping[str, Transform], *, held: Collection[str] = ()

@@ -7,7 +7,7 @@ from asdfviz.geometry.shapes import Scores
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 
 FOLLOWED = SmoothingConfig(
-    appearance_weight=0.15, pose_weight=0.3, group_weight=0.7, place_weight=0.8
+    appearance_weight=0.15, pose_weight=0.25, group_weight=0.4, place_weight=0.6
 )
 """Appearance counts little: a lightly trained network mistakes states more often than places. What is
 seen of the group errs alike in frames that look alike, so it counts less than once a frame."""

@@ -10,6 +10,8 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.registration import Evidence
 from asdfviz.pose.confidence import ConfidenceConfig, confidence
 
+Allows: TypeAlias = Callable[[Transform, Transform], bool]
+"""Whether a part at the first pose T_camera_part may rather be at the second one."""
 Likely: TypeAlias = Callable[[Transform], float]
 """The network's preference for a pose T_camera_part in this frame, 0 to 1."""
 

@@ -10,17 +10,18 @@ box has moved to.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from asdfviz.datatypes import Frame, Part
-from asdfviz.geometry.shapes import Box, Rotation, Transform
+from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import rotation_angle
 from asdfviz.methods.kept_poses import (
+    Allows,
     Decision,
     HypothesesConfig,
     Hypothesis,
@@ -28,7 +29,6 @@ from asdfviz.methods.kept_poses import (
     Proposal,
 )
 from asdfviz.methods.part_poses import PartShape
-from asdfviz.methods.refinding import turned
 from asdfviz.methods.registration import (
     Evidence,
     RegistrationConfig,
@@ -64,7 +64,7 @@ class PartHypotheses:
         *,
         box_xyxy: Box | None,
         likely: Likely | None = None,
-        ruled_out: Sequence[Rotation] = (),
+        allows: Allows | None = None,
     ) -> Decision | None:
         """Take in a frame; None where nothing is known of the part, or nothing seen of it.
 
@@ -73,13 +73,14 @@ class PartHypotheses:
             frame: with depth; without, the first proposal is the answer.
             box_xyxy: where the part was detected, pixels, or None.
             likely: of any pose; left out, the proposals' own preferences stand for it.
-            ruled_out: turns of the most trusted pose, about the part's middle, that it is not in.
+            allows: whether the most trusted pose may rather be another one; left out, any.
         """
         if likely is None and proposals:
             likely = partial(self._likely, proposals)
         if frame.depth is None:
             return self._without_depth(proposals, frame, box_xyxy, likely)
-        proposals = self._without(ruled_out, proposals)
+        if allows is not None and self._kept:
+            proposals = self._allowed(proposals, partial(allows, self._kept[0].T_camera_part))
         found: list[Hypothesis] = []
         for place, old in enumerate(self._kept):
             found.append(self._carried(old, likely, frame, box_xyxy))
@@ -97,21 +98,13 @@ class PartHypotheses:
         self._kept = self._apart(self._overtaken(found))[: self._config.kept]
         return self._decided(box_xyxy)
 
-    def _without(
-        self, ruled_out: Sequence[Rotation], proposals: Sequence[Proposal]
-    ) -> Sequence[Proposal]:
-        """The proposals that are not in these turns of the most trusted pose; nor are others kept."""
-        if not self._kept or not ruled_out:
-            return proposals
-        best, middle = self._kept[0], self._middle[:3]
-        wrong = [turned(best.T_camera_part, R, centre=middle) for R in ruled_out]
-
-        def is_open(T: Transform) -> bool:
-            is_best = self._is_same(T, best.T_camera_part)
-            return is_best or not any(self._is_same(T, other) for other in wrong)
-
-        self._kept = [best, *(h for h in self._kept[1:] if is_open(h.T_camera_part))]
-        return [p for p in proposals if is_open(p.T_camera_part)]
+    def _allowed(
+        self, proposals: Sequence[Proposal], allowed: Callable[[Transform], bool]
+    ) -> list[Proposal]:
+        """Those of the proposals that are; others are kept no longer either."""
+        best, *rest = self._kept
+        self._kept = [best, *(h for h in rest if allowed(h.T_camera_part))]
+        return [p for p in proposals if allowed(p.T_camera_part)]
 
     def move(self, T_camera_part: Transform) -> None:
         """The most trusted pose is known better than it was."""

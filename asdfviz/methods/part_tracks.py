@@ -21,14 +21,14 @@ from asdfviz.methods.refinding import (
     QUARTER_TURNS,
     TILTS,
     RefindConfig,
+    carried_on,
     distinct,
-    heading,
-    moved_to,
     places_in,
     turned,
 )
 from asdfviz.methods.track_memory import Rival, Track
 from asdfviz.methods.tracking import load_bodies
+from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
 from asdfviz.state.twins import renamed
 from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.starts import Trial
@@ -41,7 +41,13 @@ class PartTracks:
     """All parts of an assembly that were seen so far."""
 
     def __init__(
-        self, assembly: Assembly, camera: Camera, *, tracker: TrackerConfig, refind: RefindConfig
+        self,
+        assembly: Assembly,
+        camera: Camera,
+        *,
+        tracker: TrackerConfig,
+        refind: RefindConfig,
+        turns: TurnConfig,
     ) -> None:
         """Load the parts' viewpoint models."""
         self.bodies = load_bodies(assembly)
@@ -50,6 +56,7 @@ class PartTracks:
         self._assembly = assembly
         self._config = refind
         self._one_place = OnePlace(assembly)
+        self._checks = TurnChecks(assembly.parts, self.bodies, config=turns)
         self._frames = 0
 
     def refind(
@@ -75,6 +82,12 @@ class PartTracks:
             if name in looked_at and name in proposed:
                 self._believe_the_detector(name, frame, proposed[name], looked_at[name])
             self._look_for(name, frame, proposed.get(name), looked_at.get(name), state)
+        poses = self.tracker.poses
+        free = {name: poses[name] for name, track in self.tracks.items() if track.explore}
+        otherwise = self._checks.step(frame, self.tracker, free)
+        self.tracker.replace(frame, otherwise)
+        for name in otherwise:
+            self.tracks[name].rival = None
 
     def begin(self, frame: Frame, poses: Mapping[str, Transform]) -> None:
         """Take in parts that were not tracked, at poses T_camera_part; all others are let go."""
@@ -165,9 +178,10 @@ class PartTracks:
         """Try all starts of one part and put it where it fits best."""
         config, track, tracker = self._config, self.tracks[name], self.tracker
         centre = self.bodies[name].model.centre
-        on = tracker.trials(frame, name, self._carried_on(track, proposal, centre))
+        on = tracker.trials(frame, name, carried_on(track, proposal, centre=centre))
         best = max(on, key=attrgetter("score"))
         starts = self._jumps(name, track, proposal, look, state)
+        starts = [T for T in starts if self._checks.allows(name, best.T_camera_part, T)]
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
         value = partial(self._value, look, frame, centre)
@@ -176,8 +190,9 @@ class PartTracks:
         best = self._decided(track, best, tracker.trials(frame, name, promising), value)
         if track.rival is not None and track.explore:
             start = best.T_camera_part @ track.rival.T_track_rival
-            trial = tracker.trials(frame, name, [start])[0]
-            best = self._believed(track, track.rival, best, trial, value)
+            if self._checks.allows(name, best.T_camera_part, start):
+                trial = tracker.trials(frame, name, [start])[0]
+                best = self._believed(track, track.rival, best, trial, value)
         tracker.replace(frame, {name: best.T_camera_part})
         if track.age == 0:  # its colours were learnt at a pose that may have been poor
             tracker.drop([name])
@@ -228,18 +243,6 @@ class PartTracks:
         rival.ahead = max(ahead, 0.0)
         rival.T_track_rival = inverse(best.T_camera_part) @ trial.T_camera_part
         return best
-
-    def _carried_on(
-        self, track: Track, proposal: PoseEstimate | None, centre: Vector
-    ) -> list[Transform]:
-        """Starts that carry on: at rest, moving on, and turned as before where the detector is."""
-        starts = [track.T_now]
-        if track.T_before is not None:
-            starts.append(heading(track.T_before, track.T_now))
-        if proposal is not None:
-            T = proposal.T_camera_part
-            starts.append(moved_to(track.T_now, apply_to_point(T, centre), centre=centre))
-        return distinct(starts, centre=centre)
 
     def _jumps(
         self,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, State
+from asdfviz.datatypes import Assembly, PoseEstimate, State
 from asdfviz.geometry.shapes import Rotation, Transform, Vector
 from asdfviz.geometry.transforms import (
     apply_to_point,
@@ -24,6 +24,7 @@ from asdfviz.geometry.transforms import (
     transform_from,
 )
 from asdfviz.methods.place_support import SupportConfig
+from asdfviz.methods.track_memory import Track
 from asdfviz.state.joints import nearest_in_joint
 
 SAME = 0.005
@@ -103,6 +104,17 @@ def moved_to(T_camera_part: Transform, place: Vector, *, centre: Vector) -> Tran
 def heading(T_before: Transform, T_now: Transform) -> Transform:
     """Where a part goes if it moves on as it did from the frame before (T_camera_part)."""
     return orthonormalized(T_now @ inverse(T_before) @ T_now)
+
+
+def carried_on(track: Track, proposal: PoseEstimate | None, *, centre: Vector) -> list[Transform]:
+    """Starts that carry on: at rest, moving on, and turned as before where the detector is."""
+    starts = [track.T_now]
+    if track.T_before is not None:
+        starts.append(heading(track.T_before, track.T_now))
+    if proposal is not None:
+        place = apply_to_point(proposal.T_camera_part, centre)
+        starts.append(moved_to(track.T_now, place, centre=centre))
+    return distinct(starts, centre=centre)
 
 
 def places_in(

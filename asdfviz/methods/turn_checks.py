@@ -35,6 +35,7 @@ def _turns() -> tuple[Rotation, ...]:
 
 
 TURNS = _turns()
+_STACKED = np.stack(TURNS)
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,9 @@ class TurnConfig:
     again: int = 12
     """Frames after which a turn that was ruled out is tried again."""
     same_deg: float = 20.0
-    """Poses turned less than this against each other are one."""
+    """Poses turned less than this against each other are one,"""
+    same_place: float = 0.1
+    """if their centres are nearer than this share of the part's diameter."""
 
 
 @dataclass(slots=True, eq=False)
@@ -79,14 +82,28 @@ class TurnChecks:
         self._turns: dict[str, _Turns] = {}
         self._first = 0
 
-    def ruled_out(self, name: str) -> list[Rotation]:
-        """Turns of the part, in its own axes about its centre, that it is surely not in."""
+    def allows(self, name: str, T_now: Transform, T_other: Transform) -> bool:
+        """Whether another pose of a part is not one of the turns of its pose that were ruled out.
+
+        Poses elsewhere, and those that are much the same, are never ruled out.
+        """
         known = self._turns.get(name)
         if known is None:
-            return []
+            return True
         # Turns that are no others, as the part is symmetric, have no lead.
         out = np.isfinite(known.lead) & (known.lead <= -self._config.lead)
-        return [R for R, is_out in zip(TURNS, out, strict=True) if is_out]
+        part, centre = self._parts[name], np.append(self._bodies[name].model.centre, 1.0)
+        apart = float(np.linalg.norm((T_now - T_other)[:3] @ centre))
+        if not out.any() or apart > self._config.same_place * part.diameter:
+            return True
+        same = np.deg2rad(self._config.same_deg)
+        T_near = nearest_symmetric(T_other, T_now, part.symmetries)
+        if rotation_angle(T_now[:3, :3].T @ T_near[:3, :3]) < same:
+            return True
+        Ss = (np.eye(4), *part.symmetries.discrete)
+        Rs_now_other = np.stack([T_now[:3, :3].T @ (T_near @ S)[:3, :3] for S in Ss])
+        traces = np.einsum("sij,tij->st", Rs_now_other, _STACKED[out])
+        return bool(traces.max() < 1 + 2 * np.cos(same))
 
     def step(
         self, frame: Frame, tracker: Tracker, poses: Mapping[str, Transform]

@@ -137,7 +137,8 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
     flat, single = ContourConfig(enabled=False), ContourConfig(together=False)
-    unturned = ContourConfig(turns=TurnConfig(enabled=False))
+    still = TurnConfig(enabled=False)
+    unturned = ContourConfig(turns=still)
     unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
     return [
         Variant("asdf", "asdf", AsdfConfig()),
@@ -158,6 +159,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
             "asdf_track, names by the detector alone", "asdf_track", replace(track, names=unnamed)
         ),
         Variant("asdf_track, no look at places", "asdf_track", replace(track, place_looks=blind)),
+        Variant("asdf_track, nothing turned", "asdf_track", replace(track, turns=still)),
         Variant("asdf_track, one look", "asdf_track", replace(track, second_look=once)),
         Variant("asdf_track, rivals by picture alone", "asdf_track", replace(track, refind=turned)),
         Variant("asdf_track, never begun anew", "asdf_track", replace(track, refind=stays)),

@@ -13,30 +13,31 @@ from dataclasses import dataclass
 class ConfidenceConfig:
     """Weights of the logistic model.
 
-    Fitted on 4,745 poses of five synthetic sequences of four assemblies that no table judges (vise,
-    geared caliper twice, corner clamp, screw clamp; 640x360; on either twin counts as right), with a
-    ridge, since the witnesses say much the same. What is visible of the part adds nothing to them.
+    Fitted on 3,400 poses of three synthetic sequences that no table judges (vise, screw clamp, geared
+    caliper; on either twin counts as right), each sequence weighing the same, with a ridge, since the
+    witnesses say much the same, and none let speak against a pose. Fitted on two of them it tells the
+    third's apart with an AUC of 0.81, 0.95 and 0.97.
     """
 
-    bias: float = -5.39
+    bias: float = -5.2
     """Log odds of a pose that nothing speaks for."""
-    trust: float = 2.16
+    trust: float = 0.7
     """Per agreement over time, 0 to 1."""
-    lead: float = 1.3
+    lead: float = 1.6
     """Per lead over the next best pose, 0 to 1."""
-    agreeing: float = 3.32
+    agreeing: float = 1.0
     """Per share of the visible depth readings on the surface, 0 to 1."""
-    outline: float = 0.98
+    outline: float = 1.1
     """Per overlap of the projected box with the detected one, 0 to 1."""
-    liked: float = 1.46
+    liked: float = 0.3
     """Per preference of the network for its rotation over time, 0 to 1."""
-    detection: float = 0.86
+    detection: float = 2.7
     """Per score of the detected box, 0 to 1."""
-    undetected: float = -0.88
+    undetected: float = 0.7
     """Where there is no box, of which outline and detection say nothing then."""
-    contours: float = 0.0
+    contours: float = 2.3
     """Per confidence by contours and depth, 0 to 1,"""
-    unsettled: float = 0.0
+    unsettled: float = 1.8
     """and where they were not asked."""
     held: float = 2.6
     """Added for a part that the state holds to others, with which it fits the picture. Of 3,174 such

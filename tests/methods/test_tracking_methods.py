@@ -15,7 +15,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods import tracking
-from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig, JoinConfig
 from asdfviz.methods.contour_fits import ContourConfig, ContourFits
 from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.gbot import Gbot, GbotConfig
@@ -353,7 +353,8 @@ def test_a_part_that_no_box_shows_is_absent_until_the_state_joins_it(
     scene: Scene, toy, detector
 ) -> None:
     detector.answers = {i: (toy.detection("base", T["base"]),) for i, T in enumerate(scene.truth)}
-    said = play(AsdfTrack(AsdfTrackConfig(), detector=detector), scene, None)
+    config = AsdfTrackConfig(join=JoinConfig(settled=0.9))  # the scene is soon over
+    said = play(AsdfTrack(config, detector=detector), scene, None)
     assert all(set(p.poses) == {"base"} for p in said[:ARRIVED])
     placed = said[-1].poses["block"]
     assert placed.stage == "group"
@@ -427,7 +428,10 @@ def test_a_part_that_is_taken_end_for_end_is_turned(scene: Scene) -> None:
         for frame in scene.frames:
             pose = {"base": fits.step(frame, pose)["base"].T_camera_part}
     np.testing.assert_allclose(pose["base"], true, atol=0.02)
-    assert any(np.allclose(R, other) for other in fits.ruled_out("base"))
+    assert not fits.allows("base", pose["base"], turned(pose["base"], R, centre=centre))
+    assert fits.allows("base", pose["base"], nudged(pose["base"], 1, 2))
+    elsewhere = turned(nudged(pose["base"], 40, 0), R, centre=centre)
+    assert fits.allows("base", pose["base"], elsewhere)
 
 
 def test_what_the_state_holds_is_not_turned(scene: Scene) -> None:
