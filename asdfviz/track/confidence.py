@@ -61,9 +61,10 @@ class ConfidenceConfig:
     lost_below: float = 0.2
     """A part whose confidence is lower counts as lost."""
     sharp: float = 3e-3
-    """Depth that fits where poses are compared that fit about as well, metres. Of half turns of five
-    rendered parts that lay still, this told the right one from the wrong one in all of 72 pairs of
-    single frames, 2 mm and 4 mm too, the tolerance with less than half of the difference."""
+    """Depth that fits where poses are compared that fit about as well, metres. Rendered parts that lay
+    still were settled in wrong turns, their colours learnt there, and compared with the right ones in
+    single frames: of 96 pairs of four parts of a vise depth told all, 2 mm and 4 mm nearly so, colours
+    56 %; of two other parts 65 and 88 %, and of one whose lobes look alike neither told anything."""
 
 
 def confidence(
