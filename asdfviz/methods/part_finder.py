@@ -11,6 +11,7 @@ from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.second_look import SecondLook, SecondLookConfig
+from asdfviz.methods.strangers import Strangers
 from asdfviz.methods.thing_names import NamesConfig, ThingNames
 from asdfviz.pose.box_size import BoxSizes
 from asdfviz.state.twins import renamed
@@ -48,6 +49,7 @@ class PartFinder:
         corners = {p.detector_class: shapes[name].corners for name, p in assembly.parts.items()}
         self._sizes = BoxSizes.of(corners) if by_size else None
         self._names = ThingNames(assembly, looker, config=names)
+        self._strangers = Strangers(assembly, config=names.strangers)
         self._second_look = SecondLook(assembly, detector, config=second_look)
         self._boxes: dict[str, Box] = {}
 
@@ -65,6 +67,7 @@ class PartFinder:
             looked = self._names.told(frame, more[len(detections) :])
             detections = (*detections, *looked)
             found = self._assigned(detections, frame)
+        self._strangers.see(detections, found)
         return detections, found
 
     def keep(self, found: Mapping[str, Detection]) -> None:
@@ -79,4 +82,9 @@ class PartFinder:
         fitting = None
         if self._sizes is not None:
             fitting = partial(self._sizes.fitting, depth=frame.depth, K=frame.camera.K)
-        return assign_detections(detections, self._assembly, previous=self._boxes, fitting=fitting)
+        return assign_detections(
+            self._strangers.told(detections),
+            self._assembly,
+            previous=self._boxes,
+            fitting=fitting,
+        )

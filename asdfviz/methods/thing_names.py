@@ -18,6 +18,7 @@ from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError
 from asdfviz.geometry.boxes import overlap, share_inside
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
+from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.pose.blobs import BlobConfig, standing_out
 from asdfviz.pose.box_size import box_distance
 
@@ -70,6 +71,8 @@ class NamesConfig:
     """Share of its box within a part's from which the part explains it, 0 to 1."""
     most: int = 8
     """Of these things so many are named a frame, the largest."""
+    strangers: StrangersConfig = field(default_factory=StrangersConfig)
+    """What is known not to be a part, since it was there beside it."""
     blobs: BlobConfig = field(default_factory=lambda: BlobConfig(rise=0.003, min_px=30))
     """What stands out of the table: flatter and smaller things than a second look is worth."""
 

@@ -19,7 +19,6 @@ from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import rotation_about, rotation_angle
 from asdfviz.methods.refinding import QUARTER_TURNS, turned
 from asdfviz.track.bodies import Body
-from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
 
@@ -70,6 +69,8 @@ class _Turns:
     """That was tried."""
     rested: int = 0
     """Frames since the last try."""
+    T_camera_part: Transform = field(default_factory=lambda: np.eye(4))
+    """The pose in the frame before."""
 
 
 class TurnChecks:
@@ -80,6 +81,7 @@ class TurnChecks:
     ) -> None:
         self._parts, self._bodies, self._config = parts, bodies, config
         self._turns: dict[str, _Turns] = {}
+        self._same = float(np.deg2rad(config.same_deg))
         self._first = 0
 
     def allows(self, name: str, T_now: Transform, T_other: Transform) -> bool:
@@ -96,14 +98,13 @@ class TurnChecks:
         apart = float(np.linalg.norm((T_now - T_other)[:3] @ centre))
         if not out.any() or apart > self._config.same_place * part.diameter:
             return True
-        same = np.deg2rad(self._config.same_deg)
-        T_near = nearest_symmetric(T_other, T_now, part.symmetries)
-        if rotation_angle(T_now[:3, :3].T @ T_near[:3, :3]) < same:
+        if self._angle(name, T_now, T_other) < self._same:
             return True
+        T_near = nearest_symmetric(T_other, T_now, part.symmetries)
         Ss = (np.eye(4), *part.symmetries.discrete)
         Rs_now_other = np.stack([T_now[:3, :3].T @ (T_near @ S)[:3, :3] for S in Ss])
         traces = np.einsum("sij,tij->st", Rs_now_other, _STACKED[out])
-        return bool(traces.max() < 1 + 2 * np.cos(same))
+        return bool(traces.max() < 1 + 2 * np.cos(self._same))
 
     def step(
         self, frame: Frame, tracker: Tracker, poses: Mapping[str, Transform]
@@ -117,6 +118,7 @@ class TurnChecks:
         """
         if not self._config.enabled or not poses:
             return {}
+        self._forget(poses)
         names = list(poses)
         start = self._first % len(names)
         self._first += self._config.a_frame
@@ -125,12 +127,20 @@ class TurnChecks:
             T = self._checked(frame, tracker, name, poses[name])
             if T is not None:
                 found[name] = T
-                self._turns[name] = self._turned_back(self._turns[name].last)
+                self._turns[name] = self._turned_back(self._turns[name].last, T)
         return found
 
-    def _turned_back(self, turn: int) -> _Turns:
+    def _forget(self, poses: Mapping[str, Transform]) -> None:
+        """What was known of a part's turns holds no longer once somebody else turned it."""
+        for name, T in poses.items():
+            known = self._turns.get(name)
+            if known is None or self._angle(name, known.T_camera_part, T) > self._same:
+                known = self._turns[name] = _Turns()
+            known.T_camera_part = T
+
+    def _turned_back(self, turn: int, T_camera_part: Transform) -> _Turns:
         """What is known of a part that was turned: it is not as it was before."""
-        known = _Turns()
+        known = _Turns(T_camera_part=T_camera_part)
         back = next(i for i, R in enumerate(TURNS) if np.allclose(R, TURNS[turn].T))
         known.lead[back] = -self._config.lead
         return known
@@ -139,7 +149,7 @@ class TurnChecks:
         self, frame: Frame, tracker: Tracker, name: str, T_now: Transform
     ) -> Transform | None:
         """The pose in another turn, if that is right now."""
-        known = self._turns.setdefault(name, _Turns())
+        known = self._turns[name]
         turn = self._next(known)
         if turn is None:
             return None
@@ -148,7 +158,7 @@ class TurnChecks:
         if now.evidence.visible < self._config.visible:
             return None
         known.last, known.rested = turn, 0
-        if self._is_same(name, now, other):
+        if self._angle(name, now.T_camera_part, other.T_camera_part) < self._same:
             known.lead[turn] = -np.inf
             return None
         # Where the part could be seen and would not be, it is not in this turn.
@@ -173,7 +183,7 @@ class TurnChecks:
             known.lead[turn] = -self._config.lead
         return turn
 
-    def _is_same(self, name: str, a: Trial, b: Trial) -> bool:
-        T_near = nearest_symmetric(a.T_camera_part, b.T_camera_part, self._parts[name].symmetries)
-        angle = rotation_angle(T_near[:3, :3].T @ b.T_camera_part[:3, :3])
-        return bool(angle < np.deg2rad(self._config.same_deg))
+    def _angle(self, name: str, T_a: Transform, T_b: Transform) -> float:
+        """Between two poses of a part, radians; 0 where it looks the same."""
+        T_near = nearest_symmetric(T_a, T_b, self._parts[name].symmetries)
+        return rotation_angle(T_near[:3, :3].T @ T_b[:3, :3])

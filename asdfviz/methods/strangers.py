@@ -1,0 +1,143 @@
+"""What lies still and has lost to a part often enough is not that part, also while the part is hidden.
+
+Not in the paper. A thing that looks like a part is harmless as long as the part itself can be seen; once
+a hand covers that, the thing would be taken for it. But it was there all the time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Detection
+from asdfviz.geometry.boxes import iou_matrix
+from asdfviz.geometry.shapes import Box
+
+
+@dataclass(frozen=True)
+class StrangersConfig:
+    """When a thing is a stranger to a part, and what that means."""
+
+    enabled: bool = True
+    """On or off."""
+    still: float = 0.7
+    """A box that overlaps an earlier one more than this (intersection over union) shows the same
+    thing."""
+    part: float = 0.3
+    """Score from which a box that was taken for a part counts as the part;"""
+    like: float = 0.08
+    """a thing elsewhere that scores this in its class has then lost to it,"""
+    ahead: float = 0.1
+    """if it scored less by this: what is as likely to be the part has not lost."""
+    same: float = 0.3
+    """Elsewhere is where boxes overlap less than this."""
+    often: int = 8
+    """A thing is a stranger that has lost more often than it has won by this,"""
+    most: int = 20
+    """which is counted no farther than to this, either way."""
+    left: float = 0.02
+    """Share that its score in the class keeps then."""
+    forgotten: int = 200
+    """Frames after which a thing that was not seen again is forgotten."""
+
+
+@dataclass(slots=True, eq=False)
+class _Thing:
+    box_xyxy: Box
+    seen: int
+    """The last frame."""
+    lost: dict[str, int] = field(default_factory=dict[str, int])
+    """By class, how much more often it lost than it won."""
+
+
+class Strangers:
+    """Knows the things of one sequence."""
+
+    def __init__(self, assembly: Assembly, *, config: StrangersConfig) -> None:
+        self._config = config
+        self._counts: dict[str, int] = {}
+        for part in assembly.parts.values():
+            self._counts[part.detector_class] = self._counts.get(part.detector_class, 0) + 1
+        self._things: list[_Thing] = []
+        self._frame = 0
+
+    def told(self, detections: Sequence[Detection]) -> tuple[Detection, ...]:
+        """The detections; those of strangers score less in the class to which they lost."""
+        if not self._config.enabled or not self._things or not detections:
+            return tuple(detections)
+        return tuple(
+            d if place is None else self._weighed(d, self._things[place])
+            for d, place in zip(detections, self._places(detections), strict=True)
+        )
+
+    def see(self, detections: Sequence[Detection], found: Mapping[str, Detection]) -> None:
+        """Note who won and who lost in a frame.
+
+        Args:
+            detections: of the frame, as the detector and names have them.
+            found: by part, the detection that was taken for it.
+        """
+        if not self._config.enabled:
+            return
+        self._frame += 1
+        won: dict[str, list[Detection]] = {}
+        for detection in found.values():
+            won.setdefault(detection.label, []).append(detection)
+        for place, scores in self._seen(detections).items():
+            thing = self._things[place]
+            for label, score in scores.items():
+                if label in self._counts and score >= self._config.like:
+                    self._judge(thing, label, score, won.get(label, []))
+        oldest = self._frame - self._config.forgotten
+        self._things = [thing for thing in self._things if thing.seen >= oldest]
+
+    def _seen(self, detections: Sequence[Detection]) -> dict[int, dict[str, float]]:
+        """The things in the frame, by place in the list, with their best score in every class."""
+        things: dict[int, dict[str, float]] = {}
+        for detection, known in zip(detections, self._places(detections), strict=True):
+            place = known
+            if place is None:
+                place = len(self._things)
+                self._things.append(_Thing(detection.box_xyxy, self._frame))
+            self._things[place].seen = self._frame
+            scores = things.setdefault(place, {})
+            for label, score in _scores(detection).items():
+                scores[label] = max(score, scores.get(label, 0.0))
+        return things
+
+    def _judge(self, thing: _Thing, label: str, score: float, won: Sequence[Detection]) -> None:
+        """Count a thing's victory or defeat in a class; neither where parts of it are missing."""
+        config, before = self._config, thing.lost.get(label, 0)
+        least = max(config.part, score + config.ahead)
+        boxes = np.array([d.box_xyxy for d in won]).reshape(-1, 4)
+        if (iou_matrix(thing.box_xyxy[None], boxes) > config.same).any():
+            thing.lost[label] = max(before - 1, -config.most)
+        elif len(won) == self._counts[label] and min(d.score for d in won) >= least:
+            thing.lost[label] = min(before + 1, config.most)
+
+    def _places(self, detections: Sequence[Detection]) -> list[int | None]:
+        """Which known thing each box shows."""
+        if not self._things or not detections:
+            return [None] * len(detections)
+        overlaps = iou_matrix(
+            np.stack([d.box_xyxy for d in detections]),
+            np.stack([thing.box_xyxy for thing in self._things]),
+        )
+        best = overlaps.argmax(axis=1)
+        is_still = overlaps.max(axis=1) > self._config.still
+        return [int(i) if still else None for i, still in zip(best, is_still, strict=True)]
+
+    def _weighed(self, detection: Detection, thing: _Thing) -> Detection:
+        strange = {label for label, lost in thing.lost.items() if lost >= self._config.often}
+        if not strange & _scores(detection).keys():
+            return detection
+        left = self._config.left
+        scores = {k: v * (left if k in strange else 1.0) for k, v in detection.class_scores.items()}
+        own = detection.score * (left if detection.label in strange else 1.0)
+        return replace(detection, score=own, class_scores=scores)
+
+
+def _scores(detection: Detection) -> dict[str, float]:
+    return {**detection.class_scores, detection.label: detection.score}

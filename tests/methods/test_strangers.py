@@ -1,0 +1,75 @@
+"""A thing like the block lies beside it; once a hand covers the block, it is not taken for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import pytest
+
+from asdfviz.datatypes import Assembly, Detection
+from asdfviz.methods.assignment import assign_detections
+from asdfviz.methods.strangers import Strangers, StrangersConfig
+
+
+def found_in(
+    strangers: Strangers, assembly: Assembly, detections: Sequence[Detection], times: int = 1
+) -> dict[str, Detection]:
+    found: dict[str, Detection] = {}
+    for _ in range(times):
+        found = assign_detections(strangers.told(detections), assembly)
+        strangers.see(detections, found)
+    return found
+
+
+@pytest.fixture
+def strangers(assembly: Assembly) -> Strangers:
+    return Strangers(assembly, config=StrangersConfig(often=5))
+
+
+def test_what_lost_often_is_not_the_part(
+    assembly: Assembly, strangers: Strangers, box_at: Callable
+) -> None:
+    block, like = box_at("block", 20, score=0.8), box_at("block", 120, score=0.6)
+    assert found_in(strangers, assembly, [block, like])["block"] is block
+    assert found_in(strangers, assembly, [like])["block"] is like, "it lost once"
+    found_in(strangers, assembly, [block, like], times=10)
+    assert "block" not in found_in(strangers, assembly, [like])
+    assert found_in(strangers, assembly, [block, like])["block"] is block
+    moved = box_at("block", 160, score=0.6)
+    assert found_in(strangers, assembly, [moved])["block"] is moved, "what moves is another thing"
+
+
+def test_it_may_be_another_part(assembly: Assembly, strangers: Strangers, box_at: Callable) -> None:
+    block = box_at("block", 20, score=0.8)
+    like = replace(box_at("block", 120, score=0.6), class_scores={"pin": 0.4})
+    found_in(strangers, assembly, [block, like], times=10)
+    found = found_in(strangers, assembly, [like])
+    assert set(found) == {"pin"}
+    assert found["pin"].score == 0.4
+
+
+def test_what_is_as_likely_has_not_lost(
+    assembly: Assembly, strangers: Strangers, box_at: Callable
+) -> None:
+    block, like = box_at("block", 20, score=0.65), box_at("block", 120, score=0.6)
+    found_in(strangers, assembly, [block, like], times=20)
+    assert found_in(strangers, assembly, [like])["block"] is like
+
+
+def test_a_victory_makes_up_for_a_defeat(
+    assembly: Assembly, strangers: Strangers, box_at: Callable
+) -> None:
+    block, like = box_at("block", 20, score=0.8), box_at("block", 120, score=0.6)
+    found_in(strangers, assembly, [like], times=15)
+    found_in(strangers, assembly, [block, like], times=15)
+    assert found_in(strangers, assembly, [like])["block"] is like
+    found_in(strangers, assembly, [block, like], times=10)
+    assert "block" not in found_in(strangers, assembly, [like])
+
+
+def test_it_can_be_switched_off(assembly: Assembly, box_at: Callable) -> None:
+    off = Strangers(assembly, config=StrangersConfig(enabled=False))
+    block, like = box_at("block", 20, score=0.8), box_at("block", 120, score=0.6)
+    found_in(off, assembly, [block, like], times=40)
+    assert found_in(off, assembly, [like])["block"] is like
