@@ -19,6 +19,7 @@ from asdfviz.methods.part_poses import PAPER_ICP
 from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
@@ -137,6 +138,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
     flat, single = ContourConfig(enabled=False), ContourConfig(together=False)
+    trusting = NamesConfig(strangers=StrangersConfig(enabled=False))
     still = TurnConfig(enabled=False)
     unturned = ContourConfig(turns=still)
     unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
@@ -144,11 +146,13 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=blind)),
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=unnamed)),
+        Variant("asdf, no strangers", "asdf", AsdfConfig(names=trusting)),
         Variant("asdf_plus", "asdf_plus", plus),
         Variant(
             "asdf_plus, names by the detector alone", "asdf_plus", replace(plus, names=unnamed)
         ),
         Variant("asdf_plus, no look at places", "asdf_plus", replace(plus, place_looks=blind)),
+        Variant("asdf_plus, no strangers", "asdf_plus", replace(plus, names=trusting)),
         Variant("asdf_plus, no contours", "asdf_plus", replace(plus, contours=flat)),
         Variant("asdf_plus, contours of single parts", "asdf_plus", replace(plus, contours=single)),
         Variant("asdf_plus, nothing turned", "asdf_plus", replace(plus, contours=unturned)),
@@ -159,6 +163,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
             "asdf_track, names by the detector alone", "asdf_track", replace(track, names=unnamed)
         ),
         Variant("asdf_track, no look at places", "asdf_track", replace(track, place_looks=blind)),
+        Variant("asdf_track, no strangers", "asdf_track", replace(track, names=trusting)),
         Variant("asdf_track, nothing turned", "asdf_track", replace(track, turns=still)),
         Variant("asdf_track, one look", "asdf_track", replace(track, second_look=once)),
         Variant("asdf_track, rivals by picture alone", "asdf_track", replace(track, refind=turned)),
