@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Detection
+from asdfviz.errors import MethodError
 from asdfviz.geometry.boxes import iou_matrix
 from asdfviz.geometry.shapes import Box
 
@@ -56,6 +57,16 @@ class Strangers:
     """Knows the things of one sequence."""
 
     def __init__(self, assembly: Assembly, *, config: StrangersConfig) -> None:
+        """Begin a sequence.
+
+        Raises:
+            MethodError: an option is out of its range.
+        """
+        if not 1 <= config.often <= config.most or not 0 <= config.left <= 1:
+            raise MethodError(
+                f"names.strangers.often is {config.often}, most {config.most} and left "
+                f"{config.left:g}: often must be 1 or more and no more than most, left from 0 to 1"
+            )
         self._config = config
         self._counts: dict[str, int] = {}
         for part in assembly.parts.values():

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Frame, Part
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Rotation, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import rotation_about, rotation_angle
@@ -79,6 +80,16 @@ class TurnChecks:
     def __init__(
         self, parts: Mapping[str, Part], bodies: Mapping[str, Body], *, config: TurnConfig
     ) -> None:
+        """Begin a sequence.
+
+        Raises:
+            MethodError: an option is out of its range.
+        """
+        if config.a_frame < 1 or not 0 < config.step <= config.lead:
+            raise MethodError(
+                f"turns.a_frame is {config.a_frame}, step {config.step:g} and lead {config.lead:g}: "
+                "a_frame must be 1 or more, step above 0 and no more than lead"
+            )
         self._parts, self._bodies, self._config = parts, bodies, config
         self._turns: dict[str, _Turns] = {}
         self._same = float(np.deg2rad(config.same_deg))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from asdfviz.datatypes import Assembly, Detection
+from asdfviz.errors import MethodError
 from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.strangers import Strangers, StrangersConfig
 
@@ -73,3 +75,9 @@ def test_it_can_be_switched_off(assembly: Assembly, box_at: Callable) -> None:
     block, like = box_at("block", 20, score=0.8), box_at("block", 120, score=0.6)
     found_in(off, assembly, [block, like], times=40)
     assert found_in(off, assembly, [like])["block"] is like
+
+
+@pytest.mark.parametrize("wrong", [{"often": 0}, {"often": 9, "most": 5}, {"left": 1.5}])
+def test_options_out_of_range_are_named(assembly: Assembly, wrong: dict[str, Any]) -> None:
+    with pytest.raises(MethodError, match="strangers"):
+        Strangers(assembly, config=StrangersConfig(**wrong))

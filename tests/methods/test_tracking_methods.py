@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -437,6 +437,12 @@ def test_a_part_that_is_taken_end_for_end_is_turned(scene: Scene) -> None:
     for frame in scene.frames:
         pose = {"base": fits.step(frame, pose)["base"].T_camera_part}
     assert rotation_angle(pose["base"][:3, :3].T @ true[:3, :3]) < 0.1
+
+
+@pytest.mark.parametrize("wrong", [{"a_frame": 0}, {"step": 0.0}, {"step": 0.5, "lead": 0.4}])
+def test_turns_out_of_range_are_named(scene: Scene, wrong: dict[str, Any]) -> None:
+    with pytest.raises(MethodError, match="turns"):
+        contour_fits(scene, ContourConfig(turns=TurnConfig(**wrong)))
 
 
 def test_what_the_state_holds_is_not_turned(scene: Scene) -> None:
