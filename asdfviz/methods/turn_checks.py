@@ -52,6 +52,8 @@ class TurnConfig:
     """A turn is right, or ruled out, that is ahead or behind by this (`Trial.detail`) in all;"""
     step: float = 0.12
     """no frame counts for more than this for it: a single one may deceive."""
+    remembered: int = 6
+    """Turns that a part was in and that were wrong."""
     again: int = 12
     """Frames after which a turn that was ruled out is tried again."""
     same_deg: float = 20.0
@@ -72,6 +74,8 @@ class _Turns:
     """Frames since the last try."""
     T_camera_part: Transform = field(default_factory=lambda: np.eye(4))
     """The pose in the frame before."""
+    wrong: list[Rotation] = field(default_factory=list[Rotation])
+    """Turns of it that it was in and that were wrong."""
 
 
 class TurnChecks:
@@ -107,14 +111,15 @@ class TurnChecks:
         out = np.isfinite(known.lead) & (known.lead <= -self._config.lead)
         part, centre = self._parts[name], np.append(self._bodies[name].model.centre, 1.0)
         apart = float(np.linalg.norm((T_now - T_other)[:3] @ centre))
-        if not out.any() or apart > self._config.same_place * part.diameter:
+        wrong = np.concatenate([_STACKED[out], np.reshape(known.wrong, (-1, 3, 3))])
+        if not len(wrong) or apart > self._config.same_place * part.diameter:
             return True
         if self._angle(name, T_now, T_other) < self._same:
             return True
         T_near = nearest_symmetric(T_other, T_now, part.symmetries)
         Ss = (np.eye(4), *part.symmetries.discrete)
         Rs_now_other = np.stack([T_now[:3, :3].T @ (T_near @ S)[:3, :3] for S in Ss])
-        traces = np.einsum("sij,tij->st", Rs_now_other, _STACKED[out])
+        traces = np.einsum("sij,tij->st", Rs_now_other, wrong)
         return bool(traces.max() < 1 + 2 * np.cos(self._same))
 
     def step(
@@ -135,10 +140,10 @@ class TurnChecks:
         self._first += self._config.a_frame
         found: dict[str, Transform] = {}
         for name in (names[start:] + names[:start])[: self._config.a_frame]:
-            T = self._checked(frame, tracker, name, poses[name])
-            if T is not None:
-                found[name] = T
-                self._turns[name] = self._turned_back(self._turns[name].last, T)
+            right = self._checked(frame, tracker, name, poses[name])
+            if right is not None:
+                T_wrong, found[name] = right
+                self._turns[name] = self._begun(name, T_wrong, found[name])
         return found
 
     def _forget(self, poses: Mapping[str, Transform]) -> None:
@@ -149,17 +154,18 @@ class TurnChecks:
                 known = self._turns[name] = _Turns()
             known.T_camera_part = T
 
-    def _turned_back(self, turn: int, T_camera_part: Transform) -> _Turns:
-        """What is known of a part that was turned: it is not as it was before."""
-        known = _Turns(T_camera_part=T_camera_part)
-        back = next(i for i, R in enumerate(TURNS) if np.allclose(R, TURNS[turn].T))
-        known.lead[back] = -self._config.lead
-        return known
+    def _begun(self, name: str, T_wrong: Transform, T_right: Transform) -> _Turns:
+        """What is known of a part that was turned: it is not as it was, before that neither."""
+        R_right_wrong = T_right[:3, :3].T @ T_wrong[:3, :3]
+        wrong = [R_right_wrong, *(R_right_wrong @ R for R in self._turns[name].wrong)]
+        # Where it is right now may have been taken for wrong once.
+        far = [R for R in wrong if rotation_angle(R) > self._same]
+        return _Turns(T_camera_part=T_right, wrong=far[: self._config.remembered])
 
     def _checked(
         self, frame: Frame, tracker: Tracker, name: str, T_now: Transform
-    ) -> Transform | None:
-        """The pose in another turn, if that is right now."""
+    ) -> tuple[Transform, Transform] | None:
+        """The part's pose and that in another turn, if that is the right one."""
         known = self._turns[name]
         turn = self._next(known)
         if turn is None:
@@ -176,7 +182,9 @@ class TurnChecks:
         is_hidden = other.evidence.visible < self._config.visible
         ahead = -self._config.step if is_hidden else other.detail - now.detail
         known.lead[turn] += min(ahead, self._config.step)
-        return other.T_camera_part if known.lead[turn] >= self._config.lead else None
+        if known.lead[turn] < self._config.lead:
+            return None
+        return now.T_camera_part, other.T_camera_part
 
     def _next(self, known: _Turns) -> int | None:
         """The turn to try: one that is ahead, or the next one that is open; now and then any."""
