@@ -17,7 +17,7 @@ from asdfviz.datatypes import Part
 from asdfviz.geometry.boxes import box_around, overlap
 from asdfviz.geometry.sampling import surface_points
 from asdfviz.geometry.shapes import Box, Points, Transform
-from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric
+from asdfviz.geometry.symmetry import Symmetries, symmetric_angle
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 
 SURFACE_POINTS = 2000
@@ -150,5 +150,4 @@ def e_r_symmetric(
 
     Continuous axes are solved for, not cut into steps.
     """
-    T_camera_nearest = nearest_symmetric(T_camera_truth, T_camera_estimate, symmetries)
-    return e_r(T_camera_estimate, T_camera_nearest)
+    return symmetric_angle(T_camera_truth, T_camera_estimate, symmetries)

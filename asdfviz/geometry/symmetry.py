@@ -75,6 +75,12 @@ def nearest_symmetric(
     return best
 
 
+def symmetric_angle(T_a: Transform, T_b: Transform, symmetries: Symmetries) -> float:
+    """Smallest angle between two rotations of a part, radians; poses that look alike count as one."""
+    T_near = nearest_symmetric(T_a, T_b, symmetries)
+    return rotation_angle(T_near[:3, :3].T @ T_b[:3, :3])
+
+
 def _best_turn(T_a: Transform, T_b: Transform, axis: Axis) -> float:
     """Angle about the axis that brings rotation a nearest to rotation b (maximal trace)."""
     R = T_a[:3, :3].T @ T_b[:3, :3]

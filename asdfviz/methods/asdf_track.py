@@ -179,8 +179,9 @@ class AsdfTrack:
         if scene.state.probabilities[state.index] < self._config.join.probability:
             return frozenset()
         poses, tracks = tracker.poses, scene.parts.tracks
-        told = {n: poses[base] @ scene.places.last(n, state) for n in state.attached if n != base}
         if scene.state.probabilities[state.index] >= self._config.join.settled:
+            others = [name for name in state.attached if name != base]
+            told = {name: poses[base] @ scene.places.last(name, state) for name in others}
             scene.parts.begin(frame, {n: T for n, T in told.items() if n not in poses})
             tracker.replace(frame, {n: T for n, T in told.items() if tracks[n].unsure})
             poses = tracker.poses

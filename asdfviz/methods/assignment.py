@@ -68,6 +68,11 @@ def assign_detections(
     return {name: assigned[name] for name in assembly.parts if name in assigned}
 
 
+def scores_in_classes(detection: Detection) -> dict[str, float]:
+    """How likely a box is each of the classes that may be in its place, its own among them."""
+    return {**detection.class_scores, detection.label: detection.score}
+
+
 def rival_boxes(
     detections: Sequence[Detection], taken: Detection, *, count: int
 ) -> tuple[Detection, ...]:

@@ -32,8 +32,6 @@ class ContourConfig:
     """Whether joined parts are settled as one besides."""
     tracker: TrackerConfig = FINE
     """How poses are settled."""
-    rounds: int = 7
-    """Searches for correspondences, from coarse to fine."""
     sure: float = 0.5
     """Confidence from which the contours and depth of a pose are believed, 0 to 1."""
     visible: float = 0.4
@@ -135,7 +133,7 @@ class ContourFits:
         self._known[name] = _Settled(T_settled, known.times + 1 if known and stayed else 1)
 
     def _settled(self, name: str, T: Transform, frame: Frame) -> Transform | None:
-        (trial,) = self._tracker.trials(frame, name, [T], rounds=self._config.rounds)
+        (trial,) = self._tracker.trials(frame, name, [T])
         return trial.T_camera_part if self._is_believed(name, T, trial) else None
 
     def _is_believed(self, name: str, T: Transform, trial: Trial) -> bool:

@@ -7,7 +7,6 @@ looked for in the picture instead of taken from the part's own pose.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -50,9 +49,7 @@ class GroupContours:
         tracker.drop([name for name in tracker.names if name not in poses])
         tracker.add(frame, {n: T for n, T in poses.items() if n not in tracker.names})
         tracker.replace(frame, poses)
-        held = {name: state.T_base_part[name] for name in state.attached if name in poses}
-        joints = {name: joint for name, joint in state.joints.items() if name in held}
-        tracker.hold(replace(state, T_base_part=held, joints=joints), base=self._base)
+        tracker.hold(state, base=self._base)
         before = self._value(tracker.evidence(frame))
         tracker.move(frame)
         evidence, settled = tracker.evidence(frame), tracker.poses

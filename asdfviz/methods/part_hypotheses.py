@@ -18,8 +18,7 @@ import numpy as np
 
 from asdfviz.datatypes import Frame, Part
 from asdfviz.geometry.shapes import Box, Transform
-from asdfviz.geometry.symmetry import nearest_symmetric
-from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.geometry.symmetry import symmetric_angle
 from asdfviz.methods.kept_poses import (
     Allows,
     Decision,
@@ -260,6 +259,5 @@ class PartHypotheses:
         apart = (T_a - T_b)[:3] @ self._middle
         if math.sqrt(apart @ apart) > self._config.same_distance * self._part.diameter:
             return False
-        T_near = nearest_symmetric(T_a, T_b, self._part.symmetries)
-        angle = rotation_angle(T_near[:3, :3].T @ T_b[:3, :3])
+        angle = symmetric_angle(T_a, T_b, self._part.symmetries)
         return angle < math.radians(self._config.same_angle_deg)

@@ -13,8 +13,9 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, Detection
 from asdfviz.errors import MethodError
-from asdfviz.geometry.boxes import iou_matrix
+from asdfviz.geometry.boxes import iou_matrix, overlap
 from asdfviz.geometry.shapes import Box
+from asdfviz.methods.assignment import scores_in_classes
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ class Strangers:
                 self._things.append(_Thing(detection.box_xyxy, self._frame))
             self._things[place].seen = self._frame
             scores = things.setdefault(place, {})
-            for label, score in _scores(detection).items():
+            for label, score in scores_in_classes(detection).items():
                 scores[label] = max(score, scores.get(label, 0.0))
         return things
 
@@ -122,8 +123,7 @@ class Strangers:
         """Count a thing's victory or defeat in a class; neither where parts of it are missing."""
         config, before = self._config, thing.lost.get(label, 0)
         least = max(config.part, score + config.ahead)
-        boxes = np.array([d.box_xyxy for d in won]).reshape(-1, 4)
-        if (iou_matrix(thing.box_xyxy[None], boxes) > config.same).any():
+        if any(overlap(thing.box_xyxy, d.box_xyxy) > config.same for d in won):
             thing.lost[label] = max(before - 1, -config.most)
         elif len(won) == self._counts[label] and min(d.score for d in won) >= least:
             thing.lost[label] = min(before + 1, config.most)
@@ -142,13 +142,9 @@ class Strangers:
 
     def _weighed(self, detection: Detection, thing: _Thing) -> Detection:
         strange = {label for label, lost in thing.lost.items() if lost >= self._config.often}
-        if not strange & _scores(detection).keys():
+        if not strange & scores_in_classes(detection).keys():
             return detection
         left = self._config.left
         scores = {k: v * (left if k in strange else 1.0) for k, v in detection.class_scores.items()}
         own = detection.score * (left if detection.label in strange else 1.0)
         return replace(detection, score=own, class_scores=scores)
-
-
-def _scores(detection: Detection) -> dict[str, float]:
-    return {**detection.class_scores, detection.label: detection.score}

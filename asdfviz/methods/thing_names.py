@@ -18,6 +18,7 @@ from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError
 from asdfviz.geometry.boxes import overlap, share_inside
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
+from asdfviz.methods.assignment import scores_in_classes
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.pose.blobs import BlobConfig, standing_out
 from asdfviz.pose.box_size import box_distance
@@ -167,7 +168,7 @@ class ThingNames:
 
     def _merged(self, detection: Detection, probabilities: Float64[np.ndarray, "c"]) -> Detection:
         weight = self._config.weight
-        seen = {**detection.class_scores, detection.label: detection.score}
+        seen = scores_in_classes(detection)
         scores = {
             label: (1 - weight) * seen.get(label, 0.0) + weight * float(p)
             for label, p in zip(self._labels, probabilities, strict=True)

@@ -16,7 +16,7 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Frame, Part
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Rotation, Transform
-from asdfviz.geometry.symmetry import nearest_symmetric
+from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
 from asdfviz.geometry.transforms import rotation_about, rotation_angle
 from asdfviz.methods.refinding import QUARTER_TURNS, turned
 from asdfviz.track.bodies import Body
@@ -66,14 +66,14 @@ class TurnConfig:
 class _Turns:
     """What is known of one part's turns."""
 
+    T_camera_part: Transform
+    """The pose in the frame before."""
     lead: Float64[np.ndarray, "turns"] = field(default_factory=lambda: np.zeros(len(TURNS)))
     """Of each over the pose that is believed."""
     last: int = -1
     """That was tried."""
     rested: int = 0
     """Frames since the last try."""
-    T_camera_part: Transform = field(default_factory=lambda: np.eye(4))
-    """The pose in the frame before."""
     wrong: list[Rotation] = field(default_factory=list[Rotation])
     """Turns of it that it was in and that were wrong."""
 
@@ -151,8 +151,9 @@ class TurnChecks:
         for name, T in poses.items():
             known = self._turns.get(name)
             if known is None or self._angle(name, known.T_camera_part, T) > self._same:
-                known = self._turns[name] = _Turns()
-            known.T_camera_part = T
+                self._turns[name] = _Turns(T)
+            else:
+                known.T_camera_part = T
 
     def _begun(self, name: str, T_wrong: Transform, T_right: Transform) -> _Turns:
         """What is known of a part that was turned: it is not as it was, before that neither."""
@@ -160,7 +161,7 @@ class TurnChecks:
         wrong = [R_right_wrong, *(R_right_wrong @ R for R in self._turns[name].wrong)]
         # Where it is right now may have been taken for wrong once.
         far = [R for R in wrong if rotation_angle(R) > self._same]
-        return _Turns(T_camera_part=T_right, wrong=far[: self._config.remembered])
+        return _Turns(T_right, wrong=far[: self._config.remembered])
 
     def _checked(
         self, frame: Frame, tracker: Tracker, name: str, T_now: Transform
@@ -204,5 +205,4 @@ class TurnChecks:
 
     def _angle(self, name: str, T_a: Transform, T_b: Transform) -> float:
         """Between two poses of a part, radians; 0 where it looks the same."""
-        T_near = nearest_symmetric(T_a, T_b, self._parts[name].symmetries)
-        return rotation_angle(T_near[:3, :3].T @ T_b[:3, :3])
+        return symmetric_angle(T_a, T_b, self._parts[name].symmetries)

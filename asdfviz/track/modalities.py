@@ -11,7 +11,7 @@ from asdfviz.track.depth_modality import DepthModality
 from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.region_modality import RegionModality
 from asdfviz.track.viewpoint_model import ViewpointModel
-from asdfviz.track.visibility import NO_DEPTH, MaybeDepth, Silhouettes
+from asdfviz.track.visibility import NO_DEPTH, NO_SILHOUETTES, MaybeDepth, Silhouettes
 
 
 class Modalities:
@@ -122,6 +122,20 @@ class Modalities:
             )
             seen.append(share)
         return Evidence(contrast, fit, float(np.mean(seen)) if seen else 0.0)
+
+    def close_fit(self, depth: MaybeDepth, T_camera_centre: Transform, tolerance: float) -> float:
+        """Share of the seen surface points that depth fits within a tolerance, metres; 0 without."""
+        if self.depth is None:
+            return 0.0
+        fit, _ = self.depth.evidence(
+            depth,
+            T_camera_centre,
+            views=self.model.views(T_camera_centre),
+            tolerance=tolerance,
+            silhouettes=NO_SILHOUETTES,
+            number=0,
+        )
+        return fit
 
     def learn(
         self,

@@ -203,8 +203,8 @@ class Tracker:
             start = T_camera_part @ _shift(centre)
             T = settle(tracked, rgb, depth, start, config=config, rounds=count)
             seen = self._seen(rgb, depth, i, T, NO_SILHOUETTES)
-            close = self._seen(rgb, depth, i, T, NO_SILHOUETTES, tolerance=sharp)
-            found.append(Trial(T @ _shift(-centre), seen, self.judged(seen), close.fit))
+            close = tracked.close_fit(depth, T, sharp)
+            found.append(Trial(T @ _shift(-centre), seen, self.judged(seen), close))
         return found
 
     def _seen(
@@ -214,14 +214,12 @@ class Tracker:
         i: int,
         T_camera_centre: Transform,
         silhouettes: Silhouettes,
-        *,
-        tolerance: float | None = None,
     ) -> Evidence:
         return self._tracked[i].evidence(
             rgb,
             depth,
             T_camera_centre,
-            tolerance=tolerance or depth_tolerance(self.config.confidence, self._drawn.reaches[i]),
+            tolerance=depth_tolerance(self.config.confidence, float(self._drawn.reaches[i])),
             silhouettes=silhouettes,
             number=i,
         )
