@@ -1,31 +1,78 @@
-"""Hands that would stand in a part for a moment give way by millimetres, back or up.
+"""What would stand in a part for a moment: hands give way by millimetres, parts pass between two frames.
 
-A grip is chosen for the ends of a move and some places between them; an empty hand may still brush a
-part on its way. One that holds something stays: it is rigid to what it holds.
+A grip is chosen for the ends of a move and some places between them; a hand may still brush a part on
+its way. An empty one gives way as far as it has to; one that holds something slips along it a little.
+A clip goes over a neck that is wider than the clip: it bends, which rigid meshes cannot. It does so at
+once, between two frames.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 
-from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse
 from asdfviz.synth.film import Moment
-from asdfviz.synth.grasping import backed, hand_points, scaled
+from asdfviz.synth.grasping import backed, scaled
 from asdfviz.synth.hands import hand_mesh
 from asdfviz.synth.layout import Outfit
-from asdfviz.synth.motion import moved
+from asdfviz.synth.motion import blend, moved
 from asdfviz.synth.penetration import Solid, depth
+from asdfviz.synth.ways import Body, deepest
 
 ALLOWED = 0.0042
 """Soft fingers give way by this much, metres."""
-DOUBTED = 0.0025
-"""Where some points of a hand are deeper than this in a part all of them are looked at, metres."""
-_STEPS = tuple(k / 1000 for k in range(1, 5))
-"""How far a hand goes at most, and by what steps, metres."""
+_STEPS = tuple(k / 1000 for k in range(1, 11))
+"""How far an empty hand goes at most, and by what steps, metres."""
+_SLIP = 5
+"""So many of these steps fingers slip on what they hold: they still touch it."""
+_LAST, _TOO_DEEP = 3, 0.0048
+"""In so many moments before it is let go they may slip once more, as on a short pin that is pushed home,
+where they would be deeper than this, metres."""
+
+SNAPPED = 0.0008
+"""Parts stand in one another by this much at most while one moves, metres, where that can be."""
+_SHARES = tuple(k / 10 for k in range(1, 10))
+
+
+def snapped(
+    moments: Sequence[Moment], solids: Mapping[str, Solid], *, step: float
+) -> tuple[Moment, ...]:
+    """The moments with what is carried a little earlier or later where it would stand in a part.
+
+    Args:
+        moments: the frames of a script.
+        solids: of all parts.
+        step: what is carried moves no farther than this from frame to frame, metres.
+    """
+    passed = list(moments)
+    for k in range(1, len(moments) - 1):
+        now, name = moments[k], moments[k].held
+        if name is None or name in now.attached:
+            continue
+        T = now.T_world_part[name]
+        others = [Body(solids[n], T_n) for n, T_n in now.T_world_part.items() if n != name]
+        if deepest(Body(solids[name], T), others) <= SNAPPED:
+            continue
+        ends = passed[k - 1].T_world_part[name], moments[k + 1].T_world_part[name]
+        for way in (blend(T, end, share) for share in _SHARES for end in ends):
+            far = max(float(np.linalg.norm(way[:3, 3] - end[:3, 3])) for end in ends)
+            if far <= step and deepest(Body(solids[name], way), others) <= SNAPPED:
+                passed[k] = _carried(now, name, way)
+                break
+    return tuple(passed)
+
+
+def _carried(moment: Moment, name: str, T_world_part: Transform) -> Moment:
+    """The moment with the held part elsewhere, and the hand with it."""
+    hand, poses = moment.T_world_hand, {**moment.T_world_part, name: T_world_part}
+    if hand is not None:
+        hand = T_world_part @ inverse(moment.T_world_part[name]) @ hand
+    return replace(moment, T_world_part=poses, T_world_hand=hand)
 
 
 def given_way(
@@ -38,39 +85,71 @@ def given_way(
         solids: of all parts.
         outfit: whose hand it is.
     """
-    return tuple(_cleared(moment, solids, outfit) for moment in moments)
+    cleared: list[Moment] = []
+    for _, run in groupby(
+        enumerate(moments), key=lambda k: k[0] if k[1].held is None else k[1].held
+    ):
+        hold = _cleared([moment for _, moment in run], solids, outfit)
+        cleared += hold[:-_LAST]
+        for moment in hold[-_LAST:]:
+            again = _deepest(moment, solids, outfit) > _TOO_DEEP
+            cleared += _cleared([moment], solids, outfit) if again else [moment]
+    return tuple(cleared)
 
 
-def _cleared(moment: Moment, solids: Mapping[str, Solid], outfit: Outfit) -> Moment:
-    T_world_hand = moment.T_world_hand
-    if T_world_hand is None or moment.held is not None:
-        return moment
-    some, all_points = hand_points(moment.grasp), hand_mesh(moment.grasp).mesh.vertices
-    if _deepest(some, T_world_hand, moment, solids, outfit) < DOUBTED:
-        return moment
-    best, least = T_world_hand, _deepest(all_points, T_world_hand, moment, solids, outfit)
-    back = backed(T_world_hand, outfit, moment.grasp, 1.0)[:3, 3] - T_world_hand[:3, 3]
-    up = np.array([0.0, 0.0, 1.0])
-    for step in _STEPS:
-        for way in (back, up, (back + up) / np.linalg.norm(back + up)):
+def _cleared(
+    hold: Sequence[Moment], solids: Mapping[str, Solid], outfit: Outfit
+) -> Sequence[Moment]:
+    """An empty hand's moment, or all moments of a hold: fingers slip before they close."""
+    if any(moment.T_world_hand is None for moment in hold):
+        return hold
+    depths = [_deepest(moment, solids, outfit) for moment in hold]
+    worst, least = int(np.argmax(depths)), max(depths)
+    ways = _ways_off(hold[worst], outfit)
+    held, best = hold[worst].held, hold
+    doubted = [moment for moment, d in zip(hold, depths, strict=True) if d > ALLOWED]
+    for step in _STEPS if held is None else _STEPS[:_SLIP]:
+        for way in ways:
             if least <= ALLOWED:
-                break
-            T_off = moved(T_world_hand, step * way)
-            deep = _deepest(all_points, T_off, moment, solids, outfit)
-            if deep < least:
-                best, least = T_off, deep
-    return moment if best is T_world_hand else replace(moment, T_world_hand=best)
+                return best
+            off = moved(np.eye(4), step * way)
+            if held is not None:
+                T = hold[worst].T_world_part[held]
+                off = inverse(T) @ off @ T
+            # Few moments tell most of what does not do.
+            if max(_deepest(_slipped(m, off), solids, outfit) for m in doubted) < least:
+                slipped = [_slipped(moment, off) for moment in hold]
+                deep = max(_deepest(moment, solids, outfit) for moment in slipped)
+                best, least = (slipped, deep) if deep < least else (best, least)
+    return best
 
 
-def _deepest(
-    points: Points,
-    T_world_hand: Transform,
-    moment: Moment,
-    solids: Mapping[str, Solid],
-    outfit: Outfit,
-) -> float:
-    """How deep a hand stands in any part, metres."""
-    world = apply(scaled(T_world_hand, outfit), points)
+def _slipped(moment: Moment, off: Transform) -> Moment:
+    """The moment with the hand moved, in the frame of what it holds if it does, else of the world."""
+    T = np.eye(4) if moment.held is None else moment.T_world_part[moment.held]
+    hand = moment.T_world_hand
+    return replace(moment, T_world_hand=None if hand is None else T @ off @ inverse(T) @ hand)
+
+
+def _ways_off(moment: Moment, outfit: Outfit) -> list[Vector]:
+    """Unit vectors: back, up, to both sides across the pinch, and between these."""
+    hand, up = moment.T_world_hand, np.array([0.0, 0.0, 1.0])
+    if hand is None:
+        return []
+    back = backed(hand, outfit, moment.grasp, 1.0)[:3, 3] - hand[:3, 3]
+    back /= np.linalg.norm(back)
+    side = np.cross(back, hand[:3, :3] @ outfit.worn(hand_mesh(moment.grasp).pinch))
+    ways = (back, up, back + up, side, -side, back + side, back - side, up + side, up - side)
+    return [way / np.linalg.norm(way) for way in ways]
+
+
+def _deepest(moment: Moment, solids: Mapping[str, Solid], outfit: Outfit) -> float:
+    """How deep the hand stands in any part, metres."""
+    if moment.T_world_hand is None:
+        return 0.0
+    # All corners of the mesh: a thin rod passes between the fewer ones that grips are chosen by.
+    points = hand_mesh(moment.grasp).mesh.vertices
+    world = apply(scaled(moment.T_world_hand, outfit), points)
     return max(
         depth(apply(inverse(T), world), solids[name]) for name, T in moment.T_world_part.items()
     )

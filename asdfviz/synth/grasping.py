@@ -15,10 +15,12 @@ from jaxtyping import Float64, Int64
 
 from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse
-from asdfviz.synth.hands import GRASPS, PINCHES, hand_mesh
+from asdfviz.synth.assets import Cloud
+from asdfviz.synth.hands import GRASPS, hand_mesh
 from asdfviz.synth.layout import Outfit
 from asdfviz.synth.motion import moved
 from asdfviz.synth.penetration import Solid, depth
+from asdfviz.synth.pinching import pinches
 from asdfviz.synth.resting import sphere
 from asdfviz.synth.ways import Body
 
@@ -28,9 +30,13 @@ DEEPEST = 0.0025
 """Fingers press into what they hold by this much at most, metres."""
 LOWEST = 0.001
 """Height over the table that hands keep, metres."""
-_SPOTS, _ROLLS, _HAND_POINTS, _MEASURED = 100, 24, 900, 40
-_LEAVING = (0.0, 0.25, 0.5, 1.0)
+_HAND_POINTS, _MEASURED = 900, 120
+_LOOSENING = (0.0, 0.2, 0.45, 0.75)
+"""Shares of the way back at which a hand may not go through what it held."""
+_SHARES = (0.0, 0.25, 0.5, 1.0)
 """Shares of the way back at which a hand may not go through what is near."""
+_FEW = 7
+"""Every so manieth point is looked at first."""
 _TRIED, _MORE = 80, 160
 """Grips that are tried: the most comfortable ones, and if none of these does, so many of the rest."""
 
@@ -64,13 +70,14 @@ def scaled(T_world_hand: Transform, outfit: Outfit) -> Transform:
 
 def backed(T_world_hand: Transform, outfit: Outfit, grasp: int, way: float = BACK) -> Transform:
     """The hand drawn back along its fingers, off what it holds."""
-    out = -(T_world_hand[:3, :3] @ _mirrored(hand_mesh(grasp).entry, outfit))
+    out = -(T_world_hand[:3, :3] @ outfit.worn(hand_mesh(grasp).entry))
     return moved(T_world_hand, way * out)
 
 
 def find_grip(
-    solid: Solid, holds: Sequence[Hold], shoulder: Vector, outfit: Outfit, rng: np.random.Generator
-) -> Grip:
+    solid: Solid, holds: Sequence[Hold], shoulder: Vector, outfit: Outfit,
+    rng: np.random.Generator, *, limit: float = np.inf,
+) -> Grip | None:  # fmt: skip
     """The most comfortable grip that does at every hold; the least bad one if none does.
 
     Args:
@@ -79,8 +86,9 @@ def find_grip(
         shoulder: where the arm comes from, world.
         outfit: the person's hand; its shape is chosen here.
         rng: chooses among equally good ones.
+        limit: None is found where every grip is as bad as this, metres.
     """
-    poses, grasps, fit = _candidates(_pinched(solid, rng), outfit)
+    poses, grasps, fit = pinches(solid, outfit, rng)
     comfort = np.full(len(poses), np.inf)
     for hold in holds:
         R = hold.T_world_part[:3, :3] @ poses[:, :3, :3]
@@ -88,105 +96,17 @@ def find_grip(
         comfort = np.minimum(comfort, _comfort(R, t, grasps, shoulder, outfit))
     worth = fit + comfort + 0.05 * rng.random(len(poses))
     best: Grip | None = None
+    hands = {grasp: _Leaving.of(grasp, outfit) for grasp in sorted({int(g) for g in grasps})}
     order = np.argsort(-worth)
     rest = order[_TRIED : len(order) // 2]
     spread = rest[:: max(1, len(rest) // _MORE)]
     for k in np.concatenate([order[:_TRIED], spread]).tolist():
-        limit = np.inf if best is None else best.badness
-        bad = _badness(solid, int(grasps[k]), poses[k], holds, outfit, limit)
-        if best is None or bad < best.badness:
-            best = Grip(int(grasps[k]), poses[k], bad)
-        if best.badness <= 0:
+        bad = _badness(solid, hands[int(grasps[k])], poses[k], holds, limit)
+        if bad < limit:
+            best, limit = Grip(int(grasps[k]), poses[k], bad), bad
+        if limit <= 0:
             break
-    return best or Grip(PINCHES.start, np.eye(4), np.inf)
-
-
-def _candidates(
-    pairs: Sequence[tuple[Vector, Vector, float]], outfit: Outfit
-) -> tuple[Float64[np.ndarray, "n 4 4"], Int64[np.ndarray, "n"], Float64[np.ndarray, "n"]]:
-    """T_part_hand from all sides of each pinched spot, hand shapes, how well these fit (1 is best)."""
-    poses: list[Float64[np.ndarray, "_ 4 4"]] = []
-    grasps: list[int] = []
-    worth: list[float] = []
-    for middle, axis, width in pairs:
-        grasp = _fitting(width, outfit)
-        hand = hand_mesh(grasp)
-        frame = _frame(_mirrored(hand.pinch, outfit), _mirrored(hand.entry, outfit))
-        around = _around(middle, axis, frame)
-        poses.append(around)
-        grasps += [grasp] * len(around)
-        worth += [1.0 - 60 * abs(width - hand.gap * outfit.size)] * len(around)
-    return np.concatenate(poses), np.array(grasps), np.array(worth)
-
-
-def _mirrored(v: Float64[np.ndarray, "*n 3"], outfit: Outfit) -> Float64[np.ndarray, "*n 3"]:
-    """A vector or several of the right hand as the worn hand has them."""
-    return v * [-1.0, 1.0, 1.0] if outfit.mirrored else v
-
-
-def _fitting(width: float, outfit: Outfit) -> int:
-    gaps = np.array([hand_mesh(g).gap for g in PINCHES]) * outfit.size
-    # Soft fingertips give way a little, so a hand a bit too narrow is better than one too wide.
-    return PINCHES[int(np.abs(gaps - (width - 0.001)).argmin())]
-
-
-def _pinched(solid: Solid, rng: np.random.Generator) -> list[tuple[Vector, Vector, float]]:
-    """Spots where a part is narrow: middle, axis across, width (part frame, metres)."""
-    widest = max(hand_mesh(g).gap for g in PINCHES) * 1.05
-    a, b, c = (solid.triangles[:, k] for k in range(3))
-    cross = np.cross(b - a, c - a)
-    area = np.linalg.norm(cross, axis=1)
-    normals = cross / np.maximum(area, 1e-18)[:, None]
-    picked = rng.choice(len(area), size=_SPOTS, p=area / area.sum())
-    share = rng.random((2, _SPOTS, 1))
-    share = np.where(share.sum(axis=0) > 1, 1 - share, share)
-    spots = a[picked] + share[0] * (b - a)[picked] + share[1] * (c - a)[picked]
-    found: list[tuple[Vector, Vector, float]] = []
-    for spot, normal in zip(spots, normals[picked], strict=True):
-        width, far = _opposite(spot, -normal, solid, normals)
-        if 0.002 < width < widest and normals[far] @ normal < -0.75:
-            found.append((spot - 0.5 * width * normal, normal, width))
-    if found:
-        return found
-    size = solid.high - solid.low
-    middle, narrow = solid.middle, int(size.argmin())
-    return [(middle, np.eye(3)[narrow], float(size[narrow]))]
-
-
-def _opposite(
-    spot: Vector, inwards: Vector, solid: Solid, normals: Float64[np.ndarray, "f 3"]
-) -> tuple[float, int]:
-    """Thickness of the part behind a spot of its surface, and the triangle on the other side."""
-    a, b, c = (solid.triangles[:, k] for k in range(3))
-    down = normals @ inwards
-    t = ((a - spot) * normals).sum(axis=1) / np.where(np.abs(down) < 1e-9, np.inf, down)
-    hit = spot + t[:, None] * inwards
-    ok = (down > 1e-9) & (t > 1e-4)
-    for p, q in ((a, b), (b, c), (c, a)):
-        ok &= (np.cross(q - p, hit - p) * normals).sum(axis=1) >= -1e-12
-    t = np.where(ok, t, np.inf)
-    return float(t.min()), int(t.argmin())
-
-
-def _frame(pinch: Vector, entry: Vector) -> Float64[np.ndarray, "3 3"]:
-    return np.stack([pinch, entry, np.cross(pinch, entry)], axis=1)
-
-
-def _around(
-    middle: Vector, axis: Vector, hand: Float64[np.ndarray, "3 3"]
-) -> Float64[np.ndarray, "n 4 4"]:
-    """Hands whose fingertips meet the axis, from all sides and both ways round."""
-    side = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
-    side /= np.linalg.norm(side)
-    angle = np.arange(_ROLLS)[:, None] * 2 * np.pi / _ROLLS
-    entry = np.cos(angle) * side + np.sin(angle) * np.cross(axis, side)
-    poses = np.tile(np.eye(4), (2 * _ROLLS, 1, 1))
-    for start, sign in ((0, 1.0), (_ROLLS, -1.0)):
-        pinch = np.broadcast_to(sign * axis, entry.shape)
-        frames = np.stack([pinch, entry, np.cross(pinch, entry)], axis=2)
-        poses[start : start + _ROLLS, :3, :3] = frames @ hand.T
-    poses[:, :3, 3] = middle
-    return poses
+    return best
 
 
 def _comfort(
@@ -201,10 +121,10 @@ def _comfort(
     for grasp in sorted({int(g) for g in grasps}):
         mine = np.nonzero(grasps == grasp)[0]
         wrist = GRASPS[grasp].wrist
-        arm = R[mine] @ _mirrored(np.array([0.0, -np.cos(wrist), np.sin(wrist)]), outfit)
+        arm = R[mine] @ outfit.worn(np.array([0.0, -np.cos(wrist), np.sin(wrist)]))
         wish = shoulder - t[mine]
         straight = (arm * wish).sum(axis=1) / np.linalg.norm(wish, axis=1)
-        outline = _mirrored(arm_outline(grasp), outfit)
+        outline = outfit.worn(arm_outline(grasp))
         low = (R[mine, 2] @ outline.T * outfit.size).min(axis=1) + t[mine, 2] - LOWEST
         back_of_hand = np.minimum(R[mine, 2, 2], 0.6)
         worth[mine] = straight + 0.4 * back_of_hand + np.minimum(low, 0.0) * 100
@@ -218,34 +138,71 @@ def arm_outline(grasp: int) -> Points:
     return vertices[np.unique((vertices @ sphere(60).T).argmax(axis=0))]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Leaving:
+    """A hand at several places as it draws back from what it holds, rigid hand frame."""
+
+    off: Cloud
+    """Some of its surface while it still loosens."""
+    away: Cloud
+    """The same on its way off, as far as others may be met."""
+    outline: Cloud
+    """The outermost points of hand and arm, there too."""
+
+    @classmethod
+    def of(cls, grasp: int, outfit: Outfit) -> _Leaving:
+        """Of a hand's shape and size."""
+
+        def at(points: Points, shares: Sequence[float]) -> Cloud:
+            poses = [backed(np.eye(4), outfit, grasp, share * BACK) for share in shares]
+            return np.concatenate([apply(scaled(T, outfit), points) for T in poses])
+
+        points = hand_points(grasp)
+        return cls(at(points, _LOOSENING), at(points, _SHARES), at(arm_outline(grasp), _SHARES))
+
+
 def _badness(
-    solid: Solid,
-    grasp: int,
-    T_part_hand: Transform,
-    holds: Sequence[Hold],
-    outfit: Outfit,
-    limit: float,
+    solid: Solid, hand: _Leaving, T_part_hand: Transform, holds: Sequence[Hold], limit: float
 ) -> float:
     """How far the hand goes through the part, the table and the others beyond what is allowed."""
-    points = hand_points(grasp)
-    bad = depth(apply(scaled(T_part_hand, outfit), points), solid, most=_MEASURED) - DEEPEST
-    for share in (0.2, 0.45, 0.75):
-        back = apply(scaled(backed(T_part_hand, outfit, grasp, share * BACK), outfit), points)
-        bad = max(bad, depth(back, solid, most=_MEASURED) - DEEPEST)
-    bad = max(bad, 0.0)
-    for hold in holds:
-        if bad >= limit:
-            return bad
-        T = hold.T_world_part @ T_part_hand
-        for pose in (backed(T, outfit, grasp, share * BACK) for share in _LEAVING):
-            world = apply(scaled(pose, outfit), points)
-            arm = apply(scaled(pose, outfit), arm_outline(grasp))
-            bad = max(bad, LOWEST - min(float(world[:, 2].min()), float(arm[:, 2].min())))
-            for other in hold.others:
-                if bad < limit:
-                    inner = apply(inverse(other.T), world)
-                    bad = max(bad, depth(inner, other.solid, most=_MEASURED) - DEEPEST)
+    bad = 0.0
+    for step in (_FEW, 1):  # few points tell most of the bad ones
+        if bad < limit:
+            off = apply(T_part_hand, hand.off[::step])
+            bad = max(0.0, depth(off, solid, most=_MEASURED) - DEEPEST)
+            bad = _in_others(hand, T_part_hand, holds, limit, bad, step)
     return bad
+
+
+def _in_others(
+    hand: _Leaving,
+    T_part_hand: Transform,
+    holds: Sequence[Hold],
+    limit: float,
+    bad: float,
+    step: int,
+) -> float:
+    away = hand.away[::step]
+    middle = (away.min(axis=0) + away.max(axis=0)) / 2
+    radius = float(np.linalg.norm(away - middle, axis=1).max())
+    for hold in holds:
+        T = hold.T_world_part @ T_part_hand
+        low = min(float((p @ T[2, :3]).min()) for p in (away, hand.outline)) + float(T[2, 3])
+        bad = max(bad, LOWEST - low)
+        for other in hold.others:
+            if bad >= limit:
+                return bad
+            T_other_hand = inverse(other.T) @ T
+            if not _far(apply(T_other_hand, middle[None])[0], radius, other.solid):
+                inner = apply(T_other_hand, away)
+                bad = max(bad, depth(inner, other.solid, most=_MEASURED) - DEEPEST)
+    return bad
+
+
+def _far(middle: Vector, radius: float, solid: Solid) -> bool:
+    """Whether a ball (in the solid's frame) cannot reach it."""
+    beyond = np.maximum(np.maximum(solid.low - middle, middle - solid.high), 0.0)
+    return float(beyond @ beyond) > radius * radius
 
 
 @cache

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -24,13 +24,24 @@ def random_rotation(rng: np.random.Generator) -> Rotation:
 
 
 def joined_poses(
-    state: State, rng: np.random.Generator, *, spread: float = 1.0
+    state: State,
+    rng: np.random.Generator,
+    *,
+    spread: float = 1.0,
+    still: Collection[str] = (),
 ) -> Mapping[str, Transform]:
     """T_base_part of a state with its joints at random places within `spread` of their travel.
 
     Parts whose joints are equal hang on one another (a jaw and its screw, all that sits on a ball)
     and move as one; joints of one link are all at the same share of their ranges.
+
+    Args:
+        state: what is joined.
+        rng: draws.
+        spread: share of the travel that is used.
+        still: parts that stay in their nominal poses, and with them what moves as one with them.
     """
+    kept = {_key(state.joints[name]) for name in still if name in state.joints}
     motions: dict[tuple[object, ...], Transform] = {}
     travels: dict[tuple[object, ...], float] = {}
     poses: dict[str, Transform] = {}
@@ -39,14 +50,23 @@ def joined_poses(
         if joint is None:
             poses[name] = T_base_part
             continue
-        line = (joint.link,) if joint.link else (joint.axis.tobytes(), joint.slide)
-        travel = travels.setdefault(line, rng.random())
-        axle = (joint.axis.tobytes(), joint.origin.tobytes())
-        key = (joint.kind, *line, *axle, joint.slide, joint.turn)
+        travel = travels.setdefault(_line(joint), rng.random())
+        key = _key(joint)
         if key not in motions:
-            motions[key] = _motion(joint, travel, rng, spread)
+            motions[key] = _motion(joint, travel, rng, 0.0 if key in kept else spread)
         poses[name] = motions[key] @ T_base_part
     return poses
+
+
+def _line(joint: Joint) -> tuple[object, ...]:
+    """What joints at the same share of their travel have in common."""
+    return (joint.link,) if joint.link else (joint.axis.tobytes(), joint.slide)
+
+
+def _key(joint: Joint) -> tuple[object, ...]:
+    """What joints that move as one have in common."""
+    axle = (joint.axis.tobytes(), joint.origin.tobytes())
+    return (joint.kind, *_line(joint), *axle, joint.slide, joint.turn)
 
 
 def _motion(joint: Joint, travel: float, rng: np.random.Generator, spread: float) -> Transform:

@@ -229,6 +229,10 @@ class Outfit:
         side = -1.0 if self.mirrored else 1.0
         return transform_from(R @ np.diag([side * self.size, self.size, self.size]), point)
 
+    def worn(self, v: Float64[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "*n 3"]:
+        """A vector or several of the right hand as this hand has them."""
+        return v * [-1.0, 1.0, 1.0] if self.mirrored else v
+
     def place(self, assets: Assets, T_world_hand: Transform) -> list[Placed]:
         """The hand and its sleeve as placed meshes."""
         placed = [Placed(assets.hands[self.grasp], T_world_hand, self.skin, "hand")]

@@ -20,6 +20,7 @@ from asdfviz.geometry.transforms import apply, inverse, rotation_about
 _COLUMNS = 48
 _SAMPLES = 1500
 _CHUNK = 200_000
+_NEXT = np.array([1, 2, 0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,10 +37,23 @@ class Columns:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Planes:
+    """What distances from triangles need to know of them."""
+
+    normals: Float64[np.ndarray, "f 3"]
+    """Unit vectors; zero where a triangle has no area."""
+    edges: Float64[np.ndarray, "3 f 3"]
+    """From each corner to the next."""
+    sides: Float64[np.ndarray, "3 f 3"]
+    """Across each edge, inwards."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Solid:
     """A mesh prepared for inside tests, in its own frame, metres."""
 
     triangles: Float64[np.ndarray, "f 3 3"]
+    planes: Planes
     samples: Float64[np.ndarray, "s 3"]
     """Corners and points spread over the faces."""
     low: Float64[np.ndarray, "3"]
@@ -68,7 +82,16 @@ def solid_of(mesh: Mesh, *, samples: int = _SAMPLES) -> Solid:
         )
     ]
     columns = tuple(_columns(triangles, R) for R in turns)
-    return Solid(triangles, points, points.min(axis=0), points.max(axis=0), columns)
+    low, high = points.min(axis=0), points.max(axis=0)
+    return Solid(triangles, _planes(triangles), points, low, high, columns)
+
+
+def _planes(triangles: Float64[np.ndarray, "f 3 3"]) -> Planes:
+    edges = np.stack([triangles[:, (k + 1) % 3] - triangles[:, k] for k in range(3)])
+    normals = np.cross(edges[0], -edges[2])
+    length = np.linalg.norm(normals, axis=1)
+    normals = np.where(length[:, None] > 1e-15, normals / np.maximum(length, 1e-18)[:, None], 0.0)
+    return Planes(normals, edges, np.cross(normals, edges))
 
 
 def _columns(triangles: Float64[np.ndarray, "f 3 3"], R: Rotation) -> Columns:
@@ -117,12 +140,12 @@ def _crossings(points: Points, columns: Columns) -> np.ndarray:
     t = columns.triangles[columns.order[columns.starts[ids[owner]] + place]]
     q = p[owner]
     corners = t[:, :, :2] - q[:, None, :2]
-    after = np.roll(corners, -1, axis=1)
+    after = corners[:, _NEXT]
     # Edge functions, each the weight of the corner opposite to the edge.
     edges = corners[:, :, 0] * after[:, :, 1] - corners[:, :, 1] * after[:, :, 0]
     area = edges.sum(axis=1)
     hit = (edges >= 0).all(axis=1) | (edges <= 0).all(axis=1)
-    z = (np.roll(edges, -1, axis=1) * t[:, :, 2]).sum(axis=1) / np.where(area == 0, 1.0, area)
+    z = (edges[:, _NEXT] * t[:, :, 2]).sum(axis=1) / np.where(area == 0, 1.0, area)
     return np.bincount(owner[hit & (area != 0) & (z > q[:, 2])], minlength=len(points))
 
 
@@ -131,33 +154,27 @@ def surface_distance(points: Points, solid: Solid) -> Float64[np.ndarray, "n"]:
     result = np.empty(len(points))
     count = max(1, _CHUNK // len(solid.triangles))
     for start in range(0, len(points), count):
-        result[start : start + count] = _to_triangles(
-            points[start : start + count], solid.triangles
-        )
+        result[start : start + count] = _to_triangles(points[start : start + count], solid)
     return result
 
 
-def _to_triangles(points: Points, triangles: Float64[np.ndarray, "f 3 3"]) -> np.ndarray:
+def _to_triangles(points: Points, solid: Solid) -> np.ndarray:
     """Distance of each point from the nearest triangle: over its inside, else along its edges."""
-    nearest = np.full((len(points), len(triangles)), np.inf)
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    length = np.linalg.norm(normal, axis=1)
-    normal = normal / np.maximum(length, 1e-18)[:, None]
-    over = np.broadcast_to(length > 1e-15, nearest.shape).copy()
+    planes = solid.planes
+    nearest = np.full((len(points), len(solid.triangles)), np.inf)
+    over = np.broadcast_to(planes.normals.any(axis=1), nearest.shape).copy()
+    squares = (points * points).sum(axis=1)[:, None]
     for k in range(3):
-        a, b = triangles[:, k], triangles[:, (k + 1) % 3]
-        edge = b - a
+        a, edge, side = solid.triangles[:, k], planes.edges[k], planes.sides[k]
         square = np.maximum((edge * edge).sum(axis=1), 1e-18)
         # |p - a|^2 and the parts along the edge, without arrays of vectors.
-        pa = points @ a.T
-        away = (points * points).sum(axis=1)[:, None] - 2 * pa + (a * a).sum(axis=1)
+        away = squares - 2 * (points @ a.T) + (a * a).sum(axis=1)
         along = points @ edge.T - (a * edge).sum(axis=1)
         share = np.clip(along / square, 0, 1)
-        nearest = np.minimum(nearest, away - 2 * share * along + share * share * square)
-        side = np.cross(normal, edge)
-        over &= points @ side.T - (a * side).sum(axis=1) >= 0
-    height = points @ normal.T - (triangles[:, 0] * normal).sum(axis=1)
-    nearest = np.where(over, height * height, nearest)
+        np.minimum(nearest, away - share * (2 * along - share * square), out=nearest)
+        over &= points @ side.T >= (a * side).sum(axis=1)
+    height = points @ planes.normals.T - (solid.triangles[:, 0] * planes.normals).sum(axis=1)
+    np.copyto(nearest, height * height, where=over)
     return np.sqrt(np.maximum(nearest.min(axis=1), 0.0))
 
 

@@ -12,7 +12,7 @@ from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.synth.assets import Assets
-from asdfviz.synth.clearance import given_way
+from asdfviz.synth.clearance import given_way, snapped
 from asdfviz.synth.description import Ground, Light, Placed
 from asdfviz.synth.film import Moment, film
 from asdfviz.synth.fixture import find_fixture
@@ -31,6 +31,9 @@ from asdfviz.synth.stage import Stage, Stand, set_stage, stand_base
 from asdfviz.synth.ways import Body, Way, all_ways, with_steps
 
 Targets = Mapping[int, Mapping[str, Transform]]
+Ways = Mapping[tuple[int, str], Way]
+STUCK = 0.0005
+"""A part whose way goes deeper through others than this beyond its allowance has no turned joint, metres."""
 SAMPLES = 450
 """Points on a part with which the script is planned."""
 _VIEWS = 8
@@ -77,8 +80,7 @@ def plan_sequence(assets: Assets, *, seed: int, config: SequenceConfig) -> Play:
         known = ", ".join(e.name for e in assembly.errors) or "none"
         raise InputError(f"{assembly.name} has no error state '{config.error}'; it has: {known}")
     solids = {n: solid_of(p.mesh, samples=SAMPLES) for n, p in assembly.parts.items()}
-    targets = free_targets(assembly, solids, seed=seed)
-    table, stage, ways = _staged(assets, solids, targets, rng, config)
+    table, stage, targets, ways = _staged(assets, solids, seed, rng, config)
     outfit = dress(rng, grasp=0)
     director = Director(
         assets, solids, stage, targets, ways, outfit if config.hands else None,
@@ -91,6 +93,7 @@ def plan_sequence(assets: Assets, *, seed: int, config: SequenceConfig) -> Play:
         # There is no time for an error.
         return plan_sequence(assets, seed=seed, config=replace(config, error=False))
     moments = film(director.acts, frames=config.frames, frames_per_state=config.frames_per_state)
+    moments = snapped(moments, solids, step=config.pace.parts(config.fps).step)
     moments = given_way(moments, solids, outfit)
     if config.covering_hand:
         others = (*others, _hovering(assets, solids, stage, moments, outfit, rng))
@@ -105,10 +108,10 @@ def plan_sequence(assets: Assets, *, seed: int, config: SequenceConfig) -> Play:
 def _staged(
     assets: Assets,
     solids: Mapping[str, Solid],
-    targets: Targets,
+    seed: int,
     rng: np.random.Generator,
     config: SequenceConfig,
-) -> tuple[Table, Stage, Mapping[tuple[int, str], Way]]:
+) -> tuple[Table, Stage, Targets, Ways]:
     """A view in which everything has room: farther ones are tried where there is none."""
     camera = camera_for(config.width, config.height)
     near, far = config.distance
@@ -116,15 +119,28 @@ def _staged(
         T_camera_world = random_view(rng, distance=(near, far), tilt=config.tilt)
         table = Table(camera.K, T_camera_world, camera.width, camera.height, reach=1.0)
         stand = stand_base(assets, table, rng)
-        ways = all_ways(assets.assembly, solids, targets, stand.T_world_base)
+        targets, ways = _passable(assets.assembly, solids, stand.T_world_base, seed)
         stage = set_stage(assets, table, stand, ways, targets, rng, distractors=config.distractors)
         if stage is not None:
-            return table, stage, ways
+            return table, stage, targets, ways
         near, far = far, far * _FARTHER
     raise InputError(
         f"the parts of {assets.assembly.name} do not fit side by side into a view from {near:.2f} m: "
         "allow a larger distance"
     )
+
+
+def _passable(
+    assembly: Assembly, solids: Mapping[str, Solid], T_world_base: Transform, seed: int
+) -> tuple[Targets, Ways]:
+    """Where parts go, with joints turned and slid as far as parts still come there, and their ways."""
+    targets = free_targets(assembly, solids, seed=seed)
+    ways = all_ways(assembly, solids, targets, T_world_base)
+    stuck = {name for (_, name), way in ways.items() if way.depth > STUCK}
+    if stuck:
+        targets = free_targets(assembly, solids, seed=seed, still=stuck)
+        ways = all_ways(assembly, solids, targets, T_world_base)
+    return targets, ways
 
 
 def _perform(
@@ -189,7 +205,7 @@ def _support(
     solids: Mapping[str, Solid],
     stage: Stage,
     targets: Targets,
-    ways: Mapping[tuple[int, str], Way],
+    ways: Ways,
     outfit: Outfit,
     rng: np.random.Generator,
     config: SequenceConfig,
@@ -208,13 +224,15 @@ def _support(
     shoulder = _other_shoulder(stand, outfit)
     hold = Hold(T, (*joined, *loose))
     grip = find_grip(solids[assembly.base], [hold], shoulder, left, rng)
+    if grip is None:
+        return (), ()
     return (Hand(dressed(left, grip.grasp), (T @ grip.T_part_hand,)),), ()
 
 
 def _occupied(
     solids: Mapping[str, Solid],
     targets: Targets,
-    ways: Mapping[tuple[int, str], Way],
+    ways: Ways,
     T_world_base: Transform,
     assembly: Assembly,
 ) -> list[Body]:

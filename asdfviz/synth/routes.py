@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -143,17 +143,18 @@ def _distance(point: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
 
 
 def free_targets(
-    assembly: Assembly, solids: Mapping[str, Solid], *, seed: int
+    assembly: Assembly, solids: Mapping[str, Solid], *, seed: int, still: Collection[str] = ()
 ) -> Mapping[int, Mapping[str, Transform]]:
     """T_base_part of every state with its joints somewhere in their travel, the same in all states.
 
     The travel is narrowed until joined parts stand in one another no deeper than in their nominal
-    poses, but for a fraction of a millimetre (threads that slide unturned).
+    poses, but for a fraction of a millimetre (threads that slide unturned). Joints of the parts in
+    `still` keep their nominal places.
     """
     nominal = _depths(assembly, solids, {s.index: s.T_base_part for s in assembly.states})
     for spread in (0.8, 0.5, 0.25, 0.1):
         targets = {
-            s.index: joined_poses(s, np.random.default_rng([seed, 5]), spread=spread)
+            s.index: joined_poses(s, np.random.default_rng([seed, 5]), spread=spread, still=still)
             for s in assembly.states
         }
         found = _depths(assembly, solids, targets)

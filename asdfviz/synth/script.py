@@ -177,11 +177,11 @@ class Director:
         least = grip.badness
         spot, faces = self.stage.T_world_part[name], self.assets.resting[name]
         for rest in rests_between(name, ends[0], spot, faces, self.poses, self.solids):
-            first = self._grip(name, [self.poses[name], rest], skip={name})
-            if first is None or first.badness >= least:
+            first = self._grip(name, [self.poses[name], rest], skip={name}, limit=least)
+            if first is None:
                 continue
-            second = self._grip(name, [rest, *ends], skip={name})
-            if second is not None and second.badness < least:
+            second = self._grip(name, [rest, *ends], skip={name}, limit=least)
+            if second is not None:
                 least = max(first.badness, second.badness)
                 best = (rest, first, second)
         return best
@@ -214,8 +214,10 @@ class Director:
         found = wrong_place(body, others, self.ways[state.index, name].out, T, self.rng)
         return None if found is None else T @ found
 
-    def _grip(self, name: str, places: Sequence[Transform], *, skip: set[str]) -> Grip | None:
-        """A grip that does at the start and at the goal of a move."""
+    def _grip(
+        self, name: str, places: Sequence[Transform], *, skip: set[str], limit: float = np.inf
+    ) -> Grip | None:
+        """A grip that does at the start and at the goal of a move, less bad than the limit."""
         if self.outfit is None:
             return None
         bodies = [Body(self.solids[n], T) for n, T in self.poses.items() if n not in skip]
@@ -226,7 +228,7 @@ class Director:
             for T in places
         ]
         shoulder = self.stage.stand.shoulder
-        return find_grip(self.solids[name], holds, shoulder, self.outfit, self.rng)
+        return find_grip(self.solids[name], holds, shoulder, self.outfit, self.rng, limit=limit)
 
     def _reach_for(self, name: str, grip: Grip) -> None:
         """Bring the empty hand to a part."""

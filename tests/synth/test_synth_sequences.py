@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +60,7 @@ def test_nothing_goes_through_the_table(play: Play, toy: Assembly) -> None:
 
 
 def test_held_parts_move_with_the_hand_and_nothing_else_moves(play: Play, toy: Assembly) -> None:
-    for before, now in zip(play.moments, play.moments[1:], strict=False):
+    for k, (before, now) in enumerate(pairwise(play.moments)):
         for name, T in now.T_world_part.items():
             moved = np.abs(T - before.T_world_part[name]).max() > 1e-9
             if not moved:
@@ -74,7 +75,11 @@ def test_held_parts_move_with_the_hand_and_nothing_else_moves(play: Play, toy: A
                     for m in (before, now)
                     if m.T_world_hand is not None
                 ]
-                assert np.abs(in_part[1] - in_part[0]).max() < 1e-9
+                slip = np.abs(in_part[1] - in_part[0])
+                assert slip[:3, :3].max() < 1e-9
+                # Fingers may slip along what they push home, just before they let go of it.
+                goes_on = all(m.held == name for m in play.moments[k + 1 : k + 5])
+                assert np.linalg.norm(slip[:3, 3]) < (1e-9 if goes_on else 0.0101)
 
 
 def test_joined_parts_are_rigid_to_the_base(play: Play, toy: Assembly) -> None:

@@ -1,0 +1,96 @@
+"""Where a part is narrow enough to be taken between thumb and fingertip, and hands there from all sides."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float64, Int64
+
+from asdfviz.geometry.shapes import Vector
+from asdfviz.synth.hands import PINCHES, hand_mesh
+from asdfviz.synth.layout import Outfit
+from asdfviz.synth.penetration import Solid
+
+_SPOTS, _ROLLS = 100, 24
+
+
+def pinches(
+    solid: Solid, outfit: Outfit, rng: np.random.Generator
+) -> tuple[Float64[np.ndarray, "n 4 4"], Int64[np.ndarray, "n"], Float64[np.ndarray, "n"]]:
+    """T_part_hand from all sides of each pinched spot, hand shapes, how well these fit (1 is best)."""
+    poses: list[Float64[np.ndarray, "_ 4 4"]] = []
+    grasps: list[int] = []
+    worth: list[float] = []
+    for middle, axis, width in _pinched(solid, rng):
+        grasp = _fitting(width, outfit)
+        hand = hand_mesh(grasp)
+        frame = _frame(outfit.worn(hand.pinch), outfit.worn(hand.entry))
+        around = _around(middle, axis, frame)
+        poses.append(around)
+        grasps += [grasp] * len(around)
+        worth += [1.0 - 60 * abs(width - hand.gap * outfit.size)] * len(around)
+    return np.concatenate(poses), np.array(grasps), np.array(worth)
+
+
+def _fitting(width: float, outfit: Outfit) -> int:
+    gaps = np.array([hand_mesh(g).gap for g in PINCHES]) * outfit.size
+    # Soft fingertips give way a little, so a hand a bit too narrow is better than one too wide.
+    return PINCHES[int(np.abs(gaps - (width - 0.001)).argmin())]
+
+
+def _pinched(solid: Solid, rng: np.random.Generator) -> list[tuple[Vector, Vector, float]]:
+    """Spots where a part is narrow: middle, axis across, width (part frame, metres)."""
+    widest = max(hand_mesh(g).gap for g in PINCHES) * 1.05
+    a, b, c = (solid.triangles[:, k] for k in range(3))
+    cross = np.cross(b - a, c - a)
+    area = np.linalg.norm(cross, axis=1)
+    normals = cross / np.maximum(area, 1e-18)[:, None]
+    picked = rng.choice(len(area), size=_SPOTS, p=area / area.sum())
+    share = rng.random((2, _SPOTS, 1))
+    share = np.where(share.sum(axis=0) > 1, 1 - share, share)
+    spots = a[picked] + share[0] * (b - a)[picked] + share[1] * (c - a)[picked]
+    found: list[tuple[Vector, Vector, float]] = []
+    for spot, normal in zip(spots, normals[picked], strict=True):
+        width, far = _opposite(spot, -normal, solid, normals)
+        if 0.002 < width < widest and normals[far] @ normal < -0.75:
+            found.append((spot - 0.5 * width * normal, normal, width))
+    if found:
+        return found
+    size = solid.high - solid.low
+    middle, narrow = solid.middle, int(size.argmin())
+    return [(middle, np.eye(3)[narrow], float(size[narrow]))]
+
+
+def _opposite(
+    spot: Vector, inwards: Vector, solid: Solid, normals: Float64[np.ndarray, "f 3"]
+) -> tuple[float, int]:
+    """Thickness of the part behind a spot of its surface, and the triangle on the other side."""
+    a, b, c = (solid.triangles[:, k] for k in range(3))
+    down = normals @ inwards
+    t = ((a - spot) * normals).sum(axis=1) / np.where(np.abs(down) < 1e-9, np.inf, down)
+    hit = spot + t[:, None] * inwards
+    ok = (down > 1e-9) & (t > 1e-4)
+    for p, q in ((a, b), (b, c), (c, a)):
+        ok &= (np.cross(q - p, hit - p) * normals).sum(axis=1) >= -1e-12
+    t = np.where(ok, t, np.inf)
+    return float(t.min()), int(t.argmin())
+
+
+def _frame(pinch: Vector, entry: Vector) -> Float64[np.ndarray, "3 3"]:
+    return np.stack([pinch, entry, np.cross(pinch, entry)], axis=1)
+
+
+def _around(
+    middle: Vector, axis: Vector, hand: Float64[np.ndarray, "3 3"]
+) -> Float64[np.ndarray, "n 4 4"]:
+    """Hands whose fingertips meet the axis, from all sides and both ways round."""
+    side = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
+    side /= np.linalg.norm(side)
+    angle = np.arange(_ROLLS)[:, None] * 2 * np.pi / _ROLLS
+    entry = np.cos(angle) * side + np.sin(angle) * np.cross(axis, side)
+    poses = np.tile(np.eye(4), (2 * _ROLLS, 1, 1))
+    for start, sign in ((0, 1.0), (_ROLLS, -1.0)):
+        pinch = np.broadcast_to(sign * axis, entry.shape)
+        frames = np.stack([pinch, entry, np.cross(pinch, entry)], axis=2)
+        poses[start : start + _ROLLS, :3, :3] = frames @ hand.T
+    poses[:, :3, 3] = middle
+    return poses
