@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
+import jaxtyping
 import pytest
 from jaxtyping import install_import_hook
 
@@ -21,3 +24,18 @@ def shared() -> Path:
     if not (folder / "data").is_dir():
         pytest.skip(f"no shared data folder at {folder} (set ASDFVIZ_SHARED)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def unchecked() -> Callable[[], AbstractContextManager[None]]:
+    """Leaves shapes unchecked for a while: for long work on functions that shorter tests check."""
+
+    @contextmanager
+    def leave() -> Iterator[None]:
+        jaxtyping.config.update("jaxtyping_disable", True)
+        try:
+            yield
+        finally:
+            jaxtyping.config.update("jaxtyping_disable", False)
+
+    return leave

@@ -27,12 +27,15 @@ class SmoothingConfig:
     stay: float = 0.96
     """Probability that a state lasts for another frame: 25 frames a state, as in the paper's
     sequences."""
+    stay_wrong: float = 0.7
+    """Probability that an error lasts for another frame: it is undone at once, and while it is there
+    every frame says so."""
     leak: float = 1e-4
     """Probability of a jump to any later state: a missed step must not lock the model."""
     fall: float = 1e-6
     """Probability of a fall back to any earlier state: what is joined stays joined, but the model
     may have been wrong."""
-    mistakes: float = 0.2
+    mistakes: float = 0.4
     """Weight of a way that leads into an error state against that of the right next step."""
     appearance_weight: float = 0.6
     """Exponent of the network's term; evidence of neighbouring frames is not independent."""
@@ -159,8 +162,9 @@ def transition_matrix(assembly: Assembly, *, config: SmoothingConfig) -> Float64
         if a != b:
             legal[a, b] = config.mistakes if assembly.states[b].is_error else 1.0
     ways = legal.sum(axis=1, keepdims=True)
-    onward = (1 - config.stay) * legal / np.where(ways > 0, ways, 1.0)
-    stay = np.where(ways[:, 0] > 0, config.stay, 1.0)
+    lasting = np.array([config.stay_wrong if s.is_error else config.stay for s in assembly.states])
+    onward = (1 - lasting[:, None]) * legal / np.where(ways > 0, ways, 1.0)
+    stay = np.where(ways[:, 0] > 0, lasting, 1.0)
     completed = np.array([state.completed for state in assembly.states])
     is_later = completed[None] >= completed[:, None]
     jump = np.where(is_later, config.leak, config.fall) / count

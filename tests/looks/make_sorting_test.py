@@ -1,11 +1,12 @@
-"""Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY SEED [MESHES]`.
+"""Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY SEED [SHRINK] [MESHES]`.
 
 Twenty crops of synthetic scenes among twenty of real frames, shuffled and numbered, as one sheet
 (OUT/sheet.png) and as single files; OUT_key.txt beside the folder says which are synthetic. Somebody
 who made neither sorts all forty: errors near one half mean that the two cannot be told apart.
 
-REAL_FOLDER holds rgb/*.png of a fixed camera over a table; ASSEMBLY is what lies there. MESHES holds
-finer meshes of its parts, PART.ply in millimetres, where there are any.
+REAL_FOLDER holds rgb/*.png of a fixed camera over a table; ASSEMBLY is what lies there. SHRINK is how
+many pixels of the camera make one of the crop: 1 (what the camera sees) or 2 (what the detector is given
+of 1280x720). MESHES holds finer meshes of its parts, PART.ply in millimetres, where there are any.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ CLOTH = np.array([0.250, 0.383, 0.492])
 """Linear colour that the real camera's exposure and white balance give to the cloth."""
 
 
-def main(out: Path, real: Path, name: str, seed: int, meshes: Path | None) -> None:
+def main(out: Path, real: Path, name: str, seed: int, shrink: int, meshes: Path | None) -> None:
     """Write the sheet, the crops and the key."""
     rng = np.random.default_rng(seed)
     crops = [(c, "real") for c in _real_crops(real, rng)]
@@ -65,7 +66,9 @@ def main(out: Path, real: Path, name: str, seed: int, meshes: Path | None) -> No
     out.mkdir(parents=True, exist_ok=True)
     tiles: list[np.ndarray] = []
     for place, k in enumerate(order):
-        crop = crops[k][0]
+        crop = cv2.resize(
+            crops[k][0], None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA
+        )
         cv2.imwrite(str(out / f"{place + 1:02d}.png"), crop)
         tile = cv2.resize(crop, (SHOWN, SHOWN), interpolation=cv2.INTER_CUBIC)
         tile = cv2.copyMakeBorder(tile, 26, 4, 2, 2, cv2.BORDER_CONSTANT, value=(255, 255, 255))
@@ -226,5 +229,6 @@ if __name__ == "__main__":
         Path(sys.argv[2]),
         sys.argv[3],
         int(sys.argv[4]),
-        Path(sys.argv[5]) if len(sys.argv) > 5 else None,
+        int(sys.argv[5]) if len(sys.argv) > 5 else 1,
+        Path(sys.argv[6]) if len(sys.argv) > 6 else None,
     )

@@ -36,14 +36,34 @@ def test_states_follow_the_transitions(assembly: Assembly) -> None:
 
 
 def test_a_mistake_is_rarer_than_a_step_and_a_fall_rarer_than_a_jump(assembly: Assembly) -> None:
-    config = SmoothingConfig(stay=0.9, leak=1e-3, fall=1e-5, mistakes=0.25)
+    config = SmoothingConfig(stay=0.9, stay_wrong=0.6, leak=1e-3, fall=1e-5, mistakes=0.25)
     move = transition_matrix(assembly, config=config)
     assert move.sum(axis=1) == pytest.approx(np.ones(5))
     assert move[1, 2] == pytest.approx(0.08, rel=0.01)
     assert move[1, 4] == pytest.approx(0.02, rel=0.02)
     assert move[0, 3] == pytest.approx(move[1, 3], rel=0.01)
     assert move[0, 3] == pytest.approx(100 * move[3, 0], rel=0.01)
-    assert move[4, 1] == pytest.approx(0.1, rel=0.01)  # a mistake is undone
+    assert move[4, 1] == pytest.approx(0.4, rel=0.01)  # a mistake is undone
+    assert move[4, 4] == pytest.approx(0.6, rel=0.01)
+
+
+def test_an_error_ends_when_nothing_speaks_for_it_and_stays_while_all_does(
+    assembly: Assembly,
+) -> None:
+    wrong, none = np.full(5, 0.05), np.full(5, 0.2)
+    wrong[4] = 0.8
+    online = StateFilter(assembly, config=SmoothingConfig(stay_wrong=0.7))
+    online.step(None, np.array([0.05, 0.8, 0.05, 0.05, 0.05]))
+    said = [online.step(None, wrong) for _ in range(40)]
+    assert all(s is not None and int(s.argmax()) == 4 for s in said[3:])
+    after = [online.step(None, none) for _ in range(4)][-1]
+    assert after is not None
+    assert int(after.argmax()) == 1
+    lasting = StateFilter(assembly, config=SmoothingConfig(stay_wrong=0.96))
+    for scores in [np.array([0.05, 0.8, 0.05, 0.05, 0.05]), *[wrong] * 40, *[none] * 4]:
+        after = lasting.step(None, scores)
+    assert after is not None
+    assert int(after.argmax()) == 4
 
 
 def test_lost_sight_of_a_part_does_not_lead_back(assembly: Assembly) -> None:

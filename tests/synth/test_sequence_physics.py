@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations, pairwise
 
-import jaxtyping
 import numpy as np
 import pytest
 
@@ -46,15 +47,13 @@ def assets_of(assembly: str) -> Assets:
     scope="module",
     params=[("corner_clamp", 77), ("geared_caliper", 3), ("vise", 4), ("screw_clamp", 3)],
 )
-def staged(request: pytest.FixtureRequest) -> Staged:
+def staged(
+    request: pytest.FixtureRequest, unchecked: Callable[[], AbstractContextManager[None]]
+) -> Staged:
     name, seed = request.param
     config = SequenceConfig(unlisted=seed != 77)
-    # The toy's plays check the annotations of the same functions; here that would take half the time.
-    jaxtyping.config.update("jaxtyping_disable", True)
-    try:
+    with unchecked():
         play = plan_sequence(assets_of(name), seed=seed, config=config)
-    finally:
-        jaxtyping.config.update("jaxtyping_disable", False)
     assembly = assets_of(name).assembly
     solids = {n: solid_of(p.mesh) for n, p in assembly.parts.items()}
     return Staged(play.moments, play, assembly, solids)
