@@ -26,7 +26,7 @@ from asdfviz.evaluate.protocols import Figures, mean
 from asdfviz.evaluate.state_scores import state_figures, state_records
 from asdfviz.geometry.shapes import Scores
 from asdfviz.state.fusion import FusionConfig, Pose2State
-from asdfviz.state.smoothing import SmoothingConfig, StateFilter, most_likely_path
+from asdfviz.state.smoothing import FOLLOWED, StateFilter, most_likely_path
 
 Terms: TypeAlias = tuple[Scores | None, Scores | None]
 """By looks and by relative poses."""
@@ -38,8 +38,6 @@ W_F = (0.2, 0.35, 0.5, 0.75, 1.0)
 """Equation 5; w_{f-1} is what is left to 1."""
 NEIGHBOUR = (0.0, 0.05, 0.1, 0.2)
 """Equation 4."""
-FOLLOWED = SmoothingConfig(appearance_weight=0.15, pose_weight=1.0)
-"""As `asdf_plus` has it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

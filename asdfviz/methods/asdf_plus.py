@@ -26,7 +26,7 @@ from asdfviz.errors import MethodError
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.contour_fits import ContourConfig, ContourFit, ContourFits
 from asdfviz.methods.first_pose import LooksAtParts
-from asdfviz.methods.followed_state import FOLLOWED, followed_state
+from asdfviz.methods.followed_state import followed_state
 from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
@@ -46,7 +46,7 @@ from asdfviz.state.relative_pose import (
     RelativePoseConfig,
     relative_pose_probabilities,
 )
-from asdfviz.state.smoothing import SmoothingConfig, StateFilter
+from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig, StateFilter
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
 
 

@@ -18,7 +18,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf, AsdfConfig
-from asdfviz.methods.followed_state import FOLLOWED, followed_state
+from asdfviz.methods.followed_state import followed_state
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_tracks import PartTracks
@@ -31,7 +31,7 @@ from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
-from asdfviz.state.smoothing import SmoothingConfig, StateFilter
+from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig, StateFilter
 from asdfviz.state.twins import PlaceNames
 from asdfviz.track.presets import FINE, TrackerConfig
 

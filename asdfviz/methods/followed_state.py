@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from asdfviz.datatypes import StateEstimate
 from asdfviz.geometry.shapes import Scores
-from asdfviz.state.smoothing import SmoothingConfig, StateFilter
-
-FOLLOWED = SmoothingConfig(
-    appearance_weight=0.15, pose_weight=0.25, group_weight=0.4, place_weight=0.6
-)
-"""Appearance counts little: a lightly trained network mistakes states more often than places. What is
-seen of the group errs alike in frames that look alike, so it counts less than once a frame."""
+from asdfviz.state.smoothing import StateFilter
 
 
 def followed_state(

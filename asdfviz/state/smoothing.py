@@ -49,6 +49,14 @@ class SmoothingConfig:
     """Evidence is never below this share of its largest value: one frame does not rule out alone."""
 
 
+FOLLOWED = SmoothingConfig(
+    appearance_weight=0.15, pose_weight=0.25, group_weight=0.4, place_weight=0.6
+)
+"""As `asdf_plus` and `asdf_track` have it. Appearance counts little: a lightly trained network mistakes
+states more often than places. What is seen of the group errs alike in frames that look alike, so it
+counts less than once a frame."""
+
+
 class StateFilter:
     """The model online: the probability of every state given all frames so far."""
 
