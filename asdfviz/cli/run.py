@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, TypeAlias, cast
@@ -53,6 +54,7 @@ class RunMethod:
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         out = self.out or Path("runs") / f"{sequence.name}-{spec.name}"
         check_run_folder(out, Path(sequence.path))
+        is_new = not out.exists()
         make_folder(out)
         kept: list[Run] = []
         try:
@@ -73,6 +75,9 @@ class RunMethod:
                 )
         except (AsdfvizError, OSError, KeyboardInterrupt) as error:
             if not kept:
+                if is_new:
+                    with suppress(OSError):
+                        out.rmdir()  # nothing is in it
                 raise
             _, saved = _saved(kept[0], sequence, out)
             if isinstance(error, KeyboardInterrupt):

@@ -17,7 +17,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
 from asdfviz.detector.crop_answer import CropAnswer
 from asdfviz.detector.crop_classes import class_name
-from asdfviz.errors import MethodError, WeightsError
+from asdfviz.errors import WeightsError
 from asdfviz.geometry.rotation_grid import rotations_of
 from asdfviz.geometry.sampling import hull_corners, oriented_surface_points, surface_middle
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Rgb
@@ -106,8 +106,6 @@ def load_looker(config: CropPoseConfig, assembly: Assembly) -> LooksAtParts:
         WeightsError: there are no weights, or they know none of the assembly's parts.
     """
     path = crop_weights_path(config, assembly)
-    if config.hypotheses.count < 1 or config.hypotheses.refined < 1:
-        raise MethodError("hypotheses.count and hypotheses.refined must be 1 or more")
     from asdfviz.detector.crop_looker import CropLooker, CropLookerConfig
     from asdfviz.detector.device import require_device
 

@@ -47,6 +47,15 @@ class NetworkConfig:
     """What computes the network. The last two are optional packages, some 25 % faster on a CPU:
     pip install 'asdfviz[onnxruntime]' or 'asdfviz[openvino]'."""
 
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if not 0.0 <= self.confidence <= 1.0:
+            raise MethodError(f"confidence is {self.confidence:g}, use a score from 0 to 1")
+        if self.image_size < SMALLEST_INPUT:
+            raise MethodError(
+                f"image_size is {self.image_size}, use {SMALLEST_INPUT} pixels or more"
+            )
+
 
 def weights_path(config: NetworkConfig, assembly: Assembly) -> Path:
     """Return the file that the network is read from; it need not exist."""
@@ -98,10 +107,9 @@ def load_detector(
         masks: weights of the mask branch; None: detections have no masks.
 
     Raises:
-        InputError: an option is impossible, or the device is not there.
+        InputError: the device is not there.
         WeightsError: there are no weights, or they know none of the assembly's classes.
     """
-    _check_options(config)
     path = weights_path(config, assembly)
     if not path.is_file():
         raise WeightsError(
@@ -132,10 +140,3 @@ def load_detector(
             f"{', '.join(detector.classes)}; the assembly needs {', '.join(sorted(parts))}"
         )
     return detector
-
-
-def _check_options(config: NetworkConfig) -> None:
-    if not 0.0 <= config.confidence <= 1.0:
-        raise MethodError(f"confidence is {config.confidence:g}, use a score from 0 to 1")
-    if config.image_size < SMALLEST_INPUT:
-        raise MethodError(f"image_size is {config.image_size}, use {SMALLEST_INPUT} pixels or more")

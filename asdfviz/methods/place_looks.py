@@ -69,6 +69,14 @@ class PlaceLooksConfig:
     in_front: float = 0.015
     """What is nearer than the part can be by this hides it, metres."""
 
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if not 0 < self.empty < 1 or self.delay < 1:
+            raise MethodError(
+                f"place_looks.empty is {self.empty:g} and place_looks.delay {self.delay}: empty "
+                "must be above 0 and below 1, delay 1 or more"
+            )
+
 
 @dataclass(slots=True, eq=False)
 class _Place:
@@ -115,15 +123,7 @@ class PlaceLooks:
             shapes: of the parts.
             looker: the crop network; None, and anything that names nothing, is never asked.
             config: how its answers count.
-
-        Raises:
-            MethodError: an option is out of its range.
         """
-        if not 0 < config.empty < 1 or config.delay < 1:
-            raise MethodError(
-                f"place_looks.empty is {config.empty:g} and place_looks.delay {config.delay}: empty "
-                "must be above 0 and below 1, delay 1 or more"
-            )
         self._looker = namer(looker) if config.enabled else None
         self._assembly, self._config = assembly, config
         parts = assembly.parts.values()

@@ -42,21 +42,20 @@ class SecondLookConfig:
     blobs: BlobConfig = field(default_factory=BlobConfig)
     """What stands out of the table."""
 
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if not 0 < self.share <= 1 or self.every < 1:
+            raise MethodError(
+                f"second_look.share is {self.share:g} and second_look.every {self.every}: share "
+                "must be above 0 and at most 1, every 1 or more"
+            )
+
 
 class SecondLook:
     """Looks again in one sequence."""
 
     def __init__(self, assembly: Assembly, detector: Detects, *, config: SecondLookConfig) -> None:
-        """Begin a sequence.
-
-        Raises:
-            MethodError: an option is out of its range.
-        """
-        if not 0 < config.share <= 1 or config.every < 1:
-            raise MethodError(
-                f"second_look.share is {config.share:g} and second_look.every {config.every}: share "
-                "must be above 0 and at most 1, every 1 or more"
-            )
+        """Begin a sequence."""
         self._assembly, self._detector, self._config = assembly, detector, config
         self._frame = 0
         self._seen: dict[str, tuple[int, Box]] = {}

@@ -44,6 +44,14 @@ class StrangersConfig:
     forgotten: int = 200
     """Frames after which a thing that was not seen again is forgotten."""
 
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if not 1 <= self.often <= self.most or not 0 <= self.left <= 1:
+            raise MethodError(
+                f"names.strangers.often is {self.often}, most {self.most} and left "
+                f"{self.left:g}: often must be 1 or more and no more than most, left from 0 to 1"
+            )
+
 
 @dataclass(slots=True, eq=False)
 class _Thing:
@@ -58,16 +66,7 @@ class Strangers:
     """Knows the things of one sequence."""
 
     def __init__(self, assembly: Assembly, *, config: StrangersConfig) -> None:
-        """Begin a sequence.
-
-        Raises:
-            MethodError: an option is out of its range.
-        """
-        if not 1 <= config.often <= config.most or not 0 <= config.left <= 1:
-            raise MethodError(
-                f"names.strangers.often is {config.often}, most {config.most} and left "
-                f"{config.left:g}: often must be 1 or more and no more than most, left from 0 to 1"
-            )
+        """Begin a sequence."""
         self._config = config
         self._counts: dict[str, int] = {}
         for part in assembly.parts.values():

@@ -77,6 +77,14 @@ class NamesConfig:
     blobs: BlobConfig = field(default_factory=lambda: BlobConfig(rise=0.003, min_px=30))
     """What stands out of the table: flatter and smaller things than a second look is worth."""
 
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if not 0 <= self.weight <= 1 or self.every < 1:
+            raise MethodError(
+                f"names.weight is {self.weight:g} and names.every {self.every}: weight must be "
+                "from 0 to 1, every 1 or more"
+            )
+
 
 @dataclass(slots=True, eq=False)
 class _Known:
@@ -106,16 +114,7 @@ class ThingNames:
     """Names things in one sequence."""
 
     def __init__(self, assembly: Assembly, looker: object, *, config: NamesConfig) -> None:
-        """Begin a sequence; `looker` may be anything, and is asked only if it names things.
-
-        Raises:
-            MethodError: an option is out of its range.
-        """
-        if not 0 <= config.weight <= 1 or config.every < 1:
-            raise MethodError(
-                f"names.weight is {config.weight:g} and names.every {config.every}: weight must be "
-                "from 0 to 1, every 1 or more"
-            )
+        """Begin a sequence; `looker` may be anything, and is asked only if it names things."""
         self._looker = namer(looker) if config.enabled else None
         self._config = config
         parts = {part.detector_class: part for part in assembly.parts.values()}

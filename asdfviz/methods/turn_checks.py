@@ -61,6 +61,14 @@ class TurnConfig:
     same_place: float = 0.1
     """if their centres are nearer than this share of the part's diameter."""
 
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if self.a_frame < 1 or not 0 < self.step <= self.lead:
+            raise MethodError(
+                f"turns.a_frame is {self.a_frame}, step {self.step:g} and lead {self.lead:g}: "
+                "a_frame must be 1 or more, step above 0 and no more than lead"
+            )
+
 
 @dataclass(slots=True, eq=False)
 class _Turns:
@@ -84,16 +92,7 @@ class TurnChecks:
     def __init__(
         self, parts: Mapping[str, Part], bodies: Mapping[str, Body], *, config: TurnConfig
     ) -> None:
-        """Begin a sequence.
-
-        Raises:
-            MethodError: an option is out of its range.
-        """
-        if config.a_frame < 1 or not 0 < config.step <= config.lead:
-            raise MethodError(
-                f"turns.a_frame is {config.a_frame}, step {config.step:g} and lead {config.lead:g}: "
-                "a_frame must be 1 or more, step above 0 and no more than lead"
-            )
+        """Begin a sequence."""
         self._parts, self._bodies, self._config = parts, bodies, config
         self._turns: dict[str, _Turns] = {}
         self._same = float(np.deg2rad(config.same_deg))

@@ -14,6 +14,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float64
 
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import (
     Box,
     Depth,
@@ -61,6 +62,11 @@ class HypothesisConfig:
     """Fewer depth readings than this say nothing."""
     min_overlap: float = 0.15
     """A pose whose outline agrees less is no pose, 0 to 1."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if self.count < 1 or self.refined < 1:
+            raise MethodError("hypotheses.count and hypotheses.refined must be 1 or more")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

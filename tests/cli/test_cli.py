@@ -202,6 +202,17 @@ def test_a_failing_run_leaves_a_whole_one_in_place(
     assert len((tmp_path / "run-partial" / "predictions.jsonl").read_text().splitlines()) == 3
 
 
+@pytest.mark.parametrize("option", ["--contours.turns.a-frame", "--names.every"])
+def test_an_option_out_of_range_is_refused_before_anything_is_made(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+) -> None:
+    out = tmp_path / "run"
+    line = ("run", "--method", "asdf_plus", "sample", "--out", str(out), option, "0")
+    assert exit_code(*line) == 2
+    assert option.split("-")[-1].split(".")[-1] in capsys.readouterr().err
+    assert not out.exists()
+
+
 @pytest.mark.parametrize("lasts", [0, 3])
 def test_a_failing_method_keeps_the_frames_before(
     lasts: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -220,6 +231,7 @@ def test_a_failing_method_keeps_the_frames_before(
         assert len(load_run(out).predictions) == 3
     else:
         assert said.err.count("\n") == 1  # no bar that stands at nothing
+        assert not out.exists()
 
 
 @pytest.mark.parametrize("place", [".", "..", "rgb", "runs", "notes/asdf"])

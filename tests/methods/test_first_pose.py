@@ -215,11 +215,10 @@ def test_weights_of_another_assembly_are_refused(
         method.reset(moved_to(assembly, tmp_path), replace_camera(), None)
 
 
-def test_counts_below_one_are_refused(assembly: Assembly, detector, tmp_path: Path) -> None:
-    crops = CropPoseConfig(hypotheses=HypothesisConfig(count=0))
-    method = Asdf(AsdfConfig(first_pose="hypotheses", crops=crops), detector=detector)
+@pytest.mark.parametrize("wrong", [{"count": 0}, {"refined": 0}])
+def test_counts_below_one_are_refused(wrong: dict[str, int]) -> None:
     with pytest.raises(MethodError, match=r"hypotheses\.count"):
-        method.reset(moved_to(assembly, tmp_path), replace_camera(), None)
+        HypothesisConfig(**wrong)
 
 
 def test_what_was_before_is_believed_until_the_network_doubts_it() -> None:

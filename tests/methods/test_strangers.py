@@ -78,6 +78,6 @@ def test_it_can_be_switched_off(assembly: Assembly, box_at: Callable) -> None:
 
 
 @pytest.mark.parametrize("wrong", [{"often": 0}, {"often": 9, "most": 5}, {"left": 1.5}])
-def test_options_out_of_range_are_named(assembly: Assembly, wrong: dict[str, Any]) -> None:
+def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match="strangers"):
-        Strangers(assembly, config=StrangersConfig(**wrong))
+        StrangersConfig(**wrong)
