@@ -14,6 +14,8 @@ from jaxtyping import install_import_hook
 # Modules imported from here on check their jaxtyping annotations at every call.
 install_import_hook("asdfviz", "beartype.beartype")
 
+LONG = ("test_wheel.py", "test_sequence_physics.py", "test_browser_reload.py", "test_kit.py")
+"""Files with minutes of work in few tests: begun first, so that no process waits for them at the end."""
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
@@ -39,3 +41,8 @@ def unchecked() -> Callable[[], AbstractContextManager[None]]:
             jaxtyping.config.update("jaxtyping_disable", False)
 
     return leave
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put long files first; all else keeps its order."""
+    items.sort(key=lambda item: item.path.name not in LONG)
