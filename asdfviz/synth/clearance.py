@@ -90,8 +90,9 @@ def given_way(
         enumerate(moments), key=lambda k: k[0] if k[1].held is None else k[1].held
     ):
         hold = _cleared([moment for _, moment in run], solids, outfit)
-        cleared += hold[:-_LAST]
-        for moment in hold[-_LAST:]:
+        last = hold[:0] if hold[0].held is None else hold[-_LAST:]
+        cleared += hold[: len(hold) - len(last)]
+        for moment in last:
             again = _deepest(moment, solids, outfit) > _TOO_DEEP
             cleared += _cleared([moment], solids, outfit) if again else [moment]
     return tuple(cleared)
@@ -105,6 +106,8 @@ def _cleared(
         return hold
     depths = [_deepest(moment, solids, outfit) for moment in hold]
     worst, least = int(np.argmax(depths)), max(depths)
+    if least <= ALLOWED:
+        return hold
     ways = _ways_off(hold[worst], outfit)
     held, best = hold[worst].held, hold
     doubted = [moment for moment, d in zip(hold, depths, strict=True) if d > ALLOWED]

@@ -45,7 +45,9 @@ class Planes:
     edges: Float64[np.ndarray, "3 f 3"]
     """From each corner to the next."""
     sides: Float64[np.ndarray, "3 f 3"]
-    """Across each edge, inwards."""
+    """Across each edge, inwards, as long as it."""
+    areas: Float64[np.ndarray, "f"]
+    """Square metres."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +93,7 @@ def _planes(triangles: Float64[np.ndarray, "f 3 3"]) -> Planes:
     normals = np.cross(edges[0], -edges[2])
     length = np.linalg.norm(normals, axis=1)
     normals = np.where(length[:, None] > 1e-15, normals / np.maximum(length, 1e-18)[:, None], 0.0)
-    return Planes(normals, edges, np.cross(normals, edges))
+    return Planes(normals, edges, np.cross(normals, edges), length / 2)
 
 
 def _columns(triangles: Float64[np.ndarray, "f 3 3"], R: Rotation) -> Columns:

@@ -40,18 +40,15 @@ def _fitting(width: float, outfit: Outfit) -> int:
 def _pinched(solid: Solid, rng: np.random.Generator) -> list[tuple[Vector, Vector, float]]:
     """Spots where a part is narrow: middle, axis across, width (part frame, metres)."""
     widest = max(hand_mesh(g).gap for g in PINCHES) * 1.05
-    a, b, c = (solid.triangles[:, k] for k in range(3))
-    cross = np.cross(b - a, c - a)
-    area = np.linalg.norm(cross, axis=1)
-    normals = cross / np.maximum(area, 1e-18)[:, None]
-    picked = rng.choice(len(area), size=_SPOTS, p=area / area.sum())
+    corner, planes = solid.triangles[:, 0], solid.planes
+    picked = rng.choice(len(corner), size=_SPOTS, p=planes.areas / planes.areas.sum())
     share = rng.random((2, _SPOTS, 1))
     share = np.where(share.sum(axis=0) > 1, 1 - share, share)
-    spots = a[picked] + share[0] * (b - a)[picked] + share[1] * (c - a)[picked]
+    spots = corner[picked] + share[0] * planes.edges[0, picked] - share[1] * planes.edges[2, picked]
     found: list[tuple[Vector, Vector, float]] = []
-    for spot, normal in zip(spots, normals[picked], strict=True):
-        width, far = _opposite(spot, -normal, solid, normals)
-        if 0.002 < width < widest and normals[far] @ normal < -0.75:
+    for spot, normal in zip(spots, planes.normals[picked], strict=True):
+        width, far = _opposite(spot, -normal, solid)
+        if 0.002 < width < widest and planes.normals[far] @ normal < -0.75:
             found.append((spot - 0.5 * width * normal, normal, width))
     if found:
         return found
@@ -60,18 +57,14 @@ def _pinched(solid: Solid, rng: np.random.Generator) -> list[tuple[Vector, Vecto
     return [(middle, np.eye(3)[narrow], float(size[narrow]))]
 
 
-def _opposite(
-    spot: Vector, inwards: Vector, solid: Solid, normals: Float64[np.ndarray, "f 3"]
-) -> tuple[float, int]:
+def _opposite(spot: Vector, inwards: Vector, solid: Solid) -> tuple[float, int]:
     """Thickness of the part behind a spot of its surface, and the triangle on the other side."""
-    a, b, c = (solid.triangles[:, k] for k in range(3))
+    normals, corners = solid.planes.normals, solid.triangles.transpose(1, 0, 2)
     down = normals @ inwards
-    t = ((a - spot) * normals).sum(axis=1) / np.where(np.abs(down) < 1e-9, np.inf, down)
+    t = ((corners[0] - spot) * normals).sum(axis=1) / np.where(np.abs(down) < 1e-9, np.inf, down)
     hit = spot + t[:, None] * inwards
-    ok = (down > 1e-9) & (t > 1e-4)
-    for p, q in ((a, b), (b, c), (c, a)):
-        ok &= (np.cross(q - p, hit - p) * normals).sum(axis=1) >= -1e-12
-    t = np.where(ok, t, np.inf)
+    within = ((hit - corners) * solid.planes.sides).sum(axis=2) >= -1e-12
+    t = np.where((down > 1e-9) & (t > 1e-4) & within.all(axis=0), t, np.inf)
     return float(t.min()), int(t.argmin())
 
 

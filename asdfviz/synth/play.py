@@ -115,11 +115,12 @@ def _staged(
     """A view in which everything has room: farther ones are tried where there is none."""
     camera = camera_for(config.width, config.height)
     near, far = config.distance
+    free = free_targets(assets.assembly, solids, seed=seed)
     for _ in range(_VIEWS):
         T_camera_world = random_view(rng, distance=(near, far), tilt=config.tilt)
         table = Table(camera.K, T_camera_world, camera.width, camera.height, reach=1.0)
         stand = stand_base(assets, table, rng)
-        targets, ways = _passable(assets.assembly, solids, stand.T_world_base, seed)
+        targets, ways = _passable(assets.assembly, solids, free, stand.T_world_base, seed)
         stage = set_stage(assets, table, stand, ways, targets, rng, distractors=config.distractors)
         if stage is not None:
             return table, stage, targets, ways
@@ -131,10 +132,13 @@ def _staged(
 
 
 def _passable(
-    assembly: Assembly, solids: Mapping[str, Solid], T_world_base: Transform, seed: int
+    assembly: Assembly,
+    solids: Mapping[str, Solid],
+    targets: Targets,
+    T_world_base: Transform,
+    seed: int,
 ) -> tuple[Targets, Ways]:
-    """Where parts go, with joints turned and slid as far as parts still come there, and their ways."""
-    targets = free_targets(assembly, solids, seed=seed)
+    """Where parts go and their ways; joints keep their nominal places where parts would not pass."""
     ways = all_ways(assembly, solids, targets, T_world_base)
     stuck = {name for (_, name), way in ways.items() if way.depth > STUCK}
     if stuck:
