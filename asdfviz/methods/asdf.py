@@ -1,9 +1,8 @@
 """ASDF: poses from keypoints refined by depth, states from looks and poses fused over time.
 
 Schieber et al., "ASDF: Assembly State Detection Utilizing Late Fusion by Integrating 6D Pose
-Estimation", ISMAR 2024. `Asdf.step` reads like the figure of the paper. With crop weights, first
-poses come from crops instead of keypoints, and so does the state by its looks where that network
-knows the states; `--first-pose keypoints` is the paper to the letter.
+Estimation", ISMAR 2024. `Asdf.step` reads like the paper's figure. With crop weights, first poses
+come from crops, as do the state's looks; `--first-pose keypoints` is the paper to the letter.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from asdfviz.methods.first_pose import (
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.looked_at import Before, LookedAt
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector
+from asdfviz.methods.on_table import OnTableConfig, on_table
 from asdfviz.methods.part_finder import PartFinder
 from asdfviz.methods.part_poses import (
     PAPER_ICP,
@@ -61,9 +61,8 @@ class AsdfConfig:
     pnp: PnpConfig = ROBUST_PNP
     """From keypoints to a pose."""
     first_pose: FirstPose | None = None
-    """What first poses come from: keypoints (the paper) or hypotheses (crops around the boxes).
-    Default: hypotheses if crop weights lie beside the assembly (crops.safetensors) or are named,
-    else keypoints."""
+    """What first poses come from: keypoints (the paper) or hypotheses (crops around the boxes), the
+    default if crop weights (crops.safetensors) lie beside the assembly or are named."""
     crops: CropPoseConfig = field(default_factory=CropPoseConfig)
     """First poses from crops."""
     doubts: float = 0.0
@@ -78,6 +77,8 @@ class AsdfConfig:
     """Refinement "translation", section 3.1.1."""
     icp: IcpConfig = PAPER_ICP
     """Refinement "icp"."""
+    on_table: OnTableConfig = field(default_factory=OnTableConfig)
+    """What the table does to poses from crops."""
     names: NamesConfig = field(default_factory=NamesConfig)
     """What the crop network makes of boxes, where it was taught names."""
     second_look: SecondLookConfig = field(default_factory=SecondLookConfig)
@@ -154,7 +155,8 @@ class Asdf:
         config = self._config
         self._before = {}
         shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
-        first = crop_poses(config.first_pose, config.crops, assembly, looker=self._given_looker)
+        sunk, given = config.on_table.counted, self._given_looker
+        first = crop_poses(config.first_pose, config.crops, assembly, looker=given, sunk=sunk)
         detector = self._given_detector or load_detector(config.detector, assembly)
         self._scene = _Scene(
             assembly=assembly,
@@ -231,9 +233,8 @@ class Asdf:
         with timed("pnp" if scene.crop_poses is None else "crops"):
             poses = self._first_poses(found, frame)
         with timed("refine"):
-            poses = self._refined(poses, found, frame)
             poses, found = settled_poses(
-                poses,
+                self._refined(poses, found, frame),
                 found,
                 detections,
                 frame,
@@ -251,9 +252,8 @@ class Asdf:
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
         config, scene = self._config, self._started()
         if scene.crop_poses is not None:
-            use_depth = config.refinement != "none"
             looks = scene.crop_poses.looked_at(
-                found, frame, use_depth=use_depth, previous=self._before
+                found, frame, use_depth=config.refinement != "none", previous=self._before
             )
             self.looked_at |= looks
             return best_settled(looks, found)
@@ -271,16 +271,19 @@ class Asdf:
     def _refined(
         self, poses: Mapping[str, PoseEstimate], found: Mapping[str, Detection], frame: Frame
     ) -> dict[str, PoseEstimate]:
-        config = self._config
-        return poses_refined_by_depth(
+        config, scene = self._config, self._started()
+        refined = poses_refined_by_depth(
             poses,
             found,
-            self._started().shapes,
+            scene.shapes,
             frame,
             refinement=config.refinement,
             translation=config.translation,
             icp=config.icp,
         )
+        if scene.crop_poses is None or config.refinement == "none":
+            return refined
+        return on_table(refined, scene.assembly, scene.shapes, frame, config=config.on_table)
 
     def _started(self) -> _Scene:
         if self._scene is None:

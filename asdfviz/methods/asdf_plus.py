@@ -14,14 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
-from asdfviz.datatypes import (
-    Assembly,
-    Camera,
-    Frame,
-    FramePrediction,
-    PoseEstimate,
-    StateEstimate,
-)
+from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate, StateEstimate
 from asdfviz.errors import MethodError
 from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.contour_fits import ContourConfig, ContourFit, ContourFits
@@ -33,6 +26,7 @@ from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.kept_poses import Decision, HypothesesConfig, Proposal, pose_confidence
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
+from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.registration import RegistrationConfig
@@ -66,6 +60,8 @@ class AsdfPlusConfig(AsdfConfig):
     """How sure a pose is."""
     joined: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=True))
     """State helps pose, after the registration."""
+    on_table: OnTableConfig = NO_TABLE
+    """Off: contours and depth settle poses better."""
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; runners-up are kept besides."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))

@@ -21,6 +21,7 @@ from asdfviz.methods.asdf import Asdf, AsdfConfig
 from asdfviz.methods.followed_state import followed_state
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.network import Detects
+from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
@@ -63,6 +64,8 @@ class AsdfTrackConfig(AsdfConfig):
 
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; the tracker holds what is right."""
+    on_table: OnTableConfig = NO_TABLE
+    """Off: contours and depth settle poses better."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = TRACKED_PLACES

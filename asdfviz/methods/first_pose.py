@@ -7,7 +7,7 @@ network is loaded.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias, runtime_checkable
 
@@ -23,15 +23,15 @@ from asdfviz.geometry.sampling import hull_corners, oriented_surface_points, sur
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Rgb
 from asdfviz.methods.looked_at import Before, LookedAt
 from asdfviz.methods.network import shipped_weights
+from asdfviz.methods.seen_table import table_of
 from asdfviz.pose.box_fit import is_cut_off
 from asdfviz.pose.hypotheses import (
     Candidate,
     HypothesisConfig,
-    PartView,
-    Surface,
-    sampled_depth,
     settle,
 )
+from asdfviz.pose.part_view import PartView, Surface, sampled_depth
+from asdfviz.pose.table import SunkConfig
 
 FirstPose: TypeAlias = Literal["keypoints", "hypotheses"]
 """What the first pose of a part comes from."""
@@ -133,9 +133,18 @@ class CropPoses:
     middles: Mapping[str, Points]
     """(1, 3) `surface_middle` of every part."""
     config: HypothesisConfig
+    sunk: SunkConfig | None = None
+    """What it means to stand in the table; None: nothing."""
 
     @classmethod
-    def of(cls, assembly: Assembly, looker: LooksAtParts, *, config: HypothesisConfig) -> CropPoses:
+    def of(
+        cls,
+        assembly: Assembly,
+        looker: LooksAtParts,
+        *,
+        config: HypothesisConfig,
+        sunk: SunkConfig | None = None,
+    ) -> CropPoses:
         """Sample the parts' surfaces."""
         surfaces: dict[str, Surface] = {}
         middles: dict[str, Points] = {}
@@ -144,7 +153,7 @@ class CropPoses:
             points, normals = oriented_surface_points(mesh.vertices, mesh.faces, SURFACE_POINTS)
             surfaces[name] = Surface(points, normals, hull_corners(mesh.vertices))
             middles[name] = surface_middle(mesh.vertices, mesh.faces)[None]
-        return cls(assembly, looker, surfaces, middles, config)
+        return cls(assembly, looker, surfaces, middles, config, sunk)
 
     def poses(
         self,
@@ -185,13 +194,16 @@ class CropPoses:
         kept: dict[str, LookedAt] = {}
         for name, answer in answers.items():
             view = _view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
+            if use_depth and self.sunk is not None and (table := table_of(frame)) is not None:
+                view = replace(view, table=table.seen_from(view.R_camera_view))
             candidates = self._candidates(name, answer, found[name].box_xyxy, frame)
             if previous and name in previous:
                 R_before = previous[name].T_camera_part[:3, :3]
                 likely = max(previous[name].liked, answer.likelihood(R_before))
                 probability = likely * float(answer.probabilities[0])
                 candidates.insert(0, Candidate(R_before, probability, candidates[0].distance))
-            best = settle(candidates, self.surfaces[name], view, config=self.config)
+            surface = self.surfaces[name]
+            best = settle(candidates, surface, view, config=self.config, sunk=self.sunk)
             if best:
                 kept[name] = LookedAt(tuple(best), answer, found[name])
         return kept
@@ -220,6 +232,7 @@ def crop_poses(
     assembly: Assembly,
     *,
     looker: LooksAtParts | None = None,
+    sunk: SunkConfig | None = None,
 ) -> CropPoses | None:
     """What gives first poses from crops, or None where keypoints are chosen.
 
@@ -228,6 +241,7 @@ def crop_poses(
         config: of the crops.
         assembly: gives parts and the place of the weights.
         looker: used instead of the configured network.
+        sunk: what it means to stand in the table; None: nothing.
 
     Raises:
         WeightsError: there are no weights, or they do not fit.
@@ -236,7 +250,7 @@ def crop_poses(
     if not is_open and chosen_first_pose(first_pose, config, assembly) == "keypoints":
         return None
     chosen = looker or load_looker(config, assembly)
-    return CropPoses.of(assembly, chosen, config=config.hypotheses)
+    return CropPoses.of(assembly, chosen, config=config.hypotheses, sunk=sunk)
 
 
 def best_settled(

@@ -18,6 +18,7 @@ from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 from asdfviz.methods.group_trials import Trial
 from asdfviz.methods.group_views import GroupView, learn_colors, measured_in, view_of
+from asdfviz.methods.one_place import are_near
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.state.colors import Looks
 from asdfviz.state.group_fit import STILL, GroupFitConfig, Measured, probabilities, trusted
@@ -30,6 +31,9 @@ SAME_ANGLE = 0.08
 """Radians."""
 FAR = 0.08
 """Other parts that see the base farther than this from all other accounts of it are wrong, metres."""
+
+TAKEN = 0.5
+"""Score from which another part is where its pose has it, and the base is not."""
 
 
 class GroupFits:
@@ -81,7 +85,7 @@ class GroupFits:
             return None
         learn_colors(self._looks, poses, self._shapes, frame, frame.depth)
         likely = self._likely(belief)
-        Ts_camera_base = self._bases(poses, likely[0], first)
+        Ts_camera_base = self._bases(poses, likely, first)
         if not Ts_camera_base:
             return None
         view = view_of(self._pixels(Ts_camera_base, frame), frame, frame.depth, cells=config.cells)
@@ -107,13 +111,13 @@ class GroupFits:
         return [self._assembly.states[i] for i in np.argsort(-belief)[:2]]
 
     def _bases(
-        self, poses: Mapping[str, PoseEstimate], state: State, first: PoseEstimate | None
+        self, poses: Mapping[str, PoseEstimate], likely: Sequence[State], first: PoseEstimate | None
     ) -> list[Transform]:
         """Where the base may be: by its own pose, as before, or by the parts that the state joins."""
-        base, parts = self._assembly.base, self._assembly.parts
+        base, parts, state = self._assembly.base, self._assembly.parts, likely[0]
         kept: list[Transform] = []
         accounts = [pose.T_camera_part for pose in (poses.get(base), first) if pose is not None]
-        if self._last is not None:
+        if self._last is not None and not self._is_taken(self._last, poses, likely):
             accounts.append(self._last)
         for T in accounts:
             if not any(self._apart(T, other) == 0.0 for other in kept):
@@ -126,6 +130,18 @@ class GroupFits:
                 if apart and 0.0 < min(apart) < FAR:
                     kept.append(T_camera_base)
         return kept
+
+    def _is_taken(
+        self, T_camera_base: Transform, poses: Mapping[str, PoseEstimate], likely: Sequence[State]
+    ) -> bool:
+        """Whether a part that is not joined surely lies where the base would be."""
+        parts, base = self._assembly.parts, self._assembly.parts[self._assembly.base]
+        return any(
+            pose.score >= TAKEN
+            and not any(name in state.T_base_part for state in likely)
+            and are_near(base, T_camera_base, parts[name], pose.T_camera_part)
+            for name, pose in poses.items()
+        )
 
     def _apart(self, T_a: Transform, T_b: Transform) -> float:
         """Distance of the base's middle between two of its poses, metres; 0 where they are one."""

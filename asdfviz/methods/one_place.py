@@ -10,8 +10,8 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly
-from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.datatypes import Assembly, Part
+from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point
 
 NEAR = 0.4
@@ -55,8 +55,18 @@ class OnePlace:
     def _near(self, a: str, b: str, Ts: Mapping[str, Transform], share: float) -> bool:
         if a not in Ts or b not in Ts:
             return False
-        reach = share * min(self._parts[a].diameter, self._parts[b].diameter)
-        return float(np.linalg.norm(self._middle(a, Ts) - self._middle(b, Ts))) < reach
+        return are_near(self._parts[a], Ts[a], self._parts[b], Ts[b], share=share)
 
-    def _middle(self, name: str, Ts: Mapping[str, Transform]) -> Vector:
-        return apply_to_point(Ts[name], self._parts[name].middle)
+
+def are_near(a: Part, T_a: Transform, b: Part, T_b: Transform, *, share: float = NEAR) -> bool:
+    """Whether the middles of two parts are nearer than this share of the smaller diameter.
+
+    Args:
+        a: one part.
+        T_a: its pose T_camera_part, or in any other frame.
+        b: the other part.
+        T_b: its pose in the same frame.
+        share: see above.
+    """
+    apart = apply_to_point(T_a, a.middle) - apply_to_point(T_b, b.middle)
+    return float(np.linalg.norm(apart)) < share * min(a.diameter, b.diameter)

@@ -15,6 +15,7 @@ from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import masks_path
+from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.part_poses import PAPER_ICP
 from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.place_support import SupportConfig
@@ -145,9 +146,11 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     return [
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=blind)),
+        Variant("asdf, nothing known of the table", "asdf", AsdfConfig(on_table=NO_TABLE)),
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=unnamed)),
         Variant("asdf, no strangers", "asdf", AsdfConfig(names=trusting)),
         Variant("asdf_plus", "asdf_plus", plus),
+        Variant("asdf_plus, the table known", "asdf_plus", replace(plus, on_table=OnTableConfig())),
         Variant(
             "asdf_plus, names by the detector alone", "asdf_plus", replace(plus, names=unnamed)
         ),

@@ -16,10 +16,6 @@ from jaxtyping import Float64
 
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import (
-    Box,
-    Depth,
-    Intrinsics,
-    Points,
     Rotation,
     Scores,
     Transform,
@@ -27,8 +23,9 @@ from asdfviz.geometry.shapes import (
 )
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.pose.hypothesis_kernels import agreement, surface_fit
+from asdfviz.pose.part_view import PartView, Surface
+from asdfviz.pose.table import SunkConfig, depth_in_table
 
-Cells: TypeAlias = Float64[np.ndarray, "s s"]
 Poses: TypeAlias = Float64[np.ndarray, "c 4 4"]
 """T_view_part of candidates."""
 Findings: TypeAlias = Float64[np.ndarray, "c 4"]
@@ -70,32 +67,6 @@ class HypothesisConfig:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PartView:
-    """What is seen of one part along the ray through its box."""
-
-    focal: float
-    """Of the view, in cells; its principal point is the middle."""
-    R_camera_view: Rotation
-    """From the view's frame to the camera's; both have the same centre."""
-    outline: Cells
-    """Probability that a cell shows the part."""
-    measured: Cells
-    """Depth along the view's axis in each cell, metres, 0 = none."""
-    box_xyxy: Box
-    """Detected box in the view, cells."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surface:
-    """Points of a part's surface, metres, in its frame."""
-
-    points: Points
-    normals: Points
-    corners: Float64[np.ndarray, "k 3"]
-    """Spanning the outline from every side."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
     """A possible pose."""
 
@@ -119,11 +90,23 @@ class Settled:
 
 
 def settle(
-    candidates: list[Candidate], surface: Surface, view: PartView, *, config: HypothesisConfig
+    candidates: list[Candidate],
+    surface: Surface,
+    view: PartView,
+    *,
+    config: HypothesisConfig,
+    sunk: SunkConfig | None = None,
 ) -> list[Settled]:
     """Score all candidates, refine the best few and return those that agree, the winner first.
 
     Nothing is returned where not even the winner agrees.
+
+    Args:
+        candidates: rotations, the most probable first.
+        surface: of the part.
+        view: what is seen of it.
+        config: how they are compared.
+        sunk: what it means to stand in the view's table; None: nothing.
     """
     if not candidates:
         return []
@@ -133,13 +116,14 @@ def settle(
     prior = np.array([c.probability for c in chosen])
     prior = prior / max(prior.max(), 1e-12)
     Ts, found = _on_depth(Ts, surface, view, config)
-    score = _scores(found, config) + config.prior_weight * prior
+    score = _scores(found, config) + config.prior_weight * prior - _sunk(Ts, surface, view, sunk)
     best = np.argsort(-score)[: config.refined]
     refined = np.stack([_refined(Ts[i], surface, view, config) for i in best])
     both = np.concatenate([refined, Ts[best]])
     found = np.concatenate([_agreement(refined, surface, view, config), found[best]])
     agreed = _scores(found, config)
     score = agreed + config.prior_weight * np.tile(prior[best], 2)
+    score -= _sunk(both, surface, view, sunk)
     T_camera_view = transform_from(view.R_camera_view, np.zeros(3))
     settled: list[Settled] = []
     for place in np.argsort(-score, kind="stable"):
@@ -153,30 +137,6 @@ def settle(
         likely = float(prior[best][place % len(best)])
         settled.append(Settled(T_camera_part, float(np.clip(reached, 0, 1)), has_depth, likely))
     return settled
-
-
-def sampled_depth(
-    depth: Depth, K: Intrinsics, R_camera_view: Rotation, *, focal: float, side: int
-) -> Cells:
-    """Measured depth along the axis of a view, at the centres of its cells; 0 = none.
-
-    Args:
-        depth: planar depth of the frame, metres, 0 = none.
-        K: the frame's intrinsics.
-        R_camera_view: the view's camera in the frame's.
-        focal: of the view, cells.
-        side: of the view, cells.
-    """
-    place = np.arange(side) - (side - 1) / 2
-    x, y = np.meshgrid(place / focal, place / focal)
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ R_camera_view.T
-    u = np.rint(K[0, 0] * rays[..., 0] / rays[..., 2] + K[0, 2])
-    v = np.rint(K[1, 1] * rays[..., 1] / rays[..., 2] + K[1, 2])
-    height, width = depth.shape
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (rays[..., 2] > 1e-3)
-    rows, columns = np.where(inside, v, 0).astype(np.intp), np.where(inside, u, 0).astype(np.intp)
-    # A point at planar depth d on a ray of unit view depth lies at d / (ray's planar depth).
-    return np.where(inside, depth[rows, columns] / np.where(inside, rays[..., 2], 1.0), 0.0)
 
 
 def _placed(
@@ -216,6 +176,14 @@ def _agreement(Ts: Poses, surface: Surface, view: PartView, config: HypothesisCo
 def _scores(found: Findings, config: HypothesisConfig) -> Scores:
     counted = found[:, 2] >= config.min_readings
     return found[:, 0] + config.depth_weight * found[:, 1] * counted
+
+
+def _sunk(Ts: Poses, surface: Surface, view: PartView, config: SunkConfig | None) -> Scores:
+    """What speaks against poses that have the part in the table."""
+    if view.table is None or config is None:
+        return np.zeros(len(Ts))
+    deep = depth_in_table(Ts, surface.corners, view.table, depth=view.measured, K=view.K)
+    return config.weight * config.share(deep, surface.diameter)
 
 
 def _most(config: HypothesisConfig, has_depth: bool) -> float:

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Mesh
+from asdfviz.pose.resting import RestingFace, center_of_mass, resting_faces
 from asdfviz.synth.description import Placed
 from asdfviz.synth.hands import GRASPS, HandMesh, hand_mesh
 from asdfviz.synth.mesh_bank import MeshBank, clustered
 from asdfviz.synth.primitives import distractor_meshes
-from asdfviz.synth.resting import RestingFace, center_of_mass, resting_faces
 
 Cloud = Float64[np.ndarray, "_ 3"]
 """Points whose number differs from cloud to cloud."""

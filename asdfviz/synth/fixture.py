@@ -8,11 +8,11 @@ import numpy as np
 
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply
+from asdfviz.pose.resting import CONTACT
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Placed
 from asdfviz.synth.looks import plastic, random_hue
 from asdfviz.synth.penetration import Solid
-from asdfviz.synth.resting import CONTACT
 from asdfviz.synth.ways import Body
 
 _SIDES = (0.06, 0.045, 0.03, 0.02, 0.012)

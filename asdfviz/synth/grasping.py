@@ -15,13 +15,13 @@ from jaxtyping import Float64, Int64
 
 from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse
+from asdfviz.pose.resting import sphere
 from asdfviz.synth.assets import Cloud
 from asdfviz.synth.hands import GRASPS, hand_mesh
 from asdfviz.synth.layout import Outfit
 from asdfviz.synth.motion import moved
 from asdfviz.synth.penetration import Solid, depth
 from asdfviz.synth.pinching import pinches
-from asdfviz.synth.resting import sphere
 from asdfviz.synth.ways import Body
 
 BACK = 0.06

@@ -11,12 +11,12 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly
 from asdfviz.geometry.shapes import Intrinsics, Points, Rotation, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
+from asdfviz.pose.resting import RestingFace, footprint, overlap, resting_faces
 from asdfviz.synth.assets import SLEEVE_CUTS, Assets
 from asdfviz.synth.description import Finish, Placed
 from asdfviz.synth.hands import HOLDING
 from asdfviz.synth.joint_motion import random_rotation
 from asdfviz.synth.looks import plastic, random_hue, skin, sleeve
-from asdfviz.synth.resting import RestingFace, footprint, overlap, resting_faces
 
 GROUP_THROWS = 24
 """From so many sides a joined group is put down to find how it can stand."""

@@ -11,6 +11,7 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, transform_from
+from asdfviz.pose.resting import footprint, overlap
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.clearance import given_way, snapped
 from asdfviz.synth.description import Ground, Light, Placed
@@ -22,7 +23,6 @@ from asdfviz.synth.layout import Outfit, Table, dress, turn_z
 from asdfviz.synth.looks import any_grounds, random_lights, theatre
 from asdfviz.synth.motion import moved
 from asdfviz.synth.penetration import Solid, solid_of
-from asdfviz.synth.resting import footprint, overlap
 from asdfviz.synth.routes import free_targets
 from asdfviz.synth.scene import camera_for, random_view
 from asdfviz.synth.script import Director

@@ -17,13 +17,13 @@ from asdfviz.geometry.transforms import (
     rotation_angle,
     transform_from,
 )
+from asdfviz.pose.resting import RestingFace, footprint, overlap
 from asdfviz.synth.assets import Cloud
 from asdfviz.synth.grasping import Grip, arm_outline, hand_points, scaled
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
 from asdfviz.synth.layout import Outfit, turn_z
 from asdfviz.synth.motion import blend, moved
 from asdfviz.synth.penetration import Solid
-from asdfviz.synth.resting import RestingFace, footprint, overlap
 from asdfviz.synth.ways import TOLERANCE, Body, deepest, lowest, touches
 
 CLEARANCE = 0.008

@@ -10,10 +10,10 @@ import numpy as np
 from asdfviz.datatypes import Assembly
 from asdfviz.geometry.shapes import Points, Rotation, Transform, Vector
 from asdfviz.geometry.transforms import apply, rotation_angle, transform_from
+from asdfviz.pose.resting import RestingFace, center_of_mass, footprint, support_margin
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Placed
 from asdfviz.synth.layout import Table, group_points, lowered, place_distractor, turn_z
-from asdfviz.synth.resting import RestingFace, center_of_mass, footprint, support_margin
 from asdfviz.synth.ways import Way
 
 CENTRAL = (0.24, 0.14)

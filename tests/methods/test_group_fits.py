@@ -67,6 +67,17 @@ def test_a_base_that_is_not_where_its_pose_says_decides_nothing(toy) -> None:
     assert fits_of(toy.assembly).step(found(off), KNOWN, toy.frame(1, true)) is None
 
 
+@pytest.mark.parametrize(("score", "is_taken"), [(0.9, True), (0.3, False)])
+def test_a_base_is_not_remembered_where_another_part_surely_lies(
+    toy, score: float, is_taken: bool
+) -> None:
+    true = toy.poses(joined=False)
+    fits, frame = fits_of(toy.assembly), toy.frame(1, {"base": true["base"]})
+    assert fits.step(found(true["base"]), KNOWN, frame) is not None
+    pin = {"pin": PoseEstimate("pin", true["base"], score, "refined")}
+    assert (fits.step(pin, KNOWN, frame) is None) == is_taken
+
+
 def test_a_poor_pose_of_the_base_is_mended_by_the_group(toy) -> None:
     true = toy.poses(joined=True)
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), 0.12)

@@ -18,11 +18,10 @@ from asdfviz.geometry.transforms import (
 from asdfviz.pose.hypotheses import (
     Candidate,
     HypothesisConfig,
-    PartView,
-    Surface,
-    sampled_depth,
     settle,
 )
+from asdfviz.pose.part_view import PartView, Surface, sampled_depth
+from asdfviz.pose.table import SunkConfig, Table
 
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
 SIDE = 40
@@ -112,6 +111,23 @@ def test_the_outline_alone_finds_it_too() -> None:
     assert not settled.refined
     assert error_deg(settled.T_camera_part) < 12
     assert np.linalg.norm(settled.T_camera_part[:3, 3] - T_TRUE[:3, 3]) < 0.03
+
+
+def test_a_pose_in_the_table_loses_to_one_on_it() -> None:
+    here, config = view(with_depth=False), HypothesisConfig(prior_weight=0.0)
+    wrong = candidates(off_deg=10)[:-1]
+
+    def deepest(seen: PartView, sunk: SunkConfig | None) -> float:
+        settled, *_ = settle(wrong, SURFACE, seen, config=config, sunk=sunk)
+        T_view_part = here.R_camera_view.T @ settled.T_camera_part[:3]
+        return float((VERTICES @ T_view_part[:, :3].T + T_view_part[:, 3])[:, 2].max())
+
+    told = SunkConfig(weight=2.0)
+    free = deepest(here, None)
+    table = Table(np.array([0.0, 0.0, -1.0]), free - 0.02)
+    assert deepest(replace(here, table=table), None) == free
+    assert deepest(here, told) == free
+    assert deepest(replace(here, table=table), told) < free - 0.005
 
 
 def test_a_probable_rotation_wins_among_equals() -> None:

@@ -15,12 +15,12 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
+from asdfviz.pose.resting import center_of_mass, support_margin
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.film import Moment
 from asdfviz.synth.grasping import scaled
 from asdfviz.synth.hands import hand_mesh
 from asdfviz.synth.penetration import Solid, depth, penetration, solid_of, surface_distance
-from asdfviz.synth.resting import center_of_mass, support_margin
 from asdfviz.synth.routes import OFFSET_DEG, OFFSET_MM
 from asdfviz.synth.script import UNLISTED
 from asdfviz.synth.sequences import Play, SequenceConfig, condition_config, plan_sequence

@@ -1,0 +1,145 @@
+"""The table in the depth image, and how deep a pose would have a part stand in it.
+
+Not in the paper. A part that is taken end for end, or for another one, may well show the outline and the
+front that the camera measured; its far side then often lies under the table, where nothing can be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Rotation, Scores, Vector
+
+TRIALS = 64
+"""Planes that are tried."""
+SAMPLES = 1500
+"""Readings that judge them."""
+BEYOND = 0.015
+"""Where a reading is farther than the table by this, one looks past its edge, metres."""
+
+
+@dataclass(frozen=True)
+class TableConfig:
+    """What counts as a table."""
+
+    margin: float = 0.006
+    """Readings this near to a plane lie on it, metres."""
+    share: float = 0.25
+    """Share of all readings that the table has at least, 0 to 1."""
+
+
+@dataclass(frozen=True)
+class SunkConfig:
+    """How much it speaks against a pose that the part would stand in the table."""
+
+    weight: float = 0.5
+    """Of all that it can say, against an outline that agrees."""
+    free: float = 0.001
+    """Up to this deep it says nothing, since readings err, metres,"""
+    free_share: float = 0.04
+    """and this share of the diameter more, since rotations do;"""
+    full_share: float = 0.1
+    """from this share of the diameter deeper on it says all that it can."""
+    lift: float = 0.02
+    """What lies deeper than that by no more than this was moved too far by depth, smeared at its
+    edges: it is lifted, metres."""
+
+    def too_deep(self, depths: Scores, diameter: float) -> Scores:
+        """How much deeper parts of that diameter stand in the table than errors explain, metres."""
+        return np.maximum(depths - self.free - self.free_share * diameter, 0.0)
+
+    def share(self, depths: Scores, diameter: float) -> Scores:
+        """From how deep parts stand in the table, metres, to what that says, 0 to 1."""
+        return np.minimum(self.too_deep(depths, diameter) / (self.full_share * diameter), 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """A plane in the frame of a camera."""
+
+    normal: Vector
+    """Towards the camera, of length 1."""
+    offset: float
+    """normal . p + offset is the height of a point p above the table, metres."""
+
+    def seen_from(self, R_camera_view: Rotation) -> Table:
+        """The same table in the frame of a view with the same centre."""
+        return Table(R_camera_view.T @ self.normal, self.offset)
+
+
+def largest_plane(depth: Depth, K: Intrinsics, *, config: TableConfig) -> Table | None:
+    """The plane that most readings lie on, None where too few do.
+
+    Args:
+        depth: planar depth, metres, 0 = none.
+        K: its intrinsics.
+        config: what counts.
+    """
+    rows, columns = np.nonzero(depth > 0)
+    if len(rows) < 3 * SAMPLES:
+        return None
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(rows), SAMPLES, replace=False)
+    z = depth[rows[chosen], columns[chosen]].astype(np.float64)
+    x = (columns[chosen] - K[0, 2]) / K[0, 0] * z
+    y = (rows[chosen] - K[1, 2]) / K[1, 1] * z
+    points = np.stack([x, y, z], axis=1)
+    corners = points[rng.integers(0, SAMPLES, (TRIALS, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = normals / np.maximum(lengths, 1e-12)
+    heights = normals @ points.T - (normals * corners[:, 0]).sum(axis=1, keepdims=True)
+    on = np.abs(heights) < config.margin
+    best = int((on.sum(axis=1) * (lengths[:, 0] > 1e-9)).argmax())
+    if on[best].mean() < config.share:
+        return None
+    return _fitted(points, on[best], config)
+
+
+def _fitted(points: Points, near: np.ndarray, config: TableConfig) -> Table:
+    """Least squares through the readings on the plane, twice."""
+    normal: Vector = np.zeros(3)
+    middle: Vector = np.zeros(3)
+    for _ in range(2):
+        middle = points[near].mean(axis=0)
+        normal = np.linalg.svd(points[near] - middle, full_matrices=False)[2][2]
+        near = np.abs((points - middle) @ normal) < config.margin
+    normal = -normal if normal[2] > 0 else normal
+    return Table(normal, float(-normal @ middle))
+
+
+def depth_in_table(
+    Ts: Float64[np.ndarray, "c 4 4"],
+    corners: Points,
+    table: Table,
+    *,
+    depth: Float64[np.ndarray, "h w"] | Depth,
+    K: Intrinsics,
+) -> Float64[np.ndarray, "c"]:
+    """How deep the lowest corner of a part lies under the table in each of its poses, metres.
+
+    What lies outside the image, or where one looks past the table's edge, is not under it.
+
+    Args:
+        Ts: poses of the part in the table's frame.
+        corners: spanning the part's outline, metres.
+        table: as seen.
+        depth: planar depth in the same frame, metres, 0 = none.
+        K: its intrinsics.
+    """
+    points = corners @ Ts[:, :3, :3].transpose(0, 2, 1) + Ts[:, None, :3, 3]
+    under = -(points @ table.normal + table.offset)
+    z = np.maximum(points[..., 2], 1e-6)
+    x, y = points[..., 0] / z, points[..., 1] / z
+    u, v = np.rint(K[0, 0] * x + K[0, 2]), np.rint(K[1, 1] * y + K[1, 2])
+    height, width = depth.shape
+    inside = (points[..., 2] > 1e-3) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    rows = np.where(inside, v, 0).astype(np.intp)
+    columns = np.where(inside, u, 0).astype(np.intp)
+    towards = table.normal[0] * x + table.normal[1] * y + table.normal[2]
+    there = table.offset / np.maximum(-towards, 1e-6)
+    is_hidden = inside & (depth[rows, columns] < there + BEYOND)
+    return np.where(is_hidden, under, 0.0).max(axis=1, initial=0.0)

@@ -1,0 +1,55 @@
+"""The toy's base on the table behind it, tilted or too deep, and a block held above it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import PoseEstimate
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.methods.on_table import NO_TABLE, OnTableConfig, on_table
+from asdfviz.methods.part_poses import part_shapes
+from asdfviz.methods.seen_table import table_of
+
+LYING = transform_from(np.eye(3), np.array([0.03, 0.02, 0.74]))
+"""The base, 20 mm thick, on the toy's table 0.75 m away."""
+
+
+def moved(turn: float, deeper: float) -> np.ndarray:
+    R = rotation_about(np.array([1.0, 0.4, 0.0]), turn)
+    return transform_from(R, LYING[:3, 3] * (1 + deeper / LYING[2, 3]))
+
+
+def settled(toy, T: np.ndarray, name: str = "base", config: OnTableConfig | None = None):
+    frame = toy.frame(0, {"base": LYING})
+    shapes = part_shapes(toy.assembly, surface_points=1500)
+    poses = {name: PoseEstimate(name, T, 0.7, "refined")}
+    found = on_table(poses, toy.assembly, shapes, frame, config=config or OnTableConfig())
+    return found[name]
+
+
+@pytest.mark.parametrize(("turn", "deeper"), [(0.1, 0.0), (0.0, 0.008), (0.12, 0.003)])
+def test_what_lies_on_the_table_is_laid_flat_on_it(toy, turn: float, deeper: float) -> None:
+    found = settled(toy, moved(turn, deeper))
+    np.testing.assert_allclose(found.T_camera_part, LYING, atol=3e-3)
+    assert found.score == 0.7
+    assert found.stage == "refined"
+
+
+def test_poses_stay_where_the_table_has_no_say(toy) -> None:
+    tilted = moved(0.1, 0.0)
+    assert np.array_equal(settled(toy, tilted, config=NO_TABLE).T_camera_part, tilted)
+    held = transform_from(np.eye(3), np.array([0.0, 0.0, 0.6]))
+    assert np.array_equal(settled(toy, held, "block").T_camera_part, held)
+    frame = toy.frame(1)
+    assert table_of(frame) is None
+    poses = {"base": PoseEstimate("base", tilted, 0.7, "refined")}
+    shapes = part_shapes(toy.assembly, surface_points=300)
+    assert on_table(poses, toy.assembly, shapes, frame, config=OnTableConfig()) == poses
+
+
+def test_what_would_stand_in_the_table_is_lifted_where_it_does_not_lie_flat(toy) -> None:
+    steep = transform_from(rotation_about(np.array([1.0, 0, 0]), 0.6), np.array([0.0, 0.0, 0.745]))
+    found = settled(toy, steep).T_camera_part
+    assert np.array_equal(found[:3, :3], steep[:3, :3])
+    assert found[2, 3] < steep[2, 3] - 0.005

@@ -1,0 +1,76 @@
+"""A block on a table, taken to be tilted, too deep or above it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from asdfviz.datatypes import Mesh
+from asdfviz.geometry.transforms import apply, rotation_about, rotation_angle, transform_from
+from asdfviz.pose.standing import StandingConfig, laid_flat, lifted, sides
+from asdfviz.pose.table import SunkConfig, Table
+
+BOX = trimesh.creation.box((0.06, 0.04, 0.02))
+MESH = Mesh(np.asarray(BOX.vertices, np.float64), np.asarray(BOX.faces, np.int32))
+CORNERS = MESH.vertices
+K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
+NORMAL = np.array([0.0, 0.3, -1.0]) / np.linalg.norm([0.0, 0.3, -1.0])
+TABLE = Table(NORMAL, 0.6)
+DEPTH = np.full((240, 320), 0.5, np.float32)
+LYING = transform_from(
+    np.stack([np.array([1.0, 0, 0]), np.cross(NORMAL, [1.0, 0, 0]), NORMAL], axis=1),
+    -0.59 * NORMAL,
+)
+"""On its largest side, 10 mm under its middle."""
+
+
+def heights(T: np.ndarray) -> np.ndarray:
+    return apply(T, CORNERS) @ NORMAL + 0.6
+
+
+def flat(T: np.ndarray) -> np.ndarray | None:
+    return laid_flat(T, sides(MESH), CORNERS, TABLE, config=StandingConfig(), lift=0.02)
+
+
+def test_a_block_has_six_sides() -> None:
+    found = {tuple(np.round(down, 6)) for down in sides(MESH)}
+    assert len(found) == 6
+    assert {tuple(s * axis) for axis in np.eye(3) for s in (1, -1)} == found
+
+
+@pytest.mark.parametrize("rise", [-0.003, -0.006, -0.012])
+def test_a_block_that_nearly_lies_there_is_laid_flat_where_it_is_seen(rise: float) -> None:
+    tilt = transform_from(rotation_about(np.array([0.3, 1.0, 0.0]), 0.15), np.zeros(3))
+    T = LYING @ tilt
+    T[:3, 3] += (rise - heights(T).min()) * NORMAL
+    found = flat(T)
+    assert found is not None
+    lowest = np.sort(heights(found))[:4]
+    np.testing.assert_allclose(lowest, lowest[0], atol=1e-6)
+    assert -0.002 - 1e-6 < lowest[0] < 0.003
+    assert rotation_angle(found[:3, :3].T @ T[:3, :3]) == pytest.approx(0.15, abs=0.01)
+    np.testing.assert_allclose(found[:2, 3] / found[2, 3], T[:2, 3] / T[2, 3], atol=1e-9)
+
+
+@pytest.mark.parametrize("case", ["tilted", "held", "deep"])
+def test_what_does_not_lie_there_stays(case: str) -> None:
+    T = LYING.copy()
+    if case == "tilted":
+        T = T @ transform_from(rotation_about(np.array([1.0, 0, 0]), 0.5), np.zeros(3))
+    T[:3, 3] += {"held": 0.005, "deep": -0.03}.get(case, 0.0) * NORMAL
+    assert flat(T) is None
+
+
+def test_a_part_in_the_table_is_lifted_along_its_ray() -> None:
+    T = LYING.copy()
+    T[:3, 3] -= 0.012 * NORMAL
+    config = SunkConfig()
+    found = lifted(T, CORNERS, TABLE, depth=DEPTH, K=K, config=config)
+    assert found is not None
+    free = config.free + config.free_share * float(np.linalg.norm([0.06, 0.04, 0.02]))
+    assert heights(found).min() == pytest.approx(-free, abs=1e-6)
+    np.testing.assert_allclose(found[:2, 3] / found[2, 3], T[:2, 3] / T[2, 3], atol=1e-9)
+    assert lifted(LYING, CORNERS, TABLE, depth=DEPTH, K=K, config=config) is None
+    T[:3, 3] -= 0.03 * NORMAL
+    assert lifted(T, CORNERS, TABLE, depth=DEPTH, K=K, config=config) is None
