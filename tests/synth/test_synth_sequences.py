@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,8 +22,13 @@ CONFIG = SequenceConfig()
 
 
 @pytest.fixture(scope="module", params=[1, 2, 77])
-def play(toy_assets: Assets, request: pytest.FixtureRequest) -> Play:
-    return plan_sequence(toy_assets, seed=request.param, config=CONFIG)
+def play(
+    toy_assets: Assets,
+    request: pytest.FixtureRequest,
+    unchecked: Callable[[], AbstractContextManager[None]],
+) -> Play:
+    with unchecked():
+        return plan_sequence(toy_assets, seed=request.param, config=CONFIG)
 
 
 def test_every_state_comes_in_order_with_one_error_corrected(play: Play, toy: Assembly) -> None:
