@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Rotation, Scores, Vector
 
 TRIALS = 64
@@ -46,6 +47,14 @@ class SunkConfig:
     lift: float = 0.02
     """What lies deeper than that by no more than this was moved too far by depth, smeared at its
     edges: it is lifted, metres."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if min(self.free, self.free_share, self.lift) < 0 or self.full_share <= 0:
+            raise MethodError(
+                f"sunk.free is {self.free:g}, free_share {self.free_share:g}, lift {self.lift:g} and "
+                f"full_share {self.full_share:g}: full_share must be above 0, the others 0 or more"
+            )
 
     def too_deep(self, depths: Scores, diameter: float) -> Scores:
         """How much deeper parts of that diameter stand in the table than errors explain, metres."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.pose.table import SunkConfig, Table, TableConfig, depth_in_table, largest_plane
 
@@ -82,3 +83,9 @@ def test_a_view_with_the_same_centre_sees_the_same_heights() -> None:
 def test_slight_depths_say_nothing_and_large_ones_no_more_than_all() -> None:
     shares = SunkConfig().share(np.array([0.0, 0.005, 0.01, 0.5]), 0.1)
     np.testing.assert_allclose(shares, [0, 0, 0.5, 1])
+
+
+@pytest.mark.parametrize("wrong", [{"full_share": 0.0}, {"free": -0.001}, {"lift": -1.0}])
+def test_limits_out_of_range_are_named(wrong: dict[str, float]) -> None:
+    with pytest.raises(MethodError, match="full_share must be above 0"):
+        SunkConfig(**wrong)
