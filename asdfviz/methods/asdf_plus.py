@@ -61,7 +61,7 @@ class AsdfPlusConfig(AsdfConfig):
     joined: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=True))
     """State helps pose, after the registration."""
     on_table: OnTableConfig = NO_TABLE
-    """Off: contours and depth settle poses better."""
+    """Off: contours settle poses here."""
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; runners-up are kept besides."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))

@@ -65,7 +65,7 @@ class AsdfTrackConfig(AsdfConfig):
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; the tracker holds what is right."""
     on_table: OnTableConfig = NO_TABLE
-    """Off: contours and depth settle poses better."""
+    """Off: contours settle poses here."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = TRACKED_PLACES

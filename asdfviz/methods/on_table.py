@@ -35,7 +35,7 @@ class OnTableConfig:
 
 
 NO_TABLE = OnTableConfig(enabled=False)
-"""For methods whose contours settle poses better."""
+"""For methods whose contours settle poses: their rotations gain little, their states lose."""
 
 
 def on_table(

@@ -40,11 +40,6 @@ class PartShape:
     corners: Float64[np.ndarray, "corners 3"]
     """Spanning the outline from every side."""
 
-    @property
-    def diameter(self) -> float:
-        """Of the box around the part, metres."""
-        return float(np.linalg.norm(np.ptp(self.corners, axis=0)))
-
 
 def part_shapes(assembly: Assembly, *, surface_points: int) -> dict[str, PartShape]:
     """Every part's shape, with so many points on its surface."""

@@ -18,6 +18,9 @@ from asdfviz.geometry.transforms import apply_to_point, rotation_about, transfor
 from asdfviz.pose.resting import center_of_mass, resting_faces
 from asdfviz.pose.table import SunkConfig, Table, depth_in_table
 
+STEEP = -0.2
+"""Cosine between the table's normal and a ray above which the ray is too level to move along."""
+
 
 @dataclass(frozen=True)
 class StandingConfig:
@@ -73,10 +76,8 @@ def laid_flat(
     middle_part = corners.mean(axis=0)
     middle = apply_to_point(T_camera_part, middle_part)
     R_flat = R @ T_camera_part[:3, :3]
-    height = float((corners @ (R_flat.T @ table.normal)).min()) - middle_part @ (
-        R_flat.T @ table.normal
-    )
-    height += middle @ table.normal + table.offset
+    lowest = float(((corners - middle_part) @ (R_flat.T @ table.normal)).min())
+    height = lowest + float(middle @ table.normal) + table.offset
     if not -lift <= height <= config.above:
         return None
     rise = max(-config.below - height, 0.0)
@@ -117,7 +118,7 @@ def _moved(
     """The pose moved along the ray through its middle until it is so much higher."""
     ray = middle / np.linalg.norm(middle)
     steep = float(table.normal @ ray)
-    if steep > -0.2:
+    if steep > STEEP:
         return None
     moved = T_camera_part.copy()
     moved[:3, 3] += rise / steep * ray
