@@ -15,6 +15,11 @@ _EDGES = [
     (a, b) for a in range(8) for b in range(a + 1, 8) if (_CORNERS[a] ^ _CORNERS[b]).sum() == 1
 ]
 
+_BLOCK = 4
+"""Grid points along a side of the blocks that are looked at first."""
+_STEEPEST = 1.3
+"""A signed distance of tapered bones grows by no more than this a metre."""
+
 
 def mesh_implicit(
     distance: Callable[[Points], Float64[np.ndarray, "n"]],
@@ -32,8 +37,7 @@ def mesh_implicit(
         step: cell size, metres.
     """
     shape = np.ceil((high - low) / step).astype(int) + 1
-    grid = np.indices(tuple(shape)).reshape(3, -1).T
-    values = distance(low + step * grid).reshape(tuple(shape))
+    values = _sampled(distance, low, shape, step=step)
     cells = shape - 1
     corner_values = np.stack(
         [
@@ -60,6 +64,33 @@ def mesh_implicit(
     for _ in range(2):
         vertices = _nearer(distance, vertices, step=step)
     return Mesh(vertices, _quads(values, index))
+
+
+def _sampled(
+    distance: Callable[[Points], Float64[np.ndarray, "n"]],
+    low: Vector,
+    shape: np.ndarray,
+    *,
+    step: float,
+) -> Float64[np.ndarray, "x y z"]:
+    """The distance on a grid, near its zero set; farther away only its sign, as -1 and 1."""
+    blocks = -(-shape // _BLOCK)
+    middle = (_BLOCK - 1) / 2
+    centres = low + step * (_BLOCK * np.indices(tuple(blocks)).reshape(3, -1).T + middle)
+    rough = distance(centres).reshape(tuple(blocks))
+    # From a block's centre to its corners, and one cell on.
+    is_near = np.abs(rough) < _STEEPEST * step * (middle * np.sqrt(3) + 1)
+    values = np.where(_spread(rough, shape) < 0, -1.0, 1.0)
+    near = np.argwhere(_spread(is_near, shape))
+    values[tuple(near.T)] = distance(low + step * near)
+    return values
+
+
+def _spread(blocks: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """What is known of blocks, for each of their cells."""
+    for axis in range(3):
+        blocks = blocks.repeat(_BLOCK, axis=axis)
+    return blocks[: shape[0], : shape[1], : shape[2]]
 
 
 def _nearer(
