@@ -31,7 +31,7 @@ from asdfviz.pose.hypotheses import (
     settle,
 )
 from asdfviz.pose.part_view import PartView, Surface, sampled_depth
-from asdfviz.pose.table import SunkConfig
+from asdfviz.pose.table import SunkConfig, table_around
 
 FirstPose: TypeAlias = Literal["keypoints", "hypotheses"]
 """What the first pose of a part comes from."""
@@ -194,8 +194,8 @@ class CropPoses:
         kept: dict[str, LookedAt] = {}
         for name, answer in answers.items():
             view = _view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
-            if use_depth and self.sunk is not None and (table := table_of(frame)) is not None:
-                view = replace(view, table=table.seen_from(view.R_camera_view))
+            if use_depth and self.sunk is not None:
+                view = _with_table(view, found[name].box_xyxy, frame)
             candidates = self._candidates(name, answer, found[name].box_xyxy, frame)
             if previous and name in previous:
                 R_before = previous[name].T_camera_part[:3, :3]
@@ -263,6 +263,15 @@ def best_settled(
         score = found[name].score * best.agreement
         poses[name] = PoseEstimate(name, best.T_camera_part, score, "crop")
     return poses
+
+
+def _with_table(view: PartView, box_xyxy: Box, frame: Frame) -> PartView:
+    """The view with the table around the box, if there is one."""
+    table = table_of(frame)
+    if table is None or frame.depth is None:
+        return view
+    near = table_around(box_xyxy, table, depth=frame.depth, K=frame.camera.K)
+    return view if near is None else replace(view, table=near.seen_from(view.R_camera_view))
 
 
 def _view(answer: CropAnswer, box_xyxy: Box, frame: Frame, *, use_depth: bool) -> PartView:

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_of
 from asdfviz.pose.depth_fit import depth_fit
 from asdfviz.pose.standing import StandingConfig, laid_flat, lifted, sides
-from asdfviz.pose.table import SunkConfig, Table
+from asdfviz.pose.table import SunkConfig, Table, table_around
 
 MARGIN = 0.004
 """Readings this near to the surface agree with it, metres."""
@@ -47,12 +48,16 @@ def on_table(
     config: OnTableConfig,
 ) -> dict[str, PoseEstimate]:
     """The poses: what lies on the table flat on it, and nothing in it."""
-    table = table_of(frame) if config.enabled else None
-    if table is None:
+    everywhere = table_of(frame) if config.enabled else None
+    if everywhere is None or frame.depth is None:
         return dict(poses)
     result = dict(poses)
     for name, pose in poses.items():
         shape, T = shapes[name], pose.T_camera_part
+        box, K = projected_box(T, shape, frame), frame.camera.K
+        table = table_around(box, everywhere, depth=frame.depth, K=K)
+        if table is None:
+            continue
         moved = laid_flat(
             T,
             sides(assembly.parts[name].mesh),
@@ -64,7 +69,7 @@ def on_table(
         least = _share(T, shape, frame) - config.standing.worse
         if moved is None or _share(moved, shape, frame) < least:
             moved = _lifted(T, shape, table, frame, config.sunk)
-        if moved is not None:
+        if moved is not None and _share(moved, shape, frame) >= least:
             result[name] = replace(pose, T_camera_part=moved)
     return result
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Rotation, Scores, Vector
+from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Rotation, Scores, Vector
 
 TRIALS = 64
 """Planes that are tried."""
@@ -20,6 +20,13 @@ SAMPLES = 1500
 """Readings that judge them."""
 BEYOND = 0.015
 """Where a reading is farther than the table by this, one looks past its edge, metres."""
+
+AROUND = 0.6
+"""The table around a box is taken so many of its sides from it,"""
+GRID = 32
+"""from no more readings across than about twice this,"""
+LEAST = 30
+"""and is not known from fewer."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +125,34 @@ def _fitted(points: Points, near: np.ndarray, config: TableConfig) -> Table:
         near = np.abs((points - middle) @ normal) < config.margin
     normal = -normal if normal[2] > 0 else normal
     return Table(normal, float(-normal @ middle))
+
+
+def table_around(box_xyxy: Box, table: Table, *, depth: Depth, K: Intrinsics) -> Table | None:
+    """The table at the height that it has around a box; None where too little of it is seen.
+
+    Lenses bend planes by millimetres from one side of the image to the other.
+
+    Args:
+        box_xyxy: around a part, pixels.
+        table: as all of the image has it.
+        depth: planar depth, metres, 0 = none.
+        K: its intrinsics.
+    """
+    size = AROUND * (box_xyxy[2:] - box_xyxy[:2])
+    most = np.array(depth.shape[::-1]) - 1
+    low = np.clip(box_xyxy[:2] - size, 0, most).astype(int)
+    high = np.clip(box_xyxy[2:] + size, 0, most).astype(int)
+    step = max(1, int((high - low).max()) // GRID)
+    rows, columns = np.mgrid[low[1] : high[1] + 1 : step, low[0] : high[0] + 1 : step]
+    z = depth[rows, columns].astype(np.float64)
+    x, y = (columns - K[0, 2]) / K[0, 0], (rows - K[1, 2]) / K[1, 1]
+    height = z * (table.normal[0] * x + table.normal[1] * y + table.normal[2]) + table.offset
+    inner = (columns >= box_xyxy[0]) & (columns <= box_xyxy[2])
+    inner = inner & (rows >= box_xyxy[1]) & (rows <= box_xyxy[3])
+    seen = height[(z > 0) & ~inner & (np.abs(height) < BEYOND)]
+    if len(seen) < LEAST:
+        return None
+    return Table(table.normal, table.offset - float(np.median(seen)))
 
 
 def depth_in_table(

@@ -20,8 +20,14 @@ def moved(turn: float, deeper: float) -> np.ndarray:
     return transform_from(R, LYING[:3, 3] * (1 + deeper / LYING[2, 3]))
 
 
-def settled(toy, T: np.ndarray, name: str = "base", config: OnTableConfig | None = None):
-    frame = toy.frame(0, {"base": LYING})
+def settled(
+    toy,
+    T: np.ndarray,
+    name: str = "base",
+    config: OnTableConfig | None = None,
+    true: np.ndarray = LYING,
+):
+    frame = toy.frame(0, {"base": true})
     shapes = part_shapes(toy.assembly, surface_points=1500)
     poses = {name: PoseEstimate(name, T, 0.7, "refined")}
     found = on_table(poses, toy.assembly, shapes, frame, config=config or OnTableConfig())
@@ -48,8 +54,21 @@ def test_poses_stay_where_the_table_has_no_say(toy) -> None:
     assert on_table(poses, toy.assembly, shapes, frame, config=OnTableConfig()) == poses
 
 
+STEEP = transform_from(rotation_about(np.array([1.0, 0, 0]), 0.6), np.array([0.0, 0.0, 0.718]))
+"""The base on edge, 1 mm above the table at most."""
+
+
 def test_what_would_stand_in_the_table_is_lifted_where_it_does_not_lie_flat(toy) -> None:
-    steep = transform_from(rotation_about(np.array([1.0, 0, 0]), 0.6), np.array([0.0, 0.0, 0.745]))
-    found = settled(toy, steep).T_camera_part
-    assert np.array_equal(found[:3, :3], steep[:3, :3])
-    assert found[2, 3] < steep[2, 3] - 0.005
+    deep = STEEP.copy()
+    deep[:3, 3] *= 1 + 0.02 / deep[2, 3]
+    found = settled(toy, deep, true=STEEP).T_camera_part
+    assert np.array_equal(found[:3, :3], deep[:3, :3])
+    np.testing.assert_allclose(found[:3, 3], STEEP[:3, 3], atol=0.009)
+    assert found[2, 3] < deep[2, 3] - 0.008
+
+
+def test_nothing_is_lifted_against_what_depth_shows(toy) -> None:
+    """In real frames small parts are measured as if they stood in the table."""
+    deep = STEEP.copy()
+    deep[:3, 3] *= 1 + 0.02 / deep[2, 3]
+    assert np.array_equal(settled(toy, deep, true=deep).T_camera_part, deep)

@@ -7,7 +7,14 @@ import pytest
 
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.pose.table import SunkConfig, Table, TableConfig, depth_in_table, largest_plane
+from asdfviz.pose.table import (
+    SunkConfig,
+    Table,
+    TableConfig,
+    depth_in_table,
+    largest_plane,
+    table_around,
+)
 
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
 CUBE = 0.01 * np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(-1, 3).astype(float)
@@ -69,6 +76,22 @@ def test_nothing_is_in_the_table_past_its_edge_or_outside_the_picture() -> None:
     dark = depth.copy()
     dark[:, 150:170] = 0
     assert depth_in_table(sunk[None], CUBE, on, depth=dark, K=K)[0] > 0.02
+
+
+def test_the_table_is_taken_at_the_height_that_it_has_around_a_box() -> None:
+    depth = tilted(0.0)
+    on, box = table(depth), np.array([20.0, 20, 60, 60])
+    bent = depth.copy()
+    bent[:100, :100] += 0.004
+    bent[20:61, 20:61] -= 0.02
+    near = table_around(box, on, depth=bent, K=K)
+    assert near is not None
+    assert near.offset - on.offset == pytest.approx(0.004, abs=1e-3)
+    far = table_around(box + 150, on, depth=bent, K=K)
+    assert far is not None
+    assert far.offset == pytest.approx(on.offset, abs=1e-3)
+    bent[:100, :100] = 0
+    assert table_around(box, on, depth=bent, K=K) is None
 
 
 def test_a_view_with_the_same_centre_sees_the_same_heights() -> None:
