@@ -23,15 +23,11 @@ from asdfviz.geometry.sampling import hull_corners, oriented_surface_points, sur
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Rgb
 from asdfviz.methods.looked_at import Before, LookedAt
 from asdfviz.methods.network import shipped_weights
-from asdfviz.methods.seen_table import table_of
+from asdfviz.methods.seen_table import table_near
 from asdfviz.pose.box_fit import is_cut_off
-from asdfviz.pose.hypotheses import (
-    Candidate,
-    HypothesisConfig,
-    settle,
-)
+from asdfviz.pose.hypotheses import Candidate, HypothesisConfig, settle
 from asdfviz.pose.part_view import PartView, Surface, sampled_depth
-from asdfviz.pose.table import SunkConfig, table_around
+from asdfviz.pose.table import SunkConfig
 
 FirstPose: TypeAlias = Literal["keypoints", "hypotheses"]
 """What the first pose of a part comes from."""
@@ -194,8 +190,9 @@ class CropPoses:
         kept: dict[str, LookedAt] = {}
         for name, answer in answers.items():
             view = _view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
-            if use_depth and self.sunk is not None:
-                view = _with_table(view, found[name].box_xyxy, frame)
+            table = table_near(frame, found[name].box_xyxy) if use_depth and self.sunk else None
+            if table is not None:
+                view = replace(view, table=table.seen_from(view.R_camera_view))
             candidates = self._candidates(name, answer, found[name].box_xyxy, frame)
             if previous and name in previous:
                 R_before = previous[name].T_camera_part[:3, :3]
@@ -263,15 +260,6 @@ def best_settled(
         score = found[name].score * best.agreement
         poses[name] = PoseEstimate(name, best.T_camera_part, score, "crop")
     return poses
-
-
-def _with_table(view: PartView, box_xyxy: Box, frame: Frame) -> PartView:
-    """The view with the table around the box, if there is one."""
-    table = table_of(frame)
-    if table is None or frame.depth is None:
-        return view
-    near = table_around(box_xyxy, table, depth=frame.depth, K=frame.camera.K)
-    return view if near is None else replace(view, table=near.seen_from(view.R_camera_view))
 
 
 def _view(answer: CropAnswer, box_xyxy: Box, frame: Frame, *, use_depth: bool) -> PartView:

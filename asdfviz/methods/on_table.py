@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+from jaxtyping import Float64
+
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
-from asdfviz.methods.seen_table import table_of
+from asdfviz.methods.seen_table import table_near
 from asdfviz.pose.depth_fit import depth_fit
 from asdfviz.pose.standing import StandingConfig, laid_flat, lifted, sides
-from asdfviz.pose.table import SunkConfig, Table, table_around
+from asdfviz.pose.table import SunkConfig, Table
 
 MARGIN = 0.004
 """Readings this near to the surface agree with it, metres."""
@@ -48,38 +51,37 @@ def on_table(
     config: OnTableConfig,
 ) -> dict[str, PoseEstimate]:
     """The poses: what lies on the table flat on it, and nothing in it."""
-    everywhere = table_of(frame) if config.enabled else None
-    if everywhere is None or frame.depth is None:
-        return dict(poses)
     result = dict(poses)
     for name, pose in poses.items():
-        shape, T = shapes[name], pose.T_camera_part
-        box, K = projected_box(T, shape, frame), frame.camera.K
-        table = table_around(box, everywhere, depth=frame.depth, K=K)
+        box = projected_box(pose.T_camera_part, shapes[name], frame)
+        table = table_near(frame, box) if config.enabled else None
         if table is None:
             continue
-        moved = laid_flat(
-            T,
-            sides(assembly.parts[name].mesh),
-            shape.corners,
-            table,
-            config=config.standing,
-            lift=config.sunk.lift,
-        )
-        least = _share(T, shape, frame) - config.standing.worse
-        if moved is None or _share(moved, shape, frame) < least:
-            moved = _lifted(T, shape, table, frame, config.sunk)
-        if moved is not None and _share(moved, shape, frame) >= least:
+        downs = sides(assembly.parts[name].mesh)
+        moved = _moved(pose.T_camera_part, shapes[name], downs, table, frame, config)
+        if moved is not None:
             result[name] = replace(pose, T_camera_part=moved)
     return result
 
 
-def _lifted(
-    T: Transform, shape: PartShape, table: Table, frame: Frame, config: SunkConfig
+def _moved(
+    T: Transform,
+    shape: PartShape,
+    downs: Float64[np.ndarray, "s 3"],
+    table: Table,
+    frame: Frame,
+    config: OnTableConfig,
 ) -> Transform | None:
-    if frame.depth is None:
+    """The pose laid flat, or else lifted; None where depth speaks against both."""
+    assert frame.depth is not None  # it shows the table
+    corners, sunk = shape.corners, config.sunk
+    flat = laid_flat(T, downs, corners, table, config=config.standing, lift=sunk.lift)
+    above = lifted(T, corners, table, depth=frame.depth, K=frame.camera.K, config=sunk)
+    tried = [moved for moved in (flat, above) if moved is not None]
+    if not tried:
         return None
-    return lifted(T, shape.corners, table, depth=frame.depth, K=frame.camera.K, config=config)
+    least = _share(T, shape, frame) - config.standing.worse
+    return next((moved for moved in tried if _share(moved, shape, frame) >= least), None)
 
 
 def _share(T: Transform, shape: PartShape, frame: Frame) -> float:

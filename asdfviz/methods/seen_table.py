@@ -5,12 +5,24 @@ from __future__ import annotations
 from functools import lru_cache
 
 from asdfviz.datatypes import Frame
-from asdfviz.pose.table import Table, TableConfig, largest_plane
+from asdfviz.geometry.shapes import Box
+from asdfviz.pose.table import Table, TableConfig, largest_plane, table_around
+
+ANY_TABLE = TableConfig()
+"""What counts where nobody chose."""
 
 
 @lru_cache(maxsize=2)
-def table_of(frame: Frame) -> Table | None:
+def table_of(frame: Frame, config: TableConfig) -> Table | None:
     """The largest plane of a frame; None without depth, or where no plane is large enough."""
     if frame.depth is None:
         return None
-    return largest_plane(frame.depth, frame.camera.K, config=TableConfig())
+    return largest_plane(frame.depth, frame.camera.K, config=config)
+
+
+def table_near(frame: Frame, box_xyxy: Box) -> Table | None:
+    """The table at the height that it has around a box; None where it is not known."""
+    table = table_of(frame, ANY_TABLE)
+    if table is None or frame.depth is None:
+        return None
+    return table_around(box_xyxy, table, depth=frame.depth, K=frame.camera.K)

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32
 
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics
-from asdfviz.pose.table import TableConfig, largest_plane
+from asdfviz.pose.table import Table, TableConfig
 
 
 @dataclass(frozen=True)
@@ -30,25 +30,26 @@ class BlobConfig:
     """Smaller ones are noise, pixels."""
 
 
-def standing_out(depth: Depth, K: Intrinsics, *, config: BlobConfig) -> list[Box]:
-    """Boxes (x0, y0, x1, y1 in pixels) around what stands out of the largest plane.
+def standing_out(
+    depth: Depth, K: Intrinsics, table: Table | None, *, config: BlobConfig
+) -> list[Box]:
+    """Boxes (x0, y0, x1, y1 in pixels) around what stands out of the table.
 
     Args:
         depth: planar depth, metres, 0 = none.
         K: its intrinsics.
+        table: in the camera's frame, if there is one.
         config: what counts.
 
     Returns:
-        The largest first; none where no plane is large enough.
+        The largest first; none without a table.
     """
-    table = largest_plane(depth, K, config=config.table)
     if table is None:
         return []
     height, width = depth.shape
-    v, u = np.mgrid[:height, :width]
-    x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
-    slope: Float64[np.ndarray, "h w"] = table.normal[0] * x + table.normal[1] * y + table.normal[2]
-    above = np.where(depth > 0, depth * slope + table.offset, 0.0).astype(np.float32)
+    rows, columns = np.mgrid[:height, :width]
+    above = table.heights(depth, rows=rows, columns=columns, K=K)
+    above = np.where(depth > 0, above, 0.0).astype(np.float32)
     return _boxes(cv2.medianBlur(above, 3), config)
 
 

@@ -183,7 +183,7 @@ def _sunk(Ts: Poses, surface: Surface, view: PartView, config: SunkConfig | None
     if view.table is None or config is None:
         return np.zeros(len(Ts))
     deep = depth_in_table(Ts, surface.corners, view.table, depth=view.measured, K=view.K)
-    return config.weight * config.share(deep, surface.diameter)
+    return config.weight * config.share(deep, surface.corners)
 
 
 def _most(config: HypothesisConfig, has_depth: bool) -> float:

@@ -47,11 +47,6 @@ class Surface:
     corners: Float64[np.ndarray, "k 3"]
     """Spanning the outline from every side."""
 
-    @property
-    def diameter(self) -> float:
-        """Of the box around the part, metres."""
-        return float(np.linalg.norm(np.ptp(self.corners, axis=0)))
-
 
 def sampled_depth(
     depth: Depth, K: Intrinsics, R_camera_view: Rotation, *, focal: float, side: int

@@ -104,8 +104,7 @@ def lifted(
         config: how deep is too deep.
     """
     found = depth_in_table(T_camera_part[None], corners, table, depth=depth, K=K)
-    diameter = float(np.linalg.norm(np.ptp(corners, axis=0)))
-    deep = float(config.too_deep(found, diameter)[0])
+    deep = float(config.too_deep(found, corners)[0])
     if not 0 < deep <= config.lift:
         return None
     middle = apply_to_point(T_camera_part, corners.mean(axis=0))

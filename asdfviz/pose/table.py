@@ -7,12 +7,17 @@ front that the camera measured; its far side then often lies under the table, wh
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Rotation, Scores, Vector
+from asdfviz.geometry.camera import nearest_pixels
+from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Rotation, Vector
+
+Depths: TypeAlias = Float64[np.ndarray, "c"]
+"""One of each pose."""
 
 TRIALS = 64
 """Planes that are tried."""
@@ -63,13 +68,24 @@ class SunkConfig:
                 f"full_share {self.full_share:g}: full_share must be above 0, the others 0 or more"
             )
 
-    def too_deep(self, depths: Scores, diameter: float) -> Scores:
-        """How much deeper parts of that diameter stand in the table than errors explain, metres."""
-        return np.maximum(depths - self.free - self.free_share * diameter, 0.0)
+    def too_deep(self, depths: Depths, corners: Points) -> Depths:
+        """How much deeper a part stands in the table than errors explain, metres.
 
-    def share(self, depths: Scores, diameter: float) -> Scores:
-        """From how deep parts stand in the table, metres, to what that says, 0 to 1."""
-        return np.minimum(self.too_deep(depths, diameter) / (self.full_share * diameter), 1.0)
+        Args:
+            depths: as `depth_in_table` gives them.
+            corners: spanning the part's outline, metres.
+        """
+        return np.maximum(depths - self.free - self.free_share * _size(corners), 0.0)
+
+    def share(self, depths: Depths, corners: Points) -> Depths:
+        """From how deep a part stands in the table, as for `too_deep`, to what that says, 0 to 1."""
+        full = self.full_share * _size(corners)
+        return np.minimum(self.too_deep(depths, corners) / full, 1.0)
+
+
+def _size(corners: Points) -> float:
+    """Diameter of the box around a part, metres."""
+    return float(np.linalg.norm(np.ptp(corners, axis=0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +100,19 @@ class Table:
     def seen_from(self, R_camera_view: Rotation) -> Table:
         """The same table in the frame of a view with the same centre."""
         return Table(R_camera_view.T @ self.normal, self.offset)
+
+    def heights(
+        self,
+        depth: Float32[np.ndarray, "a b"],
+        *,
+        rows: np.ndarray,
+        columns: np.ndarray,
+        K: Intrinsics,
+    ) -> Float64[np.ndarray, "a b"]:
+        """How high readings in these rows and columns of the image lie above it, metres."""
+        x, y = (columns - K[0, 2]) / K[0, 0], (rows - K[1, 2]) / K[1, 1]
+        slope = self.normal[0] * x + self.normal[1] * y + self.normal[2]
+        return depth * slope + self.offset
 
 
 def largest_plane(depth: Depth, K: Intrinsics, *, config: TableConfig) -> Table | None:
@@ -144,9 +173,8 @@ def table_around(box_xyxy: Box, table: Table, *, depth: Depth, K: Intrinsics) ->
     high = np.clip(box_xyxy[2:] + size, 0, most).astype(int)
     step = max(1, int((high - low).max()) // GRID)
     rows, columns = np.mgrid[low[1] : high[1] + 1 : step, low[0] : high[0] + 1 : step]
-    z = depth[rows, columns].astype(np.float64)
-    x, y = (columns - K[0, 2]) / K[0, 0], (rows - K[1, 2]) / K[1, 1]
-    height = z * (table.normal[0] * x + table.normal[1] * y + table.normal[2]) + table.offset
+    z = depth[rows, columns]
+    height = table.heights(z, rows=rows, columns=columns, K=K)
     inner = (columns >= box_xyxy[0]) & (columns <= box_xyxy[2])
     inner = inner & (rows >= box_xyxy[1]) & (rows <= box_xyxy[3])
     seen = height[(z > 0) & ~inner & (np.abs(height) < BEYOND)]
@@ -162,7 +190,7 @@ def depth_in_table(
     *,
     depth: Float64[np.ndarray, "h w"] | Depth,
     K: Intrinsics,
-) -> Float64[np.ndarray, "c"]:
+) -> Depths:
     """How deep the lowest corner of a part lies under the table in each of its poses, metres.
 
     What lies outside the image, or where one looks past the table's edge, is not under it.
@@ -174,16 +202,11 @@ def depth_in_table(
         depth: planar depth in the same frame, metres, 0 = none.
         K: its intrinsics.
     """
-    points = corners @ Ts[:, :3, :3].transpose(0, 2, 1) + Ts[:, None, :3, 3]
-    under = -(points @ table.normal + table.offset)
-    z = np.maximum(points[..., 2], 1e-6)
-    x, y = points[..., 0] / z, points[..., 1] / z
-    u, v = np.rint(K[0, 0] * x + K[0, 2]), np.rint(K[1, 1] * y + K[1, 2])
-    height, width = depth.shape
-    inside = (points[..., 2] > 1e-3) & (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    rows = np.where(inside, v, 0).astype(np.intp)
-    columns = np.where(inside, u, 0).astype(np.intp)
-    towards = table.normal[0] * x + table.normal[1] * y + table.normal[2]
-    there = table.offset / np.maximum(-towards, 1e-6)
-    is_hidden = inside & (depth[rows, columns] < there + BEYOND)
-    return np.where(is_hidden, under, 0.0).max(axis=1, initial=0.0)
+    points = (corners @ Ts[:, :3, :3].transpose(0, 2, 1) + Ts[:, None, :3, 3]).reshape(-1, 3)
+    inside, rows, columns = nearest_pixels(points, K, depth.shape)
+    along = points[inside] @ table.normal
+    there = table.offset / np.maximum(-along / points[inside, 2], 1e-6)
+    deep = np.zeros(len(points))
+    is_hidden = depth[rows, columns] < there + BEYOND
+    deep[inside] = np.where(is_hidden, -(along + table.offset), 0.0)
+    return deep.reshape(len(Ts), -1).max(axis=1, initial=0.0)

@@ -9,7 +9,7 @@ from asdfviz.datatypes import PoseEstimate
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig, on_table
 from asdfviz.methods.part_poses import part_shapes
-from asdfviz.methods.seen_table import table_of
+from asdfviz.methods.seen_table import ANY_TABLE, table_of
 
 LYING = transform_from(np.eye(3), np.array([0.03, 0.02, 0.74]))
 """The base, 20 mm thick, on the toy's table 0.75 m away."""
@@ -48,7 +48,7 @@ def test_poses_stay_where_the_table_has_no_say(toy) -> None:
     held = transform_from(np.eye(3), np.array([0.0, 0.0, 0.6]))
     assert np.array_equal(settled(toy, held, "block").T_camera_part, held)
     frame = toy.frame(1)
-    assert table_of(frame) is None
+    assert table_of(frame, ANY_TABLE) is None
     poses = {"base": PoseEstimate("base", tilted, 0.7, "refined")}
     shapes = part_shapes(toy.assembly, surface_points=300)
     assert on_table(poses, toy.assembly, shapes, frame, config=OnTableConfig()) == poses

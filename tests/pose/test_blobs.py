@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from asdfviz.geometry.shapes import Box, Depth
 from asdfviz.pose.blobs import BlobConfig, standing_out
+from asdfviz.pose.table import largest_plane
 
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
 
@@ -18,11 +20,16 @@ def table(tilt: float = 0.3, noise: float = 0.0005) -> np.ndarray:
     return (depth + np.random.default_rng(0).normal(size=depth.shape) * noise).astype(np.float32)
 
 
+def found_in(depth: Depth) -> list[Box]:
+    config = BlobConfig()
+    return standing_out(depth, K, largest_plane(depth, K, config=config.table), config=config)
+
+
 def test_blobs_are_found_on_a_tilted_table_the_largest_first() -> None:
     depth = table()
     depth[50:70, 200:240] -= 0.03
     depth[150:160, 80:95] -= 0.008
-    found = standing_out(depth, K, config=BlobConfig())
+    found = found_in(depth)
     assert len(found) == 2
     np.testing.assert_allclose(found[0], [199.5, 49.5, 239.5, 69.5], atol=1.5)
     np.testing.assert_allclose(found[1], [79.5, 149.5, 94.5, 159.5], atol=1.5)
@@ -36,11 +43,11 @@ def test_what_is_no_part_is_left_out(fault: str) -> None:
     depth[100 : 100 + size, 100 : 100 + size] += change
     if fault == "hole":
         depth[100:120, 100:120] = 0
-    assert standing_out(depth, K, config=BlobConfig()) == []
+    assert found_in(depth) == []
 
 
 def test_without_a_table_nothing_stands_out() -> None:
     rng = np.random.default_rng(1)
     clutter = rng.uniform(0.4, 3.0, (240, 320)).astype(np.float32)
-    assert standing_out(clutter, K, config=BlobConfig()) == []
-    assert standing_out(np.zeros((240, 320), np.float32), K, config=BlobConfig()) == []
+    assert found_in(clutter) == []
+    assert found_in(np.zeros((240, 320), np.float32)) == []

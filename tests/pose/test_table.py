@@ -104,7 +104,9 @@ def test_a_view_with_the_same_centre_sees_the_same_heights() -> None:
 
 
 def test_slight_depths_say_nothing_and_large_ones_no_more_than_all() -> None:
-    shares = SunkConfig().share(np.array([0.0, 0.005, 0.01, 0.5]), 0.1)
+    shares = SunkConfig().share(
+        np.array([0.0, 0.005, 0.01, 0.5]), np.array([[0.0, 0, 0], [0.1, 0, 0]])
+    )
     np.testing.assert_allclose(shares, [0, 0, 0.5, 1])
 
 
