@@ -18,6 +18,7 @@ from asdfviz.evaluate.inputs import changed_inputs, open_result
 from asdfviz.evaluate.judgement import Judgement, judge
 from asdfviz.evaluate.protocols import (
     DIAMETER_SHARE,
+    TWINS,
     VISIBLE,
     Figures,
     ProtocolName,
@@ -25,6 +26,7 @@ from asdfviz.evaluate.protocols import (
     median,
     pose_figures,
 )
+from asdfviz.evaluate.records import PoseRecord
 from asdfviz.evaluate.state_scores import (
     StateRecord,
     confidences,
@@ -120,7 +122,7 @@ def protocol_report(
         "protocol": protocol,
         "n_frames": len(judgement.frames),
         "parts": parts,
-        "mean": {**means, "score_auc": _score_area(judgement), "ar_bop": None},
+        "mean": {**means, **_score_areas(judgement, protocol), "ar_bop": None},
         "state": state,
         "runtime_ms": runtime_figures(run.predictions),
         "assembly": assembly.name,
@@ -168,15 +170,24 @@ def _views_of(camera: Camera | None) -> Views:
     return lambda frame_index: View(camera, None)
 
 
-def _score_area(judgement: Judgement) -> float | None:
-    """How well the score of a found pose tells ADD(S) < 0.1 d from worse: area under the ROC."""
-    return ranking_area(
-        [
-            (r.score, r.error.add_s < DIAMETER_SHARE * judgement.assembly.parts[r.part].diameter)
-            for r in judgement.comparison.records
-            if r.error is not None and r.score is not None and r.visible >= VISIBLE
-        ]
-    )
+def _score_areas(judgement: Judgement, protocol: ProtocolName) -> Figures:
+    """How well the score of a found pose tells ADD(S) < 0.1 d from worse: area under the ROC.
+
+    With the poses of twins exchanged too, which the authors' rules do not know.
+    """
+    parts, compared = judgement.assembly.parts, judgement.comparison
+
+    def area(records: Sequence[PoseRecord]) -> float | None:
+        return ranking_area(
+            [
+                (r.score, r.error.add_s < DIAMETER_SHARE * parts[r.part].diameter)
+                for r in records
+                if r.error is not None and r.score is not None and r.visible >= VISIBLE
+            ]
+        )
+
+    plain: Figures = {"score_auc": area(compared.records)}
+    return plain if protocol == "gbot" else plain | {f"score_auc{TWINS}": area(compared.exchanged)}
 
 
 def _state_details(states: Sequence[StateRecord], assembly: Assembly) -> dict[str, Any]:

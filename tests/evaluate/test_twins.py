@@ -58,7 +58,7 @@ def test_exchanged_figures_by_hand(
             said(1, plate=(101, 0.9), plate_Copy=(3, 0.9)),  # swapped: 3, 1 instead of 101, 97
             said(2, plate=(94, 0.9)),  # named plate, lies on the copy by 6; the other is missed
             # 30 + 70 as named; 0.1 m at most counts, so that 130 and 30 = 100 + 30 is worse.
-            said(3, plate=(30, 0.9), plate_Copy=(-30, 0.9)),
+            said(3, plate=(30, 0.2), plate_Copy=(-30, 0.2)),
         ]
     )
     report = evaluate_run(run, assembly=clamp, truth=truth, camera=camera)
@@ -71,6 +71,9 @@ def test_exchanged_figures_by_hand(
     assert copy["e_t_mm_twins"] == pytest.approx((4 + 1 + 6 + 70) / 4)
     assert (plate["detection_recall_twins"], copy["detection_recall_twins"]) == (75.0, 100.0)
     assert report["mean"]["add_s_01d_twins"] == pytest.approx((50.0 + 75.0) / 2)
+    # By name two are right and five wrong, three of these as sure; exchanged, only the unsure are.
+    assert report["mean"]["score_auc"] == pytest.approx(100 * (3 * 0.5 + 2) / 5)
+    assert report["mean"]["score_auc_twins"] == pytest.approx(100)
     table = markdown_table([report])
     assert "ADD(S) < 0.1 d, twins [%]" in table
     assert "62.5" in table
