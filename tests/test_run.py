@@ -25,7 +25,7 @@ from asdfviz.datatypes import (
 )
 from asdfviz.errors import MethodError, SequenceError, WeightsError
 from asdfviz.geometry.symmetry import Symmetries
-from asdfviz.methods.asdf import AsdfConfig
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.registry import find_method
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.run import input_hashes, resolved_config, run

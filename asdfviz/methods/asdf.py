@@ -8,98 +8,39 @@ come from crops, as do the state's looks; `--first-pose keypoints` is the paper 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.first_pose import (
-    CropPoseConfig,
     CropPoses,
-    FirstPose,
     LooksAtParts,
     best_settled,
     crop_poses,
 )
-from asdfviz.methods.group_poses import GroupConfig, GroupPoses
+from asdfviz.methods.group_poses import GroupPoses
 from asdfviz.methods.looked_at import Before, LookedAt
-from asdfviz.methods.network import Detects, NetworkConfig, load_detector
-from asdfviz.methods.on_table import OnTableConfig, on_table
+from asdfviz.methods.network import Detects, load_detector
+from asdfviz.methods.on_table import on_table
 from asdfviz.methods.part_finder import PartFinder
 from asdfviz.methods.part_poses import (
-    PAPER_ICP,
     PartShape,
-    Refinement,
     part_shapes,
     poses_fitted_to_boxes,
     poses_from_keypoints,
     poses_refined_by_depth,
+    sure_enough,
 )
-from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig, agreed
-from asdfviz.methods.rivals import RivalsConfig, settled_poses
-from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.place_looks import PlaceLooks, agreed
+from asdfviz.methods.rivals import settled_poses
 from asdfviz.methods.spec import MethodSpec
-from asdfviz.methods.state_looks import StateLooks, StateLooksFrom
-from asdfviz.methods.thing_names import NamesConfig
+from asdfviz.methods.state_looks import StateLooks
 from asdfviz.methods.timing import StageTimer
-from asdfviz.pose.box_fit import BoxFitConfig
-from asdfviz.pose.icp import IcpConfig
-from asdfviz.pose.pnp import ROBUST_PNP, PnpConfig
-from asdfviz.pose.translation import TranslationConfig
-from asdfviz.state.appearance import AppearanceConfig
-from asdfviz.state.fusion import FusionConfig, Pose2State
-from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
+from asdfviz.state.fusion import Pose2State
+from asdfviz.state.relative_pose import relative_pose_probabilities
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
-
-
-@dataclass(frozen=True)
-class AsdfConfig:
-    """Options of the whole pipeline, stage by stage."""
-
-    detector: NetworkConfig = field(default_factory=NetworkConfig)
-    """The network."""
-    pnp: PnpConfig = ROBUST_PNP
-    """From keypoints to a pose."""
-    first_pose: FirstPose | None = None
-    """What first poses come from: keypoints (the paper) or hypotheses (crops around the boxes), the
-    default if crop weights (crops.safetensors) lie beside the assembly or are named."""
-    crops: CropPoseConfig = field(default_factory=CropPoseConfig)
-    """First poses from crops."""
-    doubts: float = 0.0
-    """The rotation of the frame before is one hypothesis more, believed as much as the network's own
-    best. This much of what the network thinks of it, frame by frame, goes into that, 0 to 1: doubt
-    frees from wrong rotations, and loses right ones where a single frame says little."""
-    box_fit: BoxFitConfig = field(default_factory=BoxFitConfig)
-    """Distances that the boxes contradict."""
-    refinement: Refinement = "translation"
-    """What depth does to first poses: translation (the paper), icp, or none."""
-    translation: TranslationConfig = field(default_factory=TranslationConfig)
-    """Refinement "translation", section 3.1.1."""
-    icp: IcpConfig = PAPER_ICP
-    """Refinement "icp"."""
-    on_table: OnTableConfig = field(default_factory=OnTableConfig)
-    """What the table does to poses from crops."""
-    names: NamesConfig = field(default_factory=NamesConfig)
-    """What the crop network makes of boxes, where it was taught names."""
-    second_look: SecondLookConfig = field(default_factory=SecondLookConfig)
-    """Where the detector looks again for parts that it missed: off, the paper does not."""
-    rivals: RivalsConfig = field(default_factory=RivalsConfig)
-    """Further boxes of a part whose best one depth rules out."""
-    state_looks: StateLooksFrom | None = None
-    """What tells the state by its looks: boxes (the paper: states as classes of the detector) or
-    crops (the crop network, looking about the base part). Default: crops where first poses come
-    from crops and their network knows the assembly's states, unless the detector is the
-    assembly's own, whose state boxes are about as good."""
-    appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
-    """S_DL: from state boxes to probabilities."""
-    place_looks: PlaceLooksConfig = field(default_factory=PlaceLooksConfig)
-    """What the crop network sees where joined parts would stand."""
-    relative_pose: RelativePoseConfig = field(default_factory=RelativePoseConfig)
-    """S_P: from part poses to probabilities."""
-    fusion: FusionConfig = field(default_factory=FusionConfig)
-    """Pose2State, equations 3 to 5."""
-    group: GroupConfig = field(default_factory=GroupConfig)
-    """State helps pose: parts that the state joins."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,8 +96,8 @@ class Asdf:
         config = self._config
         self._before = {}
         shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
-        sunk, given = config.on_table.counted, self._given_looker
-        first = crop_poses(config.first_pose, config.crops, assembly, looker=given, sunk=sunk)
+        stances, given = config.on_table.stances(assembly.parts), self._given_looker
+        first = crop_poses(config.first_pose, config.crops, assembly, looker=given, stances=stances)
         detector = self._given_detector or load_detector(config.detector, assembly)
         self._scene = _Scene(
             assembly=assembly,
@@ -212,6 +153,8 @@ class Asdf:
         if config.group.enabled:
             with timed("group"):
                 poses = scene.group.step(poses, state, frame)
+        if scene.crop_poses is not None:
+            poses = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, timed.seconds)
 
     def rename(self, names: Mapping[str, str]) -> None:

@@ -16,7 +16,8 @@ from functools import partial
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate, StateEstimate
 from asdfviz.errors import MethodError
-from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.asdf import Asdf
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.contour_fits import ContourConfig, ContourFit, ContourFits
 from asdfviz.methods.first_pose import LooksAtParts
 from asdfviz.methods.followed_state import followed_state
@@ -29,6 +30,7 @@ from asdfviz.methods.network import Detects
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
+from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
@@ -76,6 +78,9 @@ class AsdfPlusConfig(AsdfConfig):
     """The hypothesis test over states."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
+    least_score: float = 0.5
+    """Poses that are more probably wrong than right are withheld; 0 gives all. They are kept, speak for
+    states, and are given again once they are sure."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,6 +179,7 @@ class AsdfPlus:
                 poses = scene.group.step(poses, state, frame, base=scene.fits.base)
                 poses = self._settled_together(poses, state, frame, scene)
         runtime = {**proposed.runtime, **timed.seconds}
+        poses = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
 
     def _named_by_place(
@@ -191,6 +197,7 @@ class AsdfPlus:
     ) -> dict[str, Decision]:
         """The most trusted pose of every part, this frame's first poses among them."""
         found, decided = self._asdf.assigned, dict[str, Decision]()
+        contours = scene.contours
         for name, hypotheses in scene.hypotheses.items():
             look = self._asdf.looked_at.get(name)
             decision = hypotheses.step(
@@ -198,7 +205,7 @@ class AsdfPlus:
                 frame,
                 box_xyxy=found[name].box_xyxy if name in found else None,
                 likely=None if look is None else look.likely,
-                allows=None if scene.contours is None else partial(scene.contours.allows, name),
+                allows=contours and partial(contours.allows, frame, name),
             )
             if decision is not None:
                 decided[name] = decision

@@ -17,11 +17,13 @@ from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, State, S
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
-from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.asdf import Asdf
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.followed_state import followed_state
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.network import Detects
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
+from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
@@ -82,6 +84,9 @@ class AsdfTrackConfig(AsdfConfig):
     """How it is told over time that a part is turned otherwise."""
     join: JoinConfig = field(default_factory=JoinConfig)
     """When parts are tracked as one."""
+    least_score: float = 0.0
+    """Poses that score less are withheld: none, since what is lost is absent anyhow, and what is hidden
+    is mostly where it was."""
 
 
 @dataclass(slots=True, eq=False)
@@ -166,7 +171,8 @@ class AsdfTrack:
             looks = self._asdf.looks
             scene.state = followed_state(scene.states, looks, places, fits, stands)
         runtime = {**proposed.runtime, **timed.seconds}
-        return FramePrediction(frame.index, poses, scene.state, proposed.detections, runtime)
+        said = sure_enough(poses, config.least_score)
+        return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)
 
     def _join(self, frame: Frame, scene: _Scene) -> frozenset[str]:
         """Hold the parts together that the state joins; return their names without the base.

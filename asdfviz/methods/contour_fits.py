@@ -83,9 +83,9 @@ class ContourFits:
         self._checks = TurnChecks(parts, bodies, config=config.turns)
         self._known: dict[str, _Settled] = {}
 
-    def allows(self, name: str, T_now: Transform, T_other: Transform) -> bool:
+    def allows(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> bool:
         """Whether a pose of a part is no turn of another one that was ruled out."""
-        return self._checks.allows(name, T_now, T_other)
+        return self._checks.allows(frame, name, T_now, T_other)
 
     def step(
         self, frame: Frame, poses: Mapping[str, Transform], *, held: Collection[str] = ()

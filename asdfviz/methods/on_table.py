@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.datatypes import Assembly, Frame, PoseEstimate
+from asdfviz.datatypes import Assembly, Frame, Part, PoseEstimate
+from asdfviz.geometry.sampling import hull_corners
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
 from asdfviz.pose.depth_fit import depth_fit
-from asdfviz.pose.standing import StandingConfig, laid_flat, lifted, sides
+from asdfviz.pose.standing import Stance, StandingConfig, laid_flat, lifted, sides
 from asdfviz.pose.table import SunkConfig, Table
 
 MARGIN = 0.004
@@ -32,10 +33,14 @@ class OnTableConfig:
     standing: StandingConfig = field(default_factory=StandingConfig)
     """What lies on it."""
 
-    @property
-    def counted(self) -> SunkConfig | None:
-        """What it means to stand in it; None where that does not count."""
-        return self.sunk if self.enabled else None
+    def stances(self, parts: Mapping[str, Part]) -> dict[str, Stance]:
+        """What it says of every part's poses; nothing of none where it is off."""
+        if not self.enabled:
+            return {}
+        return {
+            name: Stance(hull_corners(p.mesh.vertices), sides(p.mesh), self.sunk, self.standing)
+            for name, p in parts.items()
+        }
 
 
 NO_TABLE = OnTableConfig(enabled=False)
@@ -53,7 +58,7 @@ def on_table(
     """The poses: what lies on the table flat on it, and nothing in it."""
     result = dict(poses)
     for name, pose in poses.items():
-        box = projected_box(pose.T_camera_part, shapes[name], frame)
+        box = projected_box(pose.T_camera_part, shapes[name].corners, frame)
         table = table_near(frame, box) if config.enabled else None
         if table is None:
             continue

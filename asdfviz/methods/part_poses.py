@@ -174,3 +174,8 @@ def poses_refined_by_depth(
         if T_camera_part is not None:
             refined[name] = PoseEstimate(name, T_camera_part, pose.score, "refined")
     return refined
+
+
+def sure_enough(poses: Mapping[str, PoseEstimate], least: float) -> dict[str, PoseEstimate]:
+    """The poses that score this or more; others are as good as not found."""
+    return {name: pose for name, pose in poses.items() if pose.score >= least}

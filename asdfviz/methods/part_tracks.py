@@ -181,7 +181,7 @@ class PartTracks:
         on = tracker.trials(frame, name, carried_on(track, proposal, centre=centre))
         best = max(on, key=attrgetter("score"))
         starts = self._jumps(name, track, proposal, look, state)
-        starts = [T for T in starts if self._checks.allows(name, best.T_camera_part, T)]
+        starts = [T for T in starts if self._checks.allows(frame, name, best.T_camera_part, T)]
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
         value = partial(self._value, look, frame, centre)
@@ -190,7 +190,7 @@ class PartTracks:
         best = self._decided(track, best, tracker.trials(frame, name, promising), value)
         if track.rival is not None and track.explore:
             start = best.T_camera_part @ track.rival.T_track_rival
-            if self._checks.allows(name, best.T_camera_part, start):
+            if self._checks.allows(frame, name, best.T_camera_part, start):
                 trial = tracker.trials(frame, name, [start])[0]
                 best = self._believed(track, track.rival, best, trial, value)
         tracker.replace(frame, {name: best.T_camera_part})

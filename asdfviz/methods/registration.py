@@ -10,7 +10,7 @@ import numpy as np
 from asdfviz.datatypes import Frame
 from asdfviz.geometry.boxes import box_around, overlap
 from asdfviz.geometry.camera import project
-from asdfviz.geometry.shapes import Box, Transform
+from asdfviz.geometry.shapes import Box, Points, Transform
 from asdfviz.geometry.transforms import apply
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.pose.depth_fit import depth_fit
@@ -82,7 +82,7 @@ def evidence(
     )
     outline = 0.0
     if box_xyxy is not None:
-        outline = overlap(projected_box(T_camera_part, shape, frame), box_xyxy)
+        outline = overlap(projected_box(T_camera_part, shape.corners, frame), box_xyxy)
     depth = (0.0, 0.0, 0.0) if fit is None else (fit.share, fit.visible, fit.agreeing)
     return Evidence(*depth, outline)
 
@@ -96,7 +96,7 @@ def registered(
     fitted = register(
         start,
         shape.cloud,
-        box_xyxy=projected_box(start, shape, frame),
+        box_xyxy=projected_box(start, shape.corners, frame),
         depth=frame.depth,
         K=frame.camera.K,
         config=config.icp,
@@ -106,8 +106,8 @@ def registered(
     return fitted.T_camera_part
 
 
-def projected_box(T_camera_part: Transform, shape: PartShape, frame: Frame) -> Box:
-    """The box around the part's outline, pixels."""
-    points = apply(T_camera_part, shape.corners)
+def projected_box(T_camera_part: Transform, corners: Points, frame: Frame) -> Box:
+    """The box around a part's outline, pixels, which corners in its frame span, metres."""
+    points = apply(T_camera_part, corners)
     points[:, 2] = np.maximum(points[:, 2], 0.01)
     return box_around(project(points, frame.camera.K))

@@ -18,7 +18,11 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Rotation, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
 from asdfviz.geometry.transforms import rotation_about, rotation_angle
+from asdfviz.methods.on_table import OnTableConfig
 from asdfviz.methods.refinding import QUARTER_TURNS, turned
+from asdfviz.methods.registration import projected_box
+from asdfviz.methods.seen_table import table_near
+from asdfviz.pose.table import Table
 from asdfviz.track.bodies import Body
 from asdfviz.track.tracker import Tracker
 
@@ -60,6 +64,12 @@ class TurnConfig:
     """Poses turned less than this against each other are one,"""
     same_place: float = 0.1
     """if their centres are nearer than this share of the part's diameter."""
+    on_table: OnTableConfig = field(default_factory=OnTableConfig)
+    """What the table says of turns, besides:"""
+    sunk_place: float = 0.3
+    """one that stands in it is ruled out, if it is nearer than this share of the diameter"""
+    sunk: float = 0.05
+    """and the table speaks against it by this more."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
@@ -94,26 +104,29 @@ class TurnChecks:
     ) -> None:
         """Begin a sequence."""
         self._parts, self._bodies, self._config = parts, bodies, config
+        self._stances = config.on_table.stances(parts)
         self._turns: dict[str, _Turns] = {}
         self._same = float(np.deg2rad(config.same_deg))
         self._first = 0
 
-    def allows(self, name: str, T_now: Transform, T_other: Transform) -> bool:
+    def allows(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> bool:
         """Whether another pose of a part is not one of the turns of its pose that were ruled out.
 
         Poses elsewhere, and those that are much the same, are never ruled out.
         """
+        part, centre = self._parts[name], np.append(self._bodies[name].model.centre, 1.0)
+        apart = float(np.linalg.norm((T_now - T_other)[:3] @ centre)) / part.diameter
+        if self._angle(name, T_now, T_other) < self._same:
+            return True
+        if apart <= self._config.sunk_place and self._is_sunk(frame, name, T_now, T_other):
+            return False
         known = self._turns.get(name)
-        if known is None:
+        if known is None or apart > self._config.same_place:
             return True
         # Turns that are no others, as the part is symmetric, have no lead.
         out = np.isfinite(known.lead) & (known.lead <= -self._config.lead)
-        part, centre = self._parts[name], np.append(self._bodies[name].model.centre, 1.0)
-        apart = float(np.linalg.norm((T_now - T_other)[:3] @ centre))
         wrong = np.concatenate([_STACKED[out], np.reshape(known.wrong, (-1, 3, 3))])
-        if not len(wrong) or apart > self._config.same_place * part.diameter:
-            return True
-        if self._angle(name, T_now, T_other) < self._same:
+        if not len(wrong):
             return True
         T_near = nearest_symmetric(T_other, T_now, part.symmetries)
         Ss = (np.eye(4), *part.symmetries.discrete)
@@ -181,10 +194,36 @@ class TurnChecks:
         # Where the part could be seen and would not be, it is not in this turn.
         is_hidden = other.evidence.visible < self._config.visible
         ahead = -self._config.step if is_hidden else other.detail - now.detail
+        ahead += self._stands(frame, name, now.T_camera_part, other.T_camera_part)
         known.lead[turn] += min(ahead, self._config.step)
         if known.lead[turn] < self._config.lead:
             return None
         return now.T_camera_part, other.T_camera_part
+
+    def _stands(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> float:
+        """By how much rather a part stands on the table in another pose."""
+        table = self._table(frame, name, T_now)
+        if table is None or frame.depth is None:
+            return 0.0
+        both, K = np.stack([T_now, T_other]), frame.camera.K
+        now, other = self._stances[name].says(both, table, depth=frame.depth, K=K)
+        return float(other - now)
+
+    def _is_sunk(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> bool:
+        """Whether a part would stand in the table in another pose, and does not as it is."""
+        table = self._table(frame, name, T_now)
+        if table is None or frame.depth is None:
+            return False
+        both, K = np.stack([T_now, T_other]), frame.camera.K
+        now, other = self._stances[name].against(both, table, depth=frame.depth, K=K)
+        return bool(other - now > self._config.sunk)
+
+    def _table(self, frame: Frame, name: str, T_now: Transform) -> Table | None:
+        """Around a part; None where it is not known or has no say."""
+        stance = self._stances.get(name)
+        if stance is None:
+            return None
+        return table_near(frame, projected_box(T_now, stance.corners, frame))
 
     def _next(self, known: _Turns) -> int | None:
         """The turn to try: one that is ahead, or the next one that is open; now and then any."""

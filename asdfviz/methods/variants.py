@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 from asdfviz.datatypes import Assembly
-from asdfviz.methods.asdf import AsdfConfig
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track import AsdfTrackConfig
@@ -142,15 +142,21 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     trusting = NamesConfig(strangers=StrangersConfig(enabled=False))
     still = TurnConfig(enabled=False)
     unturned = ContourConfig(turns=still)
+    known, afloat = OnTableConfig(), ContourConfig(turns=TurnConfig(on_table=NO_TABLE))
     unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
     return [
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=blind)),
         Variant("asdf, nothing known of the table", "asdf", AsdfConfig(on_table=NO_TABLE)),
+        Variant("asdf, unsure poses given", "asdf", AsdfConfig(least_score=0.0)),
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=unnamed)),
         Variant("asdf, no strangers", "asdf", AsdfConfig(names=trusting)),
         Variant("asdf_plus", "asdf_plus", plus),
-        Variant("asdf_plus, the table known", "asdf_plus", replace(plus, on_table=OnTableConfig())),
+        Variant("asdf_plus, unsure poses given", "asdf_plus", replace(plus, least_score=0.0)),
+        Variant(
+            "asdf_plus, first poses know the table", "asdf_plus", replace(plus, on_table=known)
+        ),
+        Variant("asdf_plus, turns without the table", "asdf_plus", replace(plus, contours=afloat)),
         Variant(
             "asdf_plus, names by the detector alone", "asdf_plus", replace(plus, names=unnamed)
         ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from asdfviz.methods.asdf import AsdfConfig
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.part_poses import Refinement
 from asdfviz.methods.rivals import RivalsConfig
@@ -30,6 +30,8 @@ class Yolov8PoseStateConfig(AsdfConfig):
     """Further boxes of a part whose best one depth rules out."""
     group: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=False))
     """State helps pose."""
+    least_score: float = 0.0
+    """None is withheld."""
 
 
 SPEC = MethodSpec(

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Mesh
-from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Transform
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Scores, Transform
 from asdfviz.geometry.transforms import apply_to_point, rotation_about, transform_from
 from asdfviz.pose.resting import center_of_mass, resting_faces
 from asdfviz.pose.table import SunkConfig, Table, depth_in_table
@@ -35,6 +36,72 @@ class StandingConfig:
     below: float = 0.002
     """What is deeper than this in the table, laid flat, is lifted so far: about what the plane errs,
     metres."""
+    weight: float = 0.1
+    """How much it speaks for a pose that a side lies flat, against an outline that agrees;"""
+    tilt_deg: float = 20.0
+    """turned from the table by this it says nothing more,"""
+    near: float = 0.01
+    """nor where the lowest corner is farther from the table than this, metres."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if self.tilt_deg <= 0:
+            raise MethodError(f"standing.tilt_deg is {self.tilt_deg:g}: it must be above 0")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stance:
+    """What the table says of the poses of one part."""
+
+    corners: Points
+    """Spanning the part's outline, metres."""
+    downs: Float64[np.ndarray, "s 3"]
+    """As `sides` gives them."""
+    sunk: SunkConfig
+    """What speaks against a pose."""
+    standing: StandingConfig
+    """What speaks for one."""
+
+    def says(
+        self,
+        Ts: Float64[np.ndarray, "c 4 4"],
+        table: Table,
+        *,
+        depth: Float64[np.ndarray, "h w"] | Depth,
+        K: Intrinsics,
+    ) -> Scores:
+        """For each pose (above 0) or against it, in shares of an outline that agrees.
+
+        Args:
+            Ts: poses of the part in the table's frame.
+            table: as seen.
+            depth: planar depth in the same frame, metres, 0 = none.
+            K: its intrinsics.
+        """
+        against = self.against(Ts, table, depth=depth, K=K)
+        return self.standing.weight * self._rests(Ts, table) - against
+
+    def against(
+        self,
+        Ts: Float64[np.ndarray, "c 4 4"],
+        table: Table,
+        *,
+        depth: Float64[np.ndarray, "h w"] | Depth,
+        K: Intrinsics,
+    ) -> Scores:
+        """What it says against each of the poses alone, 0 and more: that the part stands in it."""
+        deep = depth_in_table(Ts, self.corners, table, depth=depth, K=K)
+        return self.sunk.weight * self.sunk.share(deep, self.corners)
+
+    def _rests(self, Ts: Float64[np.ndarray, "c 4 4"], table: Table) -> Scores:
+        """How flat the lowest side lies on the table, 0 to 1."""
+        if not len(self.downs):
+            return np.zeros(len(Ts))
+        up = np.einsum("j,cji->ci", table.normal, Ts[:, :3, :3])
+        tilt = np.arccos(np.clip((-up @ self.downs.T).max(axis=1), -1, 1))
+        height = (up @ self.corners.T).min(axis=1) + Ts[:, :3, 3] @ table.normal + table.offset
+        flat = np.maximum(1 - tilt / np.deg2rad(self.standing.tilt_deg), 0.0)
+        return flat * (np.abs(height) < self.standing.near)
 
 
 @lru_cache(maxsize=128)

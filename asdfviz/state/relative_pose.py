@@ -56,7 +56,7 @@ class RelativePoseConfig:
     right, so that a pose which is hardly believed says hardly anything."""
     wrong_rotations: float = 0.4
     """u of a pose with score 0: share of joined parts of which the rotation says nothing, 0 to 1."""
-    temperature: float = 1.0
+    temperature: float = 1.5
     """Above 1 the parts are trusted less than independent witnesses."""
 
 

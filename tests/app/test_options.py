@@ -10,7 +10,7 @@ import pytest
 
 from asdfviz.app.options import config_from, differences, option_groups
 from asdfviz.errors import MethodError
-from asdfviz.methods.asdf import AsdfConfig
+from asdfviz.methods.asdf_config import AsdfConfig
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Assembly, Run, Stage
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.geometry.transforms import rotation_about
-from asdfviz.methods.asdf import AsdfConfig
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 from asdfviz.state.fusion import FusionConfig
 

@@ -8,7 +8,8 @@ import pytest
 
 from asdfviz.datatypes import FramePrediction
 from asdfviz.errors import MethodError, WeightsError
-from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.asdf import Asdf
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import NetworkConfig
 from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig

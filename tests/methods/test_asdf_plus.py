@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
-from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.asdf import Asdf
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlus, AsdfPlusConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.part_poses import part_shapes
@@ -64,6 +67,29 @@ def test_the_state_is_followed_and_a_hidden_part_placed(toy, detector) -> None:
     truth = toy.poses(joined=True)["block"]
     assert np.linalg.norm(prediction.poses["block"].T_camera_part[:3, 3] - truth[:3, 3]) < 0.008
     assert {"detect", "refine", "register", "follow", "group"} <= set(prediction.runtime)
+
+
+def test_poses_that_are_rather_wrong_are_withheld_but_kept(toy, detector) -> None:
+    said = []
+    for least in (0.0, 0.5):
+        config = AsdfPlusConfig(least_score=least)
+        method, given = started(toy, AsdfPlus(config, detector=detector)), []
+        for index in range(4):
+            poses = toy.poses(joined=False)
+            detector.answers[index] = (
+                toy.detection("base", poses["base"]),
+                # A box of a low score where nothing is: its pose is one that nothing speaks for.
+                replace(toy.detection("block", poses["block"]), score=0.05),
+            )
+            given.append(method.step(toy.frame(index, {"base": poses["base"]})))
+        said.append(given)
+    for every, sure in zip(*said, strict=True):
+        assert {n for n, p in every.poses.items() if p.score >= 0.5} == set(sure.poses)
+        assert every.state is not None
+        assert sure.state is not None
+        np.testing.assert_array_equal(every.state.probabilities, sure.state.probabilities)
+    assert "base" in said[1][-1].poses
+    assert any(p.poses.keys() > s.poses.keys() for p, s in zip(*said, strict=True))
 
 
 def test_the_papers_variants_differ_in_their_stages(toy, detector) -> None:

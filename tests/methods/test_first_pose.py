@@ -15,7 +15,8 @@ from asdfviz.detector.crop_cut import crop_camera, cut
 from asdfviz.errors import MethodError, WeightsError
 from asdfviz.geometry.rotation_grid import even_rotations, quaternion_of
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
-from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.asdf import Asdf
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.first_pose import CropPoseConfig, FirstPose, chosen_first_pose
 from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
 from asdfviz.methods.looked_at import Before
@@ -92,6 +93,25 @@ def test_asdf_takes_first_poses_from_crops(toy, detector, scene) -> None:
         assert distance_mm(pose, T) < 8
         assert is_near(pose, T, 6)
         assert 0.3 < pose.score <= 0.8
+
+
+def test_unsure_poses_are_withheld_and_speak_for_the_state(toy, detector, scene) -> None:
+    poses, frame, looker = scene
+    said = []
+    for least in (0.0, 0.999):
+        config = AsdfConfig(first_pose="hypotheses", least_score=least)
+        method = Asdf(config, detector=detector, looker=looker)
+        method.reset(toy.assembly, frame.camera, None)
+        said.append(method.step(frame))
+    assert set(said[0].poses) == {"base", "block"}
+    assert said[1].poses == {}
+    assert said[1].state is not None
+    np.testing.assert_array_equal(said[1].state.probabilities, said[0].state.probabilities)
+    detector.answers[1] = tuple(toy.detection(name, T) for name, T in poses.items())
+    paper = AsdfConfig(first_pose="keypoints", least_score=0.999)
+    method = Asdf(paper, detector=detector)
+    method.reset(toy.assembly, frame.camera, None)
+    assert set(method.step(frame).poses) == {"base", "block"}
 
 
 def test_yolov8pose_takes_them_without_depth(toy, detector, scene) -> None:

@@ -8,7 +8,8 @@ import pytest
 
 from asdfviz.datatypes import Assembly, Detection
 from asdfviz.errors import InputError, WeightsError
-from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.asdf import Asdf
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.network import NetworkConfig, load_detector, weights_path
 
 

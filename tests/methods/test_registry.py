@@ -8,7 +8,8 @@ import pytest
 
 from asdfviz.errors import MethodError
 from asdfviz.methods import registry
-from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.asdf import Asdf
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.registry import (
     BUILT_IN,
     GROUP,

@@ -19,7 +19,8 @@ from asdfviz.errors import WeightsError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.rotation_grid import even_rotations
 from asdfviz.geometry.transforms import apply, transform_from
-from asdfviz.methods.asdf import Asdf, AsdfConfig
+from asdfviz.methods.asdf import Asdf
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.first_pose import CropPoseConfig, CropPoses
 from asdfviz.methods.network import NetworkConfig
 from asdfviz.methods.state_looks import GroupLooker, StateLooks
@@ -65,7 +66,7 @@ class FakeLooker:
 
 
 def looks(toy, looker: FakeLooker, chosen=None, detector=None) -> StateLooks:
-    poses = CropPoses.of(toy.assembly, looker, config=HypothesisConfig())
+    poses = CropPoses.of(toy.assembly, looker, config=HypothesisConfig(), stances={})
     return StateLooks.of(
         toy.assembly,
         config=AppearanceConfig(),

@@ -428,10 +428,12 @@ def test_a_part_that_is_taken_end_for_end_is_turned(scene: Scene) -> None:
         for frame in scene.frames:
             pose = {"base": fits.step(frame, pose)["base"].T_camera_part}
     np.testing.assert_allclose(pose["base"], true, atol=0.02)
-    assert not fits.allows("base", pose["base"], turned(pose["base"], R, centre=centre))
-    assert fits.allows("base", pose["base"], nudged(pose["base"], 1, 2))
+    assert not fits.allows(
+        scene.frames[0], "base", pose["base"], turned(pose["base"], R, centre=centre)
+    )
+    assert fits.allows(scene.frames[0], "base", pose["base"], nudged(pose["base"], 1, 2))
     elsewhere = turned(nudged(pose["base"], 40, 0), R, centre=centre)
-    assert fits.allows("base", pose["base"], elsewhere)
+    assert fits.allows(scene.frames[0], "base", pose["base"], elsewhere)
     # Somebody turned it all the same: nothing is known of that pose, which is turned again.
     pose = {"base": turned(pose["base"], R, centre=centre)}
     for frame in scene.frames:

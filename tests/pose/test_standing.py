@@ -7,8 +7,9 @@ import pytest
 import trimesh
 
 from asdfviz.datatypes import Mesh
+from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import apply, rotation_about, rotation_angle, transform_from
-from asdfviz.pose.standing import StandingConfig, laid_flat, lifted, sides
+from asdfviz.pose.standing import Stance, StandingConfig, laid_flat, lifted, sides
 from asdfviz.pose.table import SunkConfig, Table
 
 BOX = trimesh.creation.box((0.06, 0.04, 0.02))
@@ -74,3 +75,30 @@ def test_a_part_in_the_table_is_lifted_along_its_ray() -> None:
     assert lifted(LYING, CORNERS, TABLE, depth=DEPTH, K=K, config=config) is None
     T[:3, 3] -= 0.03 * NORMAL
     assert lifted(T, CORNERS, TABLE, depth=DEPTH, K=K, config=config) is None
+
+
+@pytest.mark.parametrize(
+    ("tilt_deg", "rise", "said"),
+    [
+        (0, 0.0, 0.1),
+        (10, 0.0, 0.05),
+        (25, 0.0, 0.0),
+        (0, 0.03, 0.0),
+        (0, -0.008, 0.1 - 0.5 * 0.5355),
+    ],
+)
+def test_the_table_speaks_for_what_lies_on_it(tilt_deg: float, rise: float, said: float) -> None:
+    T = LYING @ transform_from(
+        rotation_about(np.array([0, 1.0, 0]), np.deg2rad(tilt_deg)), np.zeros(3)
+    )
+    T[:3, 3] += (rise - heights(T).min()) * NORMAL
+    stance = Stance(CORNERS, sides(MESH), SunkConfig(), StandingConfig())
+    found = stance.says(np.stack([T, LYING]), TABLE, depth=DEPTH, K=K)
+    assert found == pytest.approx([said, 0.1], abs=2e-3)
+    nowhere = Stance(CORNERS, np.zeros((0, 3)), SunkConfig(), StandingConfig())
+    assert nowhere.says(LYING[None], TABLE, depth=DEPTH, K=K) == pytest.approx([0.0])
+
+
+def test_a_part_lies_on_no_side_that_is_as_steep_as_nothing() -> None:
+    with pytest.raises(MethodError, match="standing"):
+        StandingConfig(tilt_deg=0.0)

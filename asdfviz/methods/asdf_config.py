@@ -1,0 +1,76 @@
+"""Options of the paper's pipeline, stage by stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from asdfviz.methods.first_pose import CropPoseConfig, FirstPose
+from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.network import NetworkConfig
+from asdfviz.methods.on_table import OnTableConfig
+from asdfviz.methods.part_poses import PAPER_ICP, Refinement
+from asdfviz.methods.place_looks import PlaceLooksConfig
+from asdfviz.methods.rivals import RivalsConfig
+from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.state_looks import StateLooksFrom
+from asdfviz.methods.thing_names import NamesConfig
+from asdfviz.pose.box_fit import BoxFitConfig
+from asdfviz.pose.icp import IcpConfig
+from asdfviz.pose.pnp import ROBUST_PNP, PnpConfig
+from asdfviz.pose.translation import TranslationConfig
+from asdfviz.state.appearance import AppearanceConfig
+from asdfviz.state.fusion import FusionConfig
+from asdfviz.state.relative_pose import RelativePoseConfig
+
+
+@dataclass(frozen=True)
+class AsdfConfig:
+    """Options of the whole pipeline, stage by stage."""
+
+    detector: NetworkConfig = field(default_factory=NetworkConfig)
+    """The network."""
+    pnp: PnpConfig = ROBUST_PNP
+    """From keypoints to a pose."""
+    first_pose: FirstPose | None = None
+    """What first poses come from: keypoints (the paper) or hypotheses (crops around the boxes), the
+    default if crop weights (crops.safetensors) lie beside the assembly or are named."""
+    crops: CropPoseConfig = field(default_factory=CropPoseConfig)
+    """First poses from crops."""
+    doubts: float = 0.0
+    """The rotation of the frame before is one hypothesis more, believed as much as the network's own
+    best. This much of what the network thinks of it, frame by frame, goes into that, 0 to 1: doubt
+    frees from wrong rotations, and loses right ones where a single frame says little."""
+    box_fit: BoxFitConfig = field(default_factory=BoxFitConfig)
+    """Distances that the boxes contradict."""
+    refinement: Refinement = "translation"
+    """What depth does to first poses: translation (the paper), icp, or none."""
+    translation: TranslationConfig = field(default_factory=TranslationConfig)
+    """Refinement "translation", section 3.1.1."""
+    icp: IcpConfig = PAPER_ICP
+    """Refinement "icp"."""
+    on_table: OnTableConfig = field(default_factory=OnTableConfig)
+    """What the table does to poses from crops."""
+    names: NamesConfig = field(default_factory=NamesConfig)
+    """What the crop network makes of boxes, where it was taught names."""
+    second_look: SecondLookConfig = field(default_factory=SecondLookConfig)
+    """Where the detector looks again for parts that it missed: off, the paper does not."""
+    rivals: RivalsConfig = field(default_factory=RivalsConfig)
+    """Further boxes of a part whose best one depth rules out."""
+    state_looks: StateLooksFrom | None = None
+    """What tells the state by its looks: boxes (the paper: states as classes of the detector) or
+    crops (the crop network, looking about the base part). Default: crops where first poses come
+    from crops and their network knows the assembly's states, unless the detector is the
+    assembly's own, whose state boxes are about as good."""
+    appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
+    """S_DL: from state boxes to probabilities."""
+    place_looks: PlaceLooksConfig = field(default_factory=PlaceLooksConfig)
+    """What the crop network sees where joined parts would stand."""
+    relative_pose: RelativePoseConfig = field(default_factory=RelativePoseConfig)
+    """S_P: from part poses to probabilities."""
+    fusion: FusionConfig = field(default_factory=FusionConfig)
+    """Pose2State, equations 3 to 5."""
+    group: GroupConfig = field(default_factory=GroupConfig)
+    """State helps pose: parts that the state joins."""
+    least_score: float = 0.15
+    """Poses from crops that score less are withheld, 0 to 1; 0 gives all. They still speak for states.
+    Of 192 such poses of three synthetic sequences that no table judges 14 were right."""
