@@ -43,6 +43,7 @@ POSES = (
 TWIN_POSES = (
     Column("mean", f"add_s_10cm{TWINS}", "twins exch.", "&lt; 10 cm, %"),
     Column("mean", f"add_s_01d{TWINS}", "twins exch.", "&lt; 0.1 d, %"),
+    Column("mean", f"score_auc{TWINS}", "twins exch.", "score AUC, %"),
 )
 """Where a pose may lie on either of two identical parts; only shown where that changes a figure."""
 STATES = (

@@ -2,10 +2,11 @@
 
 First poses of `asdf` and their runners-up are kept side by side over time and judged by depth, box and
 what the crop network thinks of each rotation; those from keypoints are registered with the depth image
-in six degrees of freedom. Contours and depth settle every pose, and turn what was taken end for end.
-The detector looks again, nearer, at what depth shows and no box explains. Twins go by the place where
-they lie. Parts that the state joins are placed by the group, and settled as one. The state comes from a
-hidden Markov model instead of an average. A pose's score is the probability that it is right.
+in six degrees of freedom. Contours, depth and the table settle every pose and turn what was taken end
+for end. The detector looks again, nearer, at what depth shows and no box explains. Twins go by the
+place where they lie. Parts that the state joins are placed by the group, and settled as one. The state
+comes from a hidden Markov model. A score is the probability that a pose is right; rather wrong ones
+are withheld.
 """
 
 from __future__ import annotations
@@ -70,7 +71,7 @@ class AsdfPlusConfig(AsdfConfig):
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = field(
         default_factory=lambda: RelativePoseConfig(
-            sigma_translation=0.02, doubted=1.0, wrong_rotations=0.9, temperature=1.5
+            sigma_translation=0.02, doubted=1.0, wrong_rotations=0.9
         )
     )
     """S_P; narrower than ASDF's, as the poses are."""
@@ -79,8 +80,8 @@ class AsdfPlusConfig(AsdfConfig):
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
     least_score: float = 0.5
-    """Poses that are more probably wrong than right are withheld; 0 gives all. They are kept, speak for
-    states, and are given again once they are sure."""
+    """Poses that are more probably wrong than right are withheld, unless a state places the part; 0
+    gives all. They are kept, and speak for states. Without depth too little is known, and all are given."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +180,7 @@ class AsdfPlus:
                 poses = scene.group.step(poses, state, frame, base=scene.fits.base)
                 poses = self._settled_together(poses, state, frame, scene)
         runtime = {**proposed.runtime, **timed.seconds}
-        poses = sure_enough(poses, config.least_score)
+        poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
 
     def _named_by_place(
@@ -196,8 +197,7 @@ class AsdfPlus:
         self, proposed: FramePrediction, frame: Frame, scene: _Scene
     ) -> dict[str, Decision]:
         """The most trusted pose of every part, this frame's first poses among them."""
-        found, decided = self._asdf.assigned, dict[str, Decision]()
-        contours = scene.contours
+        found, contours, decided = self._asdf.assigned, scene.contours, dict[str, Decision]()
         for name, hypotheses in scene.hypotheses.items():
             look = self._asdf.looked_at.get(name)
             decision = hypotheses.step(

@@ -129,7 +129,7 @@ class CropPoses:
     middles: Mapping[str, Points]
     """(1, 3) `surface_middle` of every part."""
     config: HypothesisConfig
-    stances: Mapping[str, Stance] = field(default_factory=dict[str, Stance])
+    stances: Mapping[str, Stance]
     """What the table says of a part's poses; of parts that are not there, nothing."""
 
     @classmethod

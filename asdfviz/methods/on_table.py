@@ -15,7 +15,7 @@ from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
 from asdfviz.pose.depth_fit import depth_fit
-from asdfviz.pose.standing import Stance, StandingConfig, laid_flat, lifted, sides
+from asdfviz.pose.standing import RestConfig, Stance, StandingConfig, laid_flat, lifted, sides
 from asdfviz.pose.table import SunkConfig, Table
 
 MARGIN = 0.004
@@ -35,16 +35,20 @@ class OnTableConfig:
 
     def stances(self, parts: Mapping[str, Part]) -> dict[str, Stance]:
         """What it says of every part's poses; nothing of none where it is off."""
-        if not self.enabled:
-            return {}
-        return {
-            name: Stance(hull_corners(p.mesh.vertices), sides(p.mesh), self.sunk, self.standing)
-            for name, p in parts.items()
-        }
+        return stances(parts, self.sunk, RestConfig()) if self.enabled else {}
+
+
+def stances(parts: Mapping[str, Part], sunk: SunkConfig, rest: RestConfig) -> dict[str, Stance]:
+    """What the table says of every part's poses."""
+    return {
+        name: Stance(hull_corners(part.mesh.vertices), sides(part.mesh), sunk, rest)
+        for name, part in parts.items()
+    }
 
 
 NO_TABLE = OnTableConfig(enabled=False)
-"""For methods whose contours settle poses: their rotations gain little, their states lose."""
+"""For first poses of methods whose contours settle them: rotations gain little, states lose. What the
+table says of turns (`turn_checks`) is another matter."""
 
 
 def on_table(
@@ -79,9 +83,17 @@ def _moved(
 ) -> Transform | None:
     """The pose laid flat, or else lifted; None where depth speaks against both."""
     assert frame.depth is not None  # it shows the table
-    corners, sunk = shape.corners, config.sunk
-    flat = laid_flat(T, downs, corners, table, config=config.standing, lift=sunk.lift)
-    above = lifted(T, corners, table, depth=frame.depth, K=frame.camera.K, config=sunk)
+    corners = shape.corners
+    flat = laid_flat(T, downs, corners, table, config=config.standing)
+    above = lifted(
+        T,
+        corners,
+        table,
+        depth=frame.depth,
+        K=frame.camera.K,
+        sunk=config.sunk,
+        config=config.standing,
+    )
     tried = [moved for moved in (flat, above) if moved is not None]
     if not tried:
         return None

@@ -177,5 +177,8 @@ def poses_refined_by_depth(
 
 
 def sure_enough(poses: Mapping[str, PoseEstimate], least: float) -> dict[str, PoseEstimate]:
-    """The poses that score this or more; others are as good as not found."""
-    return {name: pose for name, pose in poses.items() if pose.score >= least}
+    """The poses that score this or more, and those that a state places, which is sure itself.
+
+    Others are as good as not found.
+    """
+    return {n: pose for n, pose in poses.items() if pose.score >= least or pose.stage == "group"}

@@ -2,7 +2,7 @@
 
 Not in the paper. A part taken end for end looks almost the same, and a network that never learnt the
 difference prefers the wrong end in every frame. Settled by contours and depth, the right one lies a
-millimetre nearer to what was measured, which a few frames tell.
+millimetre nearer to what was measured, which a few frames tell; the wrong one often stands in the table.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Rotation, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
 from asdfviz.geometry.transforms import rotation_about, rotation_angle
-from asdfviz.methods.on_table import OnTableConfig
+from asdfviz.methods.on_table import stances
 from asdfviz.methods.refinding import QUARTER_TURNS, turned
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
-from asdfviz.pose.table import Table
+from asdfviz.pose.standing import RestConfig
+from asdfviz.pose.table import SunkConfig, Table
 from asdfviz.track.bodies import Body
 from asdfviz.track.tracker import Tracker
 
@@ -40,6 +41,29 @@ def _turns() -> tuple[Rotation, ...]:
 
 TURNS = _turns()
 _STACKED = np.stack(TURNS)
+
+
+@dataclass(frozen=True)
+class TurnTableConfig:
+    """What the table says of turns; the paper has no such step."""
+
+    enabled: bool = True
+    """On or off."""
+    sunk: SunkConfig = field(default_factory=SunkConfig)
+    """Against those that have the part stand in it."""
+    rest: RestConfig = field(default_factory=RestConfig)
+    """For those that have it lie on a side."""
+    worse: float = 0.05
+    """A pose against which it speaks by this more than against the part's own is ruled out at once,"""
+    place: float = 0.3
+    """if their centres are nearer than this share of the part's diameter: what was moved may be lower."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if min(self.worse, self.place) < 0:
+            raise MethodError(
+                f"turns.table.worse is {self.worse:g} and place {self.place:g}: use 0 or more"
+            )
 
 
 @dataclass(frozen=True)
@@ -64,12 +88,8 @@ class TurnConfig:
     """Poses turned less than this against each other are one,"""
     same_place: float = 0.1
     """if their centres are nearer than this share of the part's diameter."""
-    on_table: OnTableConfig = field(default_factory=OnTableConfig)
-    """What the table says of turns, besides:"""
-    sunk_place: float = 0.3
-    """one that stands in it is ruled out, if it is nearer than this share of the diameter"""
-    sunk: float = 0.05
-    """and the table speaks against it by this more."""
+    table: TurnTableConfig = field(default_factory=TurnTableConfig)
+    """What the table says, besides."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
@@ -104,22 +124,29 @@ class TurnChecks:
     ) -> None:
         """Begin a sequence."""
         self._parts, self._bodies, self._config = parts, bodies, config
-        self._stances = config.on_table.stances(parts)
+        table = config.table
+        self._stances = stances(parts, table.sunk, table.rest) if table.enabled else {}
+        self._looked: tuple[Frame, str, Transform, Table | None] | None = None
         self._turns: dict[str, _Turns] = {}
         self._same = float(np.deg2rad(config.same_deg))
         self._first = 0
 
     def allows(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> bool:
-        """Whether another pose of a part is not one of the turns of its pose that were ruled out.
+        """Whether another pose of a part is none that was ruled out, by the table or as a turn.
 
         Poses elsewhere, and those that are much the same, are never ruled out.
         """
+        if not self._config.enabled:
+            return True
         part, centre = self._parts[name], np.append(self._bodies[name].model.centre, 1.0)
         apart = float(np.linalg.norm((T_now - T_other)[:3] @ centre)) / part.diameter
         if self._angle(name, T_now, T_other) < self._same:
             return True
-        if apart <= self._config.sunk_place and self._is_sunk(frame, name, T_now, T_other):
-            return False
+        table = self._config.table
+        if apart <= table.place:
+            _, against = self._said(frame, name, T_now, T_other)
+            if against > table.worse:
+                return False
         known = self._turns.get(name)
         if known is None or apart > self._config.same_place:
             return True
@@ -193,37 +220,36 @@ class TurnChecks:
             return None
         # Where the part could be seen and would not be, it is not in this turn.
         is_hidden = other.evidence.visible < self._config.visible
-        ahead = -self._config.step if is_hidden else other.detail - now.detail
-        ahead += self._stands(frame, name, now.T_camera_part, other.T_camera_part)
+        ahead = -self._config.step
+        if not is_hidden:
+            stands, _ = self._said(frame, name, now.T_camera_part, other.T_camera_part)
+            ahead = other.detail - now.detail + stands
         known.lead[turn] += min(ahead, self._config.step)
         if known.lead[turn] < self._config.lead:
             return None
         return now.T_camera_part, other.T_camera_part
 
-    def _stands(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> float:
-        """By how much rather a part stands on the table in another pose."""
+    def _said(
+        self, frame: Frame, name: str, T_now: Transform, T_other: Transform
+    ) -> tuple[float, float]:
+        """By how much the table speaks for another pose of a part rather, and by how much against it."""
         table = self._table(frame, name, T_now)
         if table is None or frame.depth is None:
-            return 0.0
-        both, K = np.stack([T_now, T_other]), frame.camera.K
-        now, other = self._stances[name].says(both, table, depth=frame.depth, K=K)
-        return float(other - now)
-
-    def _is_sunk(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> bool:
-        """Whether a part would stand in the table in another pose, and does not as it is."""
-        table = self._table(frame, name, T_now)
-        if table is None or frame.depth is None:
-            return False
-        both, K = np.stack([T_now, T_other]), frame.camera.K
-        now, other = self._stances[name].against(both, table, depth=frame.depth, K=K)
-        return bool(other - now > self._config.sunk)
+            return 0.0, 0.0
+        stance, both, K = self._stances[name], np.stack([T_now, T_other]), frame.camera.K
+        now, other = stance.says(both, table, depth=frame.depth, K=K)
+        now_against, against = stance.against(both, table, depth=frame.depth, K=K)
+        return float(other - now), float(against - now_against)
 
     def _table(self, frame: Frame, name: str, T_now: Transform) -> Table | None:
-        """Around a part; None where it is not known or has no say."""
-        stance = self._stances.get(name)
+        """Around a part, found once for all its other poses; None where it is not known or asked."""
+        stance, known = self._stances.get(name), self._looked
         if stance is None:
             return None
-        return table_near(frame, projected_box(T_now, stance.corners, frame))
+        if known is None or known[:2] != (frame, name) or not np.array_equal(known[2], T_now):
+            table = table_near(frame, projected_box(T_now, stance.corners, frame))
+            known = self._looked = (frame, name, T_now, table)
+        return known[3]
 
     def _next(self, known: _Turns) -> int | None:
         """The turn to try: one that is ahead, or the next one that is open; now and then any."""

@@ -22,7 +22,7 @@ from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.methods.thing_names import NamesConfig
-from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.methods.turn_checks import TurnConfig, TurnTableConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
@@ -142,7 +142,8 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     trusting = NamesConfig(strangers=StrangersConfig(enabled=False))
     still = TurnConfig(enabled=False)
     unturned = ContourConfig(turns=still)
-    known, afloat = OnTableConfig(), ContourConfig(turns=TurnConfig(on_table=NO_TABLE))
+    known, unaware = OnTableConfig(), TurnTableConfig(enabled=False)
+    afloat = ContourConfig(turns=TurnConfig(table=unaware))
     unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
     return [
         Variant("asdf", "asdf", AsdfConfig()),

@@ -31,7 +31,7 @@ class Yolov8PoseStateConfig(AsdfConfig):
     group: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=False))
     """State helps pose."""
     least_score: float = 0.0
-    """None is withheld."""
+    """Poses from crops that score less are withheld: none, the baseline withholds none either."""
 
 
 SPEC = MethodSpec(

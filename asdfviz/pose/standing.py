@@ -36,17 +36,37 @@ class StandingConfig:
     below: float = 0.002
     """What is deeper than this in the table, laid flat, is lifted so far: about what the plane errs,
     metres."""
+    lift: float = 0.02
+    """What lies in the table by no more than this was moved too far by depth, smeared at its edges:
+    it is lifted, metres."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if min(self.angle_deg, self.above, self.worse, self.below, self.lift) < 0:
+            raise MethodError(
+                f"standing.angle_deg is {self.angle_deg:g}, above {self.above:g}, worse {self.worse:g}, "
+                f"below {self.below:g} and lift {self.lift:g}: use 0 or more"
+            )
+
+
+@dataclass(frozen=True)
+class RestConfig:
+    """How much it speaks for a pose that a side lies flat on the table."""
+
     weight: float = 0.1
-    """How much it speaks for a pose that a side lies flat, against an outline that agrees;"""
+    """Of all that it can say, against an outline that agrees."""
     tilt_deg: float = 20.0
-    """turned from the table by this it says nothing more,"""
+    """Turned from the table by this it says nothing,"""
     near: float = 0.01
     """nor where the lowest corner is farther from the table than this, metres."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if self.tilt_deg <= 0:
-            raise MethodError(f"standing.tilt_deg is {self.tilt_deg:g}: it must be above 0")
+        if self.tilt_deg <= 0 or min(self.weight, self.near) < 0:
+            raise MethodError(
+                f"rest.weight is {self.weight:g}, tilt_deg {self.tilt_deg:g} and near {self.near:g}: "
+                "tilt_deg must be above 0, the others 0 or more"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +79,7 @@ class Stance:
     """As `sides` gives them."""
     sunk: SunkConfig
     """What speaks against a pose."""
-    standing: StandingConfig
+    rest: RestConfig
     """What speaks for one."""
 
     def says(
@@ -70,7 +90,7 @@ class Stance:
         depth: Float64[np.ndarray, "h w"] | Depth,
         K: Intrinsics,
     ) -> Scores:
-        """For each pose (above 0) or against it, in shares of an outline that agrees.
+        """What it says of each pose, below 0 against it, in shares of an outline that agrees.
 
         Args:
             Ts: poses of the part in the table's frame.
@@ -79,7 +99,7 @@ class Stance:
             K: its intrinsics.
         """
         against = self.against(Ts, table, depth=depth, K=K)
-        return self.standing.weight * self._rests(Ts, table) - against
+        return self.rest.weight * self._rests(Ts, table) - against
 
     def against(
         self,
@@ -89,7 +109,7 @@ class Stance:
         depth: Float64[np.ndarray, "h w"] | Depth,
         K: Intrinsics,
     ) -> Scores:
-        """What it says against each of the poses alone, 0 and more: that the part stands in it."""
+        """That the part stands in it, 0 and more: what `says` has against a pose; the same arguments."""
         deep = depth_in_table(Ts, self.corners, table, depth=depth, K=K)
         return self.sunk.weight * self.sunk.share(deep, self.corners)
 
@@ -100,8 +120,8 @@ class Stance:
         up = np.einsum("j,cji->ci", table.normal, Ts[:, :3, :3])
         tilt = np.arccos(np.clip((-up @ self.downs.T).max(axis=1), -1, 1))
         height = (up @ self.corners.T).min(axis=1) + Ts[:, :3, 3] @ table.normal + table.offset
-        flat = np.maximum(1 - tilt / np.deg2rad(self.standing.tilt_deg), 0.0)
-        return flat * (np.abs(height) < self.standing.near)
+        flat = np.maximum(1 - tilt / np.deg2rad(self.rest.tilt_deg), 0.0)
+        return flat * (np.abs(height) < self.rest.near)
 
 
 @lru_cache(maxsize=128)
@@ -118,7 +138,6 @@ def laid_flat(
     table: Table,
     *,
     config: StandingConfig,
-    lift: float,
 ) -> Transform | None:
     """The pose with its lowest side flat on the table; None where it does not lie there.
 
@@ -128,7 +147,6 @@ def laid_flat(
         corners: spanning the part's outline, metres.
         table: in the camera's frame.
         config: how far it may be from lying there.
-        lift: how deep in the table it may be, metres.
     """
     if not len(downs):
         return None
@@ -145,7 +163,7 @@ def laid_flat(
     R_flat = R @ T_camera_part[:3, :3]
     lowest = float(((corners - middle_part) @ (R_flat.T @ table.normal)).min())
     height = lowest + float(middle @ table.normal) + table.offset
-    if not -lift <= height <= config.above:
+    if not -config.lift <= height <= config.above:
         return None
     rise = max(-config.below - height, 0.0)
     return _moved(transform_from(R_flat, middle - R_flat @ middle_part), middle, rise, table)
@@ -158,7 +176,8 @@ def lifted(
     *,
     depth: Depth,
     K: Intrinsics,
-    config: SunkConfig,
+    sunk: SunkConfig,
+    config: StandingConfig,
 ) -> Transform | None:
     """The pose moved along its viewing ray until it stands on the table; None where it need not.
 
@@ -168,10 +187,11 @@ def lifted(
         table: in the camera's frame.
         depth: planar depth, metres, 0 = none.
         K: its intrinsics.
-        config: how deep is too deep.
+        sunk: how deep is too deep.
+        config: how far it is lifted.
     """
     found = depth_in_table(T_camera_part[None], corners, table, depth=depth, K=K)
-    deep = float(config.too_deep(found, corners)[0])
+    deep = float(sunk.too_deep(found, corners)[0])
     if not 0 < deep <= config.lift:
         return None
     middle = apply_to_point(T_camera_part, corners.mean(axis=0))

@@ -56,16 +56,13 @@ class SunkConfig:
     """and this share of the diameter more, since rotations do;"""
     full_share: float = 0.1
     """from this share of the diameter deeper on it says all that it can."""
-    lift: float = 0.02
-    """What lies deeper than that by no more than this was moved too far by depth, smeared at its
-    edges: it is lifted, metres."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if min(self.free, self.free_share, self.lift) < 0 or self.full_share <= 0:
+        if min(self.free, self.free_share) < 0 or self.full_share <= 0:
             raise MethodError(
-                f"sunk.free is {self.free:g}, free_share {self.free_share:g}, lift {self.lift:g} and "
-                f"full_share {self.full_share:g}: full_share must be above 0, the others 0 or more"
+                f"sunk.free is {self.free:g}, free_share {self.free_share:g} and full_share "
+                f"{self.full_share:g}: full_share must be above 0, the others 0 or more"
             )
 
     def too_deep(self, depths: Depths, corners: Points) -> Depths:

@@ -89,6 +89,10 @@ def test_poses_that_are_rather_wrong_are_withheld_but_kept(toy, detector) -> Non
         assert sure.state is not None
         np.testing.assert_array_equal(every.state.probabilities, sure.state.probabilities)
     assert "base" in said[1][-1].poses
+    # Without depth the probability says too little.
+    method = started(toy, AsdfPlus(AsdfPlusConfig(), detector=detector))
+    seen = method.step(replace(toy.frame(0, {}), depth=None))
+    assert {"base", "block"} <= set(seen.poses)
     assert any(p.poses.keys() > s.poses.keys() for p, s in zip(*said, strict=True))
 
 

@@ -114,6 +114,12 @@ def test_unsure_poses_are_withheld_and_speak_for_the_state(toy, detector, scene)
     assert set(method.step(frame).poses) == {"base", "block"}
 
 
+@pytest.mark.parametrize("least", [-0.1, 2.0])
+def test_a_least_score_that_is_none_is_refused(least: float) -> None:
+    with pytest.raises(MethodError, match="least_score"):
+        AsdfConfig(least_score=least)
+
+
 def test_yolov8pose_takes_them_without_depth(toy, detector, scene) -> None:
     poses, frame, looker = scene
     config = Yolov8PoseConfig(first_pose="hypotheses")

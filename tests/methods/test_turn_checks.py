@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Frame, Mesh
+from asdfviz.datatypes import Frame, Mesh, Part
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods import tracking
-from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.refinding import turned
-from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
+from asdfviz.methods.turn_checks import TurnChecks, TurnConfig, TurnTableConfig
+from asdfviz.track.bodies import Body
 from asdfviz.track.confidence import Evidence
 from asdfviz.track.presets import FINE
 from asdfviz.track.starts import Trial
@@ -48,6 +50,8 @@ class Lying:
     frame: Frame
     tracker: Tracker
     checks: TurnChecks
+    parts: dict[str, Part]
+    bodies: dict[str, Body]
     wrong: Transform
     """Taken end for end about its middle, so that it stands on the pillar."""
 
@@ -60,12 +64,14 @@ def lying(toy, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
     frame = toy.frame(0, {})
     tracker = Tracker(bodies, frame.camera, FINE)
     monkeypatch.setattr(tracker, "trials", undecided)
-    checks = TurnChecks(parts, bodies, config=TurnConfig(on_table=request.param))
+    checks = TurnChecks(parts, bodies, config=TurnConfig(table=request.param))
     wrong = turned(UPRIGHT, np.diag([1.0, -1, -1]), centre=bodies["base"].model.centre)
-    return Lying(frame, tracker, checks, wrong)
+    return Lying(frame, tracker, checks, parts, bodies, wrong)
 
 
-@pytest.mark.parametrize("lying", [OnTableConfig(), NO_TABLE], ids=["told", "off"], indirect=True)
+@pytest.mark.parametrize(
+    "lying", [TurnTableConfig(), TurnTableConfig(enabled=False)], ids=["told", "off"], indirect=True
+)
 def test_a_part_is_turned_to_lie_on_the_table(lying: Lying, request: pytest.FixtureRequest) -> None:
     pose = lying.wrong
     for _ in range(60):
@@ -73,7 +79,9 @@ def test_a_part_is_turned_to_lie_on_the_table(lying: Lying, request: pytest.Fixt
     assert (float(-pose[2, 2]) > 0.9) == ("told" in request.node.name)
 
 
-@pytest.mark.parametrize("lying", [OnTableConfig(), NO_TABLE], ids=["told", "off"], indirect=True)
+@pytest.mark.parametrize(
+    "lying", [TurnTableConfig(), TurnTableConfig(enabled=False)], ids=["told", "off"], indirect=True
+)
 def test_a_part_is_not_turned_into_the_table(lying: Lying, request: pytest.FixtureRequest) -> None:
     is_told, allows = "told" in request.node.name, lying.checks.allows
     sunk = transform_from(np.eye(3), UPRIGHT[:3, 3])
@@ -84,3 +92,16 @@ def test_a_part_is_not_turned_into_the_table(lying: Lying, request: pytest.Fixtu
     assert allows(lying.frame, "base", UPRIGHT, elsewhere), "a part that was moved may lie deeper"
     unseen = replace(lying.frame, depth=None)
     assert allows(unseen, "base", UPRIGHT, sunk)
+
+
+@pytest.mark.parametrize("wrong", [{"worse": -0.1}, {"place": -1.0}])
+def test_what_the_table_cannot_mean_is_named(wrong: dict[str, Any]) -> None:
+    with pytest.raises(MethodError, match=r"turns\.table"):
+        TurnTableConfig(**wrong)
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig()], indirect=True)
+def test_nothing_is_ruled_out_where_nothing_is_checked(lying: Lying) -> None:
+    off = TurnChecks(lying.parts, lying.bodies, config=TurnConfig(enabled=False))
+    sunk = transform_from(np.eye(3), UPRIGHT[:3, 3])
+    assert off.allows(lying.frame, "base", UPRIGHT, sunk)

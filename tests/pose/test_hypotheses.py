@@ -21,7 +21,7 @@ from asdfviz.pose.hypotheses import (
     settle,
 )
 from asdfviz.pose.part_view import PartView, Surface, sampled_depth
-from asdfviz.pose.standing import Stance, StandingConfig
+from asdfviz.pose.standing import RestConfig, Stance
 from asdfviz.pose.table import SunkConfig, Table
 
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
@@ -123,7 +123,7 @@ def test_a_pose_in_the_table_loses_to_one_on_it() -> None:
         T_view_part = here.R_camera_view.T @ settled.T_camera_part[:3]
         return float((VERTICES @ T_view_part[:, :3].T + T_view_part[:, 3])[:, 2].max())
 
-    told = Stance(SURFACE.corners, np.zeros((0, 3)), SunkConfig(weight=2.0), StandingConfig())
+    told = Stance(SURFACE.corners, np.zeros((0, 3)), SunkConfig(weight=2.0), RestConfig())
     free = deepest(here, None)
     table = Table(np.array([0.0, 0.0, -1.0]), free - 0.02)
     assert deepest(replace(here, table=table), None) == free

@@ -9,7 +9,7 @@ import trimesh
 from asdfviz.datatypes import Mesh
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import apply, rotation_about, rotation_angle, transform_from
-from asdfviz.pose.standing import Stance, StandingConfig, laid_flat, lifted, sides
+from asdfviz.pose.standing import RestConfig, Stance, StandingConfig, laid_flat, lifted, sides
 from asdfviz.pose.table import SunkConfig, Table
 
 BOX = trimesh.creation.box((0.06, 0.04, 0.02))
@@ -31,7 +31,7 @@ def heights(T: np.ndarray) -> np.ndarray:
 
 
 def flat(T: np.ndarray) -> np.ndarray | None:
-    return laid_flat(T, sides(MESH), CORNERS, TABLE, config=StandingConfig(), lift=0.02)
+    return laid_flat(T, sides(MESH), CORNERS, TABLE, config=StandingConfig())
 
 
 def test_a_block_has_six_sides() -> None:
@@ -67,14 +67,17 @@ def test_a_part_in_the_table_is_lifted_along_its_ray() -> None:
     T = LYING.copy()
     T[:3, 3] -= 0.012 * NORMAL
     config = SunkConfig()
-    found = lifted(T, CORNERS, TABLE, depth=DEPTH, K=K, config=config)
+    found = lifted(T, CORNERS, TABLE, depth=DEPTH, K=K, sunk=config, config=StandingConfig())
     assert found is not None
     free = config.free + config.free_share * float(np.linalg.norm([0.06, 0.04, 0.02]))
     assert heights(found).min() == pytest.approx(-free, abs=1e-6)
     np.testing.assert_allclose(found[:2, 3] / found[2, 3], T[:2, 3] / T[2, 3], atol=1e-9)
-    assert lifted(LYING, CORNERS, TABLE, depth=DEPTH, K=K, config=config) is None
+    assert (
+        lifted(LYING, CORNERS, TABLE, depth=DEPTH, K=K, sunk=config, config=StandingConfig())
+        is None
+    )
     T[:3, 3] -= 0.03 * NORMAL
-    assert lifted(T, CORNERS, TABLE, depth=DEPTH, K=K, config=config) is None
+    assert lifted(T, CORNERS, TABLE, depth=DEPTH, K=K, sunk=config, config=StandingConfig()) is None
 
 
 @pytest.mark.parametrize(
@@ -92,13 +95,15 @@ def test_the_table_speaks_for_what_lies_on_it(tilt_deg: float, rise: float, said
         rotation_about(np.array([0, 1.0, 0]), np.deg2rad(tilt_deg)), np.zeros(3)
     )
     T[:3, 3] += (rise - heights(T).min()) * NORMAL
-    stance = Stance(CORNERS, sides(MESH), SunkConfig(), StandingConfig())
+    stance = Stance(CORNERS, sides(MESH), SunkConfig(), RestConfig())
     found = stance.says(np.stack([T, LYING]), TABLE, depth=DEPTH, K=K)
     assert found == pytest.approx([said, 0.1], abs=2e-3)
-    nowhere = Stance(CORNERS, np.zeros((0, 3)), SunkConfig(), StandingConfig())
+    nowhere = Stance(CORNERS, np.zeros((0, 3)), SunkConfig(), RestConfig())
     assert nowhere.says(LYING[None], TABLE, depth=DEPTH, K=K) == pytest.approx([0.0])
 
 
-def test_a_part_lies_on_no_side_that_is_as_steep_as_nothing() -> None:
+def test_limits_out_of_range_are_named() -> None:
     with pytest.raises(MethodError, match="standing"):
-        StandingConfig(tilt_deg=0.0)
+        StandingConfig(lift=-1.0)
+    with pytest.raises(MethodError, match="rest"):
+        RestConfig(tilt_deg=0.0)

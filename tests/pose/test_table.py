@@ -110,7 +110,7 @@ def test_slight_depths_say_nothing_and_large_ones_no_more_than_all() -> None:
     np.testing.assert_allclose(shares, [0, 0, 0.5, 1])
 
 
-@pytest.mark.parametrize("wrong", [{"full_share": 0.0}, {"free": -0.001}, {"lift": -1.0}])
+@pytest.mark.parametrize("wrong", [{"full_share": 0.0}, {"free": -0.001}])
 def test_limits_out_of_range_are_named(wrong: dict[str, float]) -> None:
     with pytest.raises(MethodError, match="full_share must be above 0"):
         SunkConfig(**wrong)
