@@ -5,10 +5,10 @@ relative poses said in every frame; here they are fused with other weights, and 
 model, online (filter) and offline (Viterbi, which knows the whole recording).
 
 Found on the bundled sample, first poses from hypotheses, relative poses at temperature 1, macro F1:
-looks alone 48, poses alone 62, Pose2State as it comes 71; w_DL between 0 and 0.3 makes no difference and above it costs 4 to 20, as
-long as the network's state boxes are weak; more inertia (w_f 0.2) is worth 7, no neighbours cost 7;
-the best of the grid, 80, is 10 above the defaults. What decides is the poses: with better ones,
-`asdf_plus` reaches 97 by the model online.
+looks alone 48, poses alone 62, Pose2State as it comes 71; w_DL between 0 and 0.3 makes no difference
+and above it costs 4 to 20, as long as the network's state boxes are weak; more inertia (w_f 0.2) is
+worth 7, no neighbours cost 7; the best of the grid, 80, is 10 above the defaults. What decides is the
+poses: with better ones, `asdf_plus` reaches 97 by the model online.
 """
 
 from __future__ import annotations

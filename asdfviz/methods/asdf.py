@@ -96,8 +96,8 @@ class Asdf:
         config = self._config
         self._before = {}
         shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
-        stances, given = config.on_table.stances(assembly.parts), self._given_looker
-        first = crop_poses(config.first_pose, config.crops, assembly, looker=given, stances=stances)
+        sunk, given = config.on_table.counted, self._given_looker
+        first = crop_poses(config.first_pose, config.crops, assembly, looker=given, sunk=sunk)
         detector = self._given_detector or load_detector(config.detector, assembly)
         self._scene = _Scene(
             assembly=assembly,

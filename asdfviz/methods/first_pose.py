@@ -27,7 +27,7 @@ from asdfviz.methods.seen_table import table_near
 from asdfviz.pose.box_fit import is_cut_off
 from asdfviz.pose.hypotheses import Candidate, HypothesisConfig, settle
 from asdfviz.pose.part_view import PartView, Surface, sampled_depth
-from asdfviz.pose.standing import Stance
+from asdfviz.pose.table import SunkConfig
 
 FirstPose: TypeAlias = Literal["keypoints", "hypotheses"]
 """What the first pose of a part comes from."""
@@ -129,8 +129,8 @@ class CropPoses:
     middles: Mapping[str, Points]
     """(1, 3) `surface_middle` of every part."""
     config: HypothesisConfig
-    stances: Mapping[str, Stance]
-    """What the table says of a part's poses; of parts that are not there, nothing."""
+    sunk: SunkConfig | None = None
+    """What it means to stand in the table; None: nothing."""
 
     @classmethod
     def of(
@@ -139,7 +139,7 @@ class CropPoses:
         looker: LooksAtParts,
         *,
         config: HypothesisConfig,
-        stances: Mapping[str, Stance],
+        sunk: SunkConfig | None = None,
     ) -> CropPoses:
         """Sample the parts' surfaces."""
         surfaces: dict[str, Surface] = {}
@@ -149,7 +149,7 @@ class CropPoses:
             points, normals = oriented_surface_points(mesh.vertices, mesh.faces, SURFACE_POINTS)
             surfaces[name] = Surface(points, normals, hull_corners(mesh.vertices))
             middles[name] = surface_middle(mesh.vertices, mesh.faces)[None]
-        return cls(assembly, looker, surfaces, middles, config, stances)
+        return cls(assembly, looker, surfaces, middles, config, sunk)
 
     def poses(
         self,
@@ -190,8 +190,7 @@ class CropPoses:
         kept: dict[str, LookedAt] = {}
         for name, answer in answers.items():
             view = _view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
-            stance = self.stances.get(name)
-            table = table_near(frame, found[name].box_xyxy) if use_depth and stance else None
+            table = table_near(frame, found[name].box_xyxy) if use_depth and self.sunk else None
             if table is not None:
                 view = replace(view, table=table.seen_from(view.R_camera_view))
             candidates = self._candidates(name, answer, found[name].box_xyxy, frame)
@@ -201,7 +200,7 @@ class CropPoses:
                 probability = likely * float(answer.probabilities[0])
                 candidates.insert(0, Candidate(R_before, probability, candidates[0].distance))
             surface = self.surfaces[name]
-            best = settle(candidates, surface, view, config=self.config, stance=stance)
+            best = settle(candidates, surface, view, config=self.config, sunk=self.sunk)
             if best:
                 kept[name] = LookedAt(tuple(best), answer, found[name])
         return kept
@@ -230,7 +229,7 @@ def crop_poses(
     assembly: Assembly,
     *,
     looker: LooksAtParts | None = None,
-    stances: Mapping[str, Stance] | None = None,
+    sunk: SunkConfig | None = None,
 ) -> CropPoses | None:
     """What gives first poses from crops, or None where keypoints are chosen.
 
@@ -239,7 +238,7 @@ def crop_poses(
         config: of the crops.
         assembly: gives parts and the place of the weights.
         looker: used instead of the configured network.
-        stances: what the table says of parts' poses; None: nothing.
+        sunk: what it means to stand in the table; None: nothing.
 
     Raises:
         WeightsError: there are no weights, or they do not fit.
@@ -248,7 +247,7 @@ def crop_poses(
     if not is_open and chosen_first_pose(first_pose, config, assembly) == "keypoints":
         return None
     chosen = looker or load_looker(config, assembly)
-    return CropPoses.of(assembly, chosen, config=config.hypotheses, stances=stances or {})
+    return CropPoses.of(assembly, chosen, config=config.hypotheses, sunk=sunk)
 
 
 def best_settled(

@@ -8,14 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.datatypes import Assembly, Frame, Part, PoseEstimate
-from asdfviz.geometry.sampling import hull_corners
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
 from asdfviz.pose.depth_fit import depth_fit
-from asdfviz.pose.standing import RestConfig, Stance, StandingConfig, laid_flat, lifted, sides
+from asdfviz.pose.standing import StandingConfig, laid_flat, lifted, sides
 from asdfviz.pose.table import SunkConfig, Table
 
 MARGIN = 0.004
@@ -33,17 +32,10 @@ class OnTableConfig:
     standing: StandingConfig = field(default_factory=StandingConfig)
     """What lies on it."""
 
-    def stances(self, parts: Mapping[str, Part]) -> dict[str, Stance]:
-        """What it says of every part's poses; nothing of none where it is off."""
-        return stances(parts, self.sunk, RestConfig()) if self.enabled else {}
-
-
-def stances(parts: Mapping[str, Part], sunk: SunkConfig, rest: RestConfig) -> dict[str, Stance]:
-    """What the table says of every part's poses."""
-    return {
-        name: Stance(hull_corners(part.mesh.vertices), sides(part.mesh), sunk, rest)
-        for name, part in parts.items()
-    }
+    @property
+    def counted(self) -> SunkConfig | None:
+        """What it means to stand in it; None where that does not count."""
+        return self.sunk if self.enabled else None
 
 
 NO_TABLE = OnTableConfig(enabled=False)

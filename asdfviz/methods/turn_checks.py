@@ -15,14 +15,14 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Frame, Part
 from asdfviz.errors import MethodError
+from asdfviz.geometry.sampling import hull_corners
 from asdfviz.geometry.shapes import Rotation, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
 from asdfviz.geometry.transforms import rotation_about, rotation_angle
-from asdfviz.methods.on_table import stances
 from asdfviz.methods.refinding import QUARTER_TURNS, turned
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
-from asdfviz.pose.standing import RestConfig
+from asdfviz.pose.standing import RestConfig, Stance, sides
 from asdfviz.pose.table import SunkConfig, Table
 from asdfviz.track.bodies import Body
 from asdfviz.track.tracker import Tracker
@@ -125,7 +125,12 @@ class TurnChecks:
         """Begin a sequence."""
         self._parts, self._bodies, self._config = parts, bodies, config
         table = config.table
-        self._stances = stances(parts, table.sunk, table.rest) if table.enabled else {}
+        self._stances: dict[str, Stance] = {}
+        if table.enabled:
+            self._stances = {
+                n: Stance(hull_corners(p.mesh.vertices), sides(p.mesh), table.sunk, table.rest)
+                for n, p in parts.items()
+            }
         self._looked: tuple[Frame, str, Transform, Table | None] | None = None
         self._turns: dict[str, _Turns] = {}
         self._same = float(np.deg2rad(config.same_deg))
@@ -237,9 +242,10 @@ class TurnChecks:
         if table is None or frame.depth is None:
             return 0.0, 0.0
         stance, both, K = self._stances[name], np.stack([T_now, T_other]), frame.camera.K
-        now, other = stance.says(both, table, depth=frame.depth, K=K)
         now_against, against = stance.against(both, table, depth=frame.depth, K=K)
-        return float(other - now), float(against - now_against)
+        now, other = stance.in_favour(both, table)
+        worse = float(against - now_against)
+        return float(other - now) - worse, worse
 
     def _table(self, frame: Frame, name: str, T_now: Transform) -> Table | None:
         """Around a part, found once for all its other poses; None where it is not known or asked."""

@@ -24,7 +24,7 @@ from asdfviz.geometry.shapes import (
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.pose.hypothesis_kernels import agreement, surface_fit
 from asdfviz.pose.part_view import PartView, Surface
-from asdfviz.pose.standing import Stance
+from asdfviz.pose.table import SunkConfig, depth_in_table
 
 Poses: TypeAlias = Float64[np.ndarray, "c 4 4"]
 """T_view_part of candidates."""
@@ -95,7 +95,7 @@ def settle(
     view: PartView,
     *,
     config: HypothesisConfig,
-    stance: Stance | None = None,
+    sunk: SunkConfig | None = None,
 ) -> list[Settled]:
     """Score all candidates, refine the best few and return those that agree, the winner first.
 
@@ -106,7 +106,7 @@ def settle(
         surface: of the part.
         view: what is seen of it.
         config: how they are compared.
-        stance: what the view's table says of poses; None: nothing.
+        sunk: what it means to stand in the view's table; None: nothing.
     """
     if not candidates:
         return []
@@ -116,14 +116,14 @@ def settle(
     prior = np.array([c.probability for c in chosen])
     prior = prior / max(prior.max(), 1e-12)
     Ts, found = _on_depth(Ts, surface, view, config)
-    score = _scores(found, config) + config.prior_weight * prior - _sunk(Ts, view, stance)
+    score = _scores(found, config) + config.prior_weight * prior - _sunk(Ts, surface, view, sunk)
     best = np.argsort(-score)[: config.refined]
     refined = np.stack([_refined(Ts[i], surface, view, config) for i in best])
     both = np.concatenate([refined, Ts[best]])
     found = np.concatenate([_agreement(refined, surface, view, config), found[best]])
     agreed = _scores(found, config)
     score = agreed + config.prior_weight * np.tile(prior[best], 2)
-    score -= _sunk(both, view, stance)
+    score -= _sunk(both, surface, view, sunk)
     T_camera_view = transform_from(view.R_camera_view, np.zeros(3))
     settled: list[Settled] = []
     for place in np.argsort(-score, kind="stable"):
@@ -178,14 +178,12 @@ def _scores(found: Findings, config: HypothesisConfig) -> Scores:
     return found[:, 0] + config.depth_weight * found[:, 1] * counted
 
 
-def _sunk(Ts: Poses, view: PartView, stance: Stance | None) -> Scores:
-    """What speaks against poses that have the part in the table.
-
-    That a side lies flat on it says nothing here: of rotations this coarse, wrong ones do as well.
-    """
-    if view.table is None or stance is None:
+def _sunk(Ts: Poses, surface: Surface, view: PartView, config: SunkConfig | None) -> Scores:
+    """What speaks against poses that have the part in the table."""
+    if view.table is None or config is None:
         return np.zeros(len(Ts))
-    return stance.against(Ts, view.table, depth=view.measured, K=view.K)
+    deep = depth_in_table(Ts, surface.corners, view.table, depth=view.measured, K=view.K)
+    return config.weight * config.share(deep, surface.corners)
 
 
 def _most(config: HypothesisConfig, has_depth: bool) -> float:

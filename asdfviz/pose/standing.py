@@ -82,15 +82,15 @@ class Stance:
     rest: RestConfig
     """What speaks for one."""
 
-    def says(
+    def against(
         self,
         Ts: Float64[np.ndarray, "c 4 4"],
         table: Table,
         *,
-        depth: Float64[np.ndarray, "h w"] | Depth,
+        depth: Depth,
         K: Intrinsics,
     ) -> Scores:
-        """What it says of each pose, below 0 against it, in shares of an outline that agrees.
+        """That the part stands in it in each pose, in shares of an outline that agrees, 0 and more.
 
         Args:
             Ts: poses of the part in the table's frame.
@@ -98,30 +98,18 @@ class Stance:
             depth: planar depth in the same frame, metres, 0 = none.
             K: its intrinsics.
         """
-        against = self.against(Ts, table, depth=depth, K=K)
-        return self.rest.weight * self._rests(Ts, table) - against
-
-    def against(
-        self,
-        Ts: Float64[np.ndarray, "c 4 4"],
-        table: Table,
-        *,
-        depth: Float64[np.ndarray, "h w"] | Depth,
-        K: Intrinsics,
-    ) -> Scores:
-        """That the part stands in it, 0 and more: what `says` has against a pose; the same arguments."""
         deep = depth_in_table(Ts, self.corners, table, depth=depth, K=K)
         return self.sunk.weight * self.sunk.share(deep, self.corners)
 
-    def _rests(self, Ts: Float64[np.ndarray, "c 4 4"], table: Table) -> Scores:
-        """How flat the lowest side lies on the table, 0 to 1."""
+    def in_favour(self, Ts: Float64[np.ndarray, "c 4 4"], table: Table) -> Scores:
+        """That its lowest side lies flat on it, in the same shares; poses and table as for `against`."""
         if not len(self.downs):
             return np.zeros(len(Ts))
         up = np.einsum("j,cji->ci", table.normal, Ts[:, :3, :3])
         tilt = np.arccos(np.clip((-up @ self.downs.T).max(axis=1), -1, 1))
         height = (up @ self.corners.T).min(axis=1) + Ts[:, :3, 3] @ table.normal + table.offset
         flat = np.maximum(1 - tilt / np.deg2rad(self.rest.tilt_deg), 0.0)
-        return flat * (np.abs(height) < self.rest.near)
+        return self.rest.weight * flat * (np.abs(height) < self.rest.near)
 
 
 @lru_cache(maxsize=128)

@@ -66,7 +66,7 @@ class FakeLooker:
 
 
 def looks(toy, looker: FakeLooker, chosen=None, detector=None) -> StateLooks:
-    poses = CropPoses.of(toy.assembly, looker, config=HypothesisConfig(), stances={})
+    poses = CropPoses.of(toy.assembly, looker, config=HypothesisConfig())
     return StateLooks.of(
         toy.assembly,
         config=AppearanceConfig(),

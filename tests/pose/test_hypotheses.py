@@ -21,7 +21,6 @@ from asdfviz.pose.hypotheses import (
     settle,
 )
 from asdfviz.pose.part_view import PartView, Surface, sampled_depth
-from asdfviz.pose.standing import RestConfig, Stance
 from asdfviz.pose.table import SunkConfig, Table
 
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
@@ -118,12 +117,12 @@ def test_a_pose_in_the_table_loses_to_one_on_it() -> None:
     here, config = view(with_depth=False), HypothesisConfig(prior_weight=0.0)
     wrong = candidates(off_deg=10)[:-1]
 
-    def deepest(seen: PartView, stance: Stance | None) -> float:
-        settled, *_ = settle(wrong, SURFACE, seen, config=config, stance=stance)
+    def deepest(seen: PartView, sunk: SunkConfig | None) -> float:
+        settled, *_ = settle(wrong, SURFACE, seen, config=config, sunk=sunk)
         T_view_part = here.R_camera_view.T @ settled.T_camera_part[:3]
         return float((VERTICES @ T_view_part[:, :3].T + T_view_part[:, 3])[:, 2].max())
 
-    told = Stance(SURFACE.corners, np.zeros((0, 3)), SunkConfig(weight=2.0), RestConfig())
+    told = SunkConfig(weight=2.0)
     free = deepest(here, None)
     table = Table(np.array([0.0, 0.0, -1.0]), free - 0.02)
     assert deepest(replace(here, table=table), None) == free

@@ -96,10 +96,12 @@ def test_the_table_speaks_for_what_lies_on_it(tilt_deg: float, rise: float, said
     )
     T[:3, 3] += (rise - heights(T).min()) * NORMAL
     stance = Stance(CORNERS, sides(MESH), SunkConfig(), RestConfig())
-    found = stance.says(np.stack([T, LYING]), TABLE, depth=DEPTH, K=K)
+    both = np.stack([T, LYING])
+    found = stance.in_favour(both, TABLE) - stance.against(both, TABLE, depth=DEPTH, K=K)
     assert found == pytest.approx([said, 0.1], abs=2e-3)
     nowhere = Stance(CORNERS, np.zeros((0, 3)), SunkConfig(), RestConfig())
-    assert nowhere.says(LYING[None], TABLE, depth=DEPTH, K=K) == pytest.approx([0.0])
+    assert nowhere.against(LYING[None], TABLE, depth=DEPTH, K=K) == pytest.approx([0.0])
+    assert nowhere.in_favour(LYING[None], TABLE) == pytest.approx([0.0])
 
 
 def test_limits_out_of_range_are_named() -> None:
