@@ -4,6 +4,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 ARGS ?=
+# Many tests start programs of their own, which load faster where bytecode is kept.
+test: export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: setup app test format clean
 .DELETE_ON_ERROR:
@@ -32,8 +34,10 @@ app: setup
 test: .venv/test.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/pyright
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder $(ARGS)
+	@# Types beside tests, which wait for browsers and processes now and then.
+	$(BIN)/pyright > .venv/types.log 2>&1 & types=$$!; \
+	  $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder $(ARGS); \
+	  tests=$$?; wait $$types; wrong=$$?; cat .venv/types.log; exit $$((tests ? tests : wrong))
 
 format: .venv/test.stamp
 	$(BIN)/ruff format .

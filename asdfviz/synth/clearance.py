@@ -21,7 +21,7 @@ from asdfviz.synth.grasping import backed, scaled
 from asdfviz.synth.hands import hand_mesh
 from asdfviz.synth.layout import Outfit
 from asdfviz.synth.motion import blend, moved
-from asdfviz.synth.penetration import Solid, depth
+from asdfviz.synth.penetration import Solid, depth, out_of_reach
 from asdfviz.synth.ways import Body, deepest
 
 ALLOWED = 0.0042
@@ -153,6 +153,11 @@ def _deepest(moment: Moment, solids: Mapping[str, Solid], outfit: Outfit) -> flo
     # All corners of the mesh: a thin rod passes between the fewer ones that grips are chosen by.
     points = hand_mesh(moment.grasp).mesh.vertices
     world = apply(scaled(moment.T_world_hand, outfit), points)
-    return max(
-        depth(apply(inverse(T), world), solids[name]) for name, T in moment.T_world_part.items()
-    )
+    middle = (world.min(axis=0) + world.max(axis=0)) / 2
+    radius = float(np.linalg.norm(world - middle, axis=1).max())
+    deepest = 0.0
+    for name, T in moment.T_world_part.items():
+        T_part_world = inverse(T)
+        if not out_of_reach(apply(T_part_world, middle[None])[0], radius, solids[name]):
+            deepest = max(deepest, depth(apply(T_part_world, world), solids[name]))
+    return deepest

@@ -20,7 +20,7 @@ from asdfviz.synth.assets import Cloud
 from asdfviz.synth.hands import GRASPS, hand_mesh
 from asdfviz.synth.layout import Outfit
 from asdfviz.synth.motion import moved
-from asdfviz.synth.penetration import Solid, depth
+from asdfviz.synth.penetration import Solid, depth, out_of_reach
 from asdfviz.synth.pinching import pinches
 from asdfviz.synth.ways import Body
 
@@ -193,16 +193,10 @@ def _in_others(
             if bad >= limit:
                 return bad
             T_other_hand = inverse(other.T) @ T
-            if not _far(apply(T_other_hand, middle[None])[0], radius, other.solid):
+            if not out_of_reach(apply(T_other_hand, middle[None])[0], radius, other.solid):
                 inner = apply(T_other_hand, away)
                 bad = max(bad, depth(inner, other.solid, most=_MEASURED) - DEEPEST)
     return bad
-
-
-def _far(middle: Vector, radius: float, solid: Solid) -> bool:
-    """Whether a ball (in the solid's frame) cannot reach it."""
-    beyond = np.maximum(np.maximum(solid.low - middle, middle - solid.high), 0.0)
-    return float(beyond @ beyond) > radius * radius
 
 
 @cache

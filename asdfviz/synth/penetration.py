@@ -20,6 +20,8 @@ from asdfviz.geometry.transforms import apply, inverse, rotation_about
 _COLUMNS = 48
 _SAMPLES = 1500
 _CHUNK = 200_000
+_FEW = 600
+_AT_ONCE = 16
 _NEXT = np.array([1, 2, 0])
 
 
@@ -48,6 +50,19 @@ class Planes:
     """Across each edge, inwards, as long as it."""
     areas: Float64[np.ndarray, "f"]
     """Square metres."""
+    squares: Float64[np.ndarray, "3 f"]
+    """Of the edges' lengths, not quite 0."""
+    from_corner: Float64[np.ndarray, "3 f"]
+    """|corner|^2."""
+    along_corner: Float64[np.ndarray, "3 f"]
+    """corner . edge."""
+    across_corner: Float64[np.ndarray, "3 f"]
+    """corner . side."""
+    heights: Float64[np.ndarray, "f"]
+    """Of the triangles' planes: first corner . normal."""
+    low: Float64[np.ndarray, "f 3"]
+    high: Float64[np.ndarray, "f 3"]
+    """Corners of the triangles' bounding boxes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +108,21 @@ def _planes(triangles: Float64[np.ndarray, "f 3 3"]) -> Planes:
     normals = np.cross(edges[0], -edges[2])
     length = np.linalg.norm(normals, axis=1)
     normals = np.where(length[:, None] > 1e-15, normals / np.maximum(length, 1e-18)[:, None], 0.0)
-    return Planes(normals, edges, np.cross(normals, edges), length / 2)
+    sides = np.cross(normals, edges)
+    corners = triangles.transpose(1, 0, 2)
+    return Planes(
+        normals=normals,
+        edges=edges,
+        sides=sides,
+        areas=length / 2,
+        squares=np.maximum((edges * edges).sum(axis=2), 1e-18),
+        from_corner=(corners * corners).sum(axis=2),
+        along_corner=(corners * edges).sum(axis=2),
+        across_corner=(corners * sides).sum(axis=2),
+        heights=(corners[0] * normals).sum(axis=1),
+        low=triangles.min(axis=1),
+        high=triangles.max(axis=1),
+    )
 
 
 def _columns(triangles: Float64[np.ndarray, "f 3 3"], R: Rotation) -> Columns:
@@ -121,7 +150,7 @@ def expand(counts: Int64[np.ndarray, "n"]) -> tuple[np.ndarray, np.ndarray]:
 def inside(points: Points, solid: Solid) -> Bool[np.ndarray, "n"]:
     """Whether points (in the solid's frame) lie inside it."""
     found = np.zeros(len(points), dtype=bool)
-    near = np.nonzero(((points > solid.low) & (points < solid.high)).all(axis=1))[0]
+    near = np.nonzero(_all_axes((points > solid.low) & (points < solid.high)))[0]
     if len(near):
         first, second, third = solid.columns
         within = _crossings(points[near], first) % 2 == 1
@@ -131,53 +160,97 @@ def inside(points: Points, solid: Solid) -> Bool[np.ndarray, "n"]:
     return found
 
 
+def _all_axes(holds: Bool[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+    # Many times as fast as all(axis=1), whose loop is over three values.
+    return holds[:, 0] & holds[:, 1] & holds[:, 2]
+
+
 def _crossings(points: Points, columns: Columns) -> np.ndarray:
     """How many triangles a ray from each point along the columns' direction crosses."""
     p = points @ columns.R.T
     cells = np.floor((p[:, :2] - columns.low) / columns.cell).astype(int)
-    within = ((cells >= 0) & (cells <= _COLUMNS)).all(axis=1)
+    fits = (cells >= 0) & (cells <= _COLUMNS)
+    within = fits[:, 0] & fits[:, 1]
     ids = np.where(within, cells[:, 1] * (_COLUMNS + 1) + cells[:, 0], 0)
     counts = np.where(within, columns.starts[ids + 1] - columns.starts[ids], 0)
     owner, place = expand(counts)
     t = columns.triangles[columns.order[columns.starts[ids[owner]] + place]]
     q = p[owner]
-    corners = t[:, :, :2] - q[:, None, :2]
-    after = corners[:, _NEXT]
+    x, y = (t[:, :, k] - q[:, None, k] for k in range(2))
     # Edge functions, each the weight of the corner opposite to the edge.
-    edges = corners[:, :, 0] * after[:, :, 1] - corners[:, :, 1] * after[:, :, 0]
-    area = edges.sum(axis=1)
-    hit = (edges >= 0).all(axis=1) | (edges <= 0).all(axis=1)
-    z = (edges[:, _NEXT] * t[:, :, 2]).sum(axis=1) / np.where(area == 0, 1.0, area)
+    a, b, c = (x[:, k] * y[:, _NEXT[k]] - y[:, k] * x[:, _NEXT[k]] for k in range(3))
+    area = a + b + c
+    hit = ((a >= 0) & (b >= 0) & (c >= 0)) | ((a <= 0) & (b <= 0) & (c <= 0))
+    z = (b * t[:, 0, 2] + c * t[:, 1, 2] + a * t[:, 2, 2]) / np.where(area == 0, 1.0, area)
     return np.bincount(owner[hit & (area != 0) & (z > q[:, 2])], minlength=len(points))
 
 
 def surface_distance(points: Points, solid: Solid) -> Float64[np.ndarray, "n"]:
     """Distance of points (in the solid's frame) from its surface, metres."""
+    if not len(points):
+        return np.empty(0)
+    near = _nearby(points, solid, float(_bounds(points, solid).max()))
     result = np.empty(len(points))
-    count = max(1, _CHUNK // len(solid.triangles))
+    count = max(1, _CHUNK // len(near))
     for start in range(0, len(points), count):
-        result[start : start + count] = _to_triangles(points[start : start + count], solid)
+        result[start : start + count] = _to_triangles(points[start : start + count], solid, near)
     return result
 
 
-def _to_triangles(points: Points, solid: Solid) -> np.ndarray:
+def _bounds(points: Points, solid: Solid) -> Float64[np.ndarray, "n"]:
+    """At most this far is each point from the surface: the distance from some of its points."""
+    few = solid.samples[:: len(solid.samples) // _FEW + 1]
+    squares = (
+        (points * points).sum(axis=1)[:, None] - 2 * (points @ few.T) + (few * few).sum(axis=1)
+    )
+    return np.sqrt(np.maximum(squares.min(axis=1), 0.0)) + 1e-6
+
+
+def _nearby(points: Points, solid: Solid, reach: float) -> Int64[np.ndarray, "k"]:
+    """The triangles that come this near to the points' bounding box."""
+    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
+    return np.nonzero(_all_axes((solid.planes.high >= low) & (solid.planes.low <= high)))[0]
+
+
+def _deepest(points: Points, solid: Solid) -> float:
+    """The largest distance of points from the surface, metres: the likeliest are asked first."""
+    bounds = _bounds(points, solid)
+    order = np.argsort(-bounds, kind="stable")
+    deepest = 0.0
+    for start in range(0, len(order), _AT_ONCE):
+        some = order[start : start + _AT_ONCE]
+        if bounds[some[0]] <= deepest:
+            break
+        near = _nearby(points[some], solid, float(bounds[some[0]]))
+        deepest = max(deepest, float(_to_triangles(points[some], solid, near).max()))
+    return deepest
+
+
+def _to_triangles(points: Points, solid: Solid, near: Int64[np.ndarray, "k"]) -> np.ndarray:
     """Distance of each point from the nearest triangle: over its inside, else along its edges."""
     planes = solid.planes
-    nearest = np.full((len(points), len(solid.triangles)), np.inf)
-    over = np.broadcast_to(planes.normals.any(axis=1), nearest.shape).copy()
+    normals = planes.normals[near]
+    nearest = np.full((len(points), len(near)), np.inf)
+    over = np.broadcast_to(normals.any(axis=1), nearest.shape).copy()
     squares = (points * points).sum(axis=1)[:, None]
     for k in range(3):
-        a, edge, side = solid.triangles[:, k], planes.edges[k], planes.sides[k]
-        square = np.maximum((edge * edge).sum(axis=1), 1e-18)
+        square = planes.squares[k, near]
         # |p - a|^2 and the parts along the edge, without arrays of vectors.
-        away = squares - 2 * (points @ a.T) + (a * a).sum(axis=1)
-        along = points @ edge.T - (a * edge).sum(axis=1)
-        share = np.clip(along / square, 0, 1)
+        corners = solid.triangles[near, k]
+        away = squares - 2 * (points @ corners.T) + planes.from_corner[k, near]
+        along = points @ planes.edges[k, near].T - planes.along_corner[k, near]
+        share = np.minimum(np.maximum(along / square, 0), 1)
         np.minimum(nearest, away - share * (2 * along - share * square), out=nearest)
-        over &= points @ side.T >= (a * side).sum(axis=1)
-    height = points @ planes.normals.T - (solid.triangles[:, 0] * planes.normals).sum(axis=1)
+        over &= points @ planes.sides[k, near].T >= planes.across_corner[k, near]
+    height = points @ normals.T - planes.heights[near]
     np.copyto(nearest, height * height, where=over)
     return np.sqrt(np.maximum(nearest.min(axis=1), 0.0))
+
+
+def out_of_reach(middle: Vector, radius: float, solid: Solid) -> bool:
+    """Whether a ball (in the solid's frame) cannot reach its bounding box."""
+    beyond = np.maximum(np.maximum(solid.low - middle, middle - solid.high), 0.0)
+    return float(beyond @ beyond) > radius * radius
 
 
 def depth(points: Points, solid: Solid, *, most: int | None = None) -> float:
@@ -191,7 +264,7 @@ def depth(points: Points, solid: Solid, *, most: int | None = None) -> float:
     within = points[inside(points, solid)]
     if most is not None:
         within = within[:: len(within) // most + 1]
-    return float(surface_distance(within, solid).max()) if len(within) else 0.0
+    return _deepest(within, solid) if len(within) else 0.0
 
 
 def penetration(a: Solid, b: Solid, T_b_a: Transform, *, most: int | None = None) -> float:

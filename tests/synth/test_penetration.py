@@ -46,6 +46,18 @@ def test_measuring_few_of_the_points_never_gives_more() -> None:
     assert 0 < depth(points, solid, most=5) <= depth(points, solid)
 
 
+@pytest.mark.parametrize("name", ["base", "jaw", "bolt"])
+def test_the_deepest_point_is_found_without_measuring_all(name: str) -> None:
+    solid = solid_of(load_assembly("corner_clamp").parts[name].mesh)
+    rng = np.random.default_rng(3)
+    for count in (1, 40, 1500):
+        points = rng.uniform(solid.low, solid.high, (count, 3))
+        within = points[inside(points, solid)]
+        dense = np.array([surface_distance(point[None], solid)[0] for point in within])
+        assert depth(points, solid) == pytest.approx(dense.max() if len(dense) else 0.0, abs=1e-9)
+        np.testing.assert_allclose(surface_distance(within, solid), dense, atol=1e-9)
+
+
 def test_real_meshes_agree_with_the_volume_of_random_points() -> None:
     mesh = load_assembly("corner_clamp").parts["jaw"].mesh
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
