@@ -122,7 +122,7 @@ def protocol_report(
         "protocol": protocol,
         "n_frames": len(judgement.frames),
         "parts": parts,
-        "mean": {**means, **_score_areas(judgement, protocol), "ar_bop": None},
+        "mean": {**means, **_score_areas(judgement), "ar_bop": None},
         "state": state,
         "runtime_ms": runtime_figures(run.predictions),
         "assembly": assembly.name,
@@ -170,10 +170,10 @@ def _views_of(camera: Camera | None) -> Views:
     return lambda frame_index: View(camera, None)
 
 
-def _score_areas(judgement: Judgement, protocol: ProtocolName) -> Figures:
+def _score_areas(judgement: Judgement) -> Figures:
     """How well the score of a found pose tells ADD(S) < 0.1 d from worse: area under the ROC.
 
-    With the poses of twins exchanged too, which the authors' rules do not know.
+    With the poses of twins exchanged too.
     """
     parts, compared = judgement.assembly.parts, judgement.comparison
 
@@ -186,8 +186,7 @@ def _score_areas(judgement: Judgement, protocol: ProtocolName) -> Figures:
             ]
         )
 
-    plain: Figures = {"score_auc": area(compared.records)}
-    return plain if protocol == "gbot" else plain | {f"score_auc{TWINS}": area(compared.exchanged)}
+    return {"score_auc": area(compared.records), f"score_auc{TWINS}": area(compared.exchanged)}
 
 
 def _state_details(states: Sequence[StateRecord], assembly: Assembly) -> dict[str, Any]:

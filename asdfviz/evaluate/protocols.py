@@ -85,22 +85,31 @@ GBOT_EVALUATED_PARTS = (
 def pose_figures(
     comparison: Comparison, assembly: Assembly, protocol: ProtocolName
 ) -> tuple[dict[str, Figures], Figures]:
-    """Return the figures of every part, and their mean over parts."""
-    by_part = _by_part(comparison.records, assembly)
+    """Return the figures of every part, and their mean over parts; then those with twins exchanged."""
+    absent = {name: len(comparison.false_positives.get(name, ())) for name in assembly.parts}
+    parts, means = _figures_of(comparison.records, absent, assembly, protocol)
+    exchanged, exchanged_means = _figures_of(comparison.exchanged, absent, assembly, protocol)
+    for name, count in absent.items():
+        parts[name] |= {"false_positives": count}
+        parts[name] |= {f"{key}{TWINS}": exchanged[name][key] for key in MEAN_FIGURES}
+    return parts, means | {f"{key}{TWINS}": value for key, value in exchanged_means.items()}
+
+
+def _figures_of(
+    records: Iterable[PoseRecord],
+    absent: Mapping[str, int],
+    assembly: Assembly,
+    protocol: ProtocolName,
+) -> tuple[dict[str, Figures], Figures]:
+    by_part = _by_part(records, assembly)
     part_figures = _gbot_figures if protocol == "gbot" else _strict_figures
-    parts: dict[str, Figures] = {}
-    for name, part in assembly.parts.items():
-        parts[name] = part_figures(by_part[name], part)
-        absent = len(comparison.false_positives.get(name, ()))
-        parts[name] |= {**_detection(by_part[name], absent), "false_positives": absent}
+    parts = {
+        name: part_figures(by_part[name], part) | _detection(by_part[name], absent[name])
+        for name, part in assembly.parts.items()
+    }
     if protocol == "gbot":
         return parts, _gbot_mean(parts, by_part, assembly)
-    for name, records in _by_part(comparison.exchanged, assembly).items():
-        figures = _strict_figures(records, assembly.parts[name])
-        figures |= _detection(records, len(comparison.false_positives.get(name, ())))
-        parts[name] |= {f"{key}{TWINS}": figures[key] for key in MEAN_FIGURES}
-    keys = (*MEAN_FIGURES, *(f"{key}{TWINS}" for key in MEAN_FIGURES))
-    return parts, {key: mean(figures[key] for figures in parts.values()) for key in keys}
+    return parts, {key: mean(figures[key] for figures in parts.values()) for key in MEAN_FIGURES}
 
 
 def twins_matter(means: Iterable[Mapping[str, object]], figures: Iterable[str]) -> bool:
