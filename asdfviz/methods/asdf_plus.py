@@ -36,13 +36,11 @@ from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
+from asdfviz.methods.tolerances import REGISTERED_PLACES
 from asdfviz.methods.tracking import load_bodies
 from asdfviz.pose.confidence import ConfidenceConfig, confidence_held
 from asdfviz.state.group_fit import GroupFitConfig
-from asdfviz.state.relative_pose import (
-    RelativePoseConfig,
-    relative_pose_probabilities,
-)
+from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig, StateFilter
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
 
@@ -69,11 +67,7 @@ class AsdfPlusConfig(AsdfConfig):
     """Of the network in the rotation of the frame before; runners-up are kept besides."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
-    relative_pose: RelativePoseConfig = field(
-        default_factory=lambda: RelativePoseConfig(
-            sigma_translation=0.02, doubted=1.0, wrong_rotations=0.9
-        )
-    )
+    relative_pose: RelativePoseConfig = REGISTERED_PLACES
     """S_P; narrower than ASDF's, as the poses are."""
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
     """The hypothesis test over states."""

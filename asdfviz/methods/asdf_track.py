@@ -29,6 +29,7 @@ from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
+from asdfviz.methods.tolerances import TRACKED_PLACES
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joint_places import JointPlaces
@@ -37,11 +38,6 @@ from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probab
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig, StateFilter
 from asdfviz.state.twins import PlaceNames
 from asdfviz.track.presets import FINE, TrackerConfig
-
-TRACKED_PLACES = RelativePoseConfig(
-    sigma_translation=0.012, sigma_rotation=0.3, doubted=1.0, wrong_rotations=0.9
-)
-"""Tracked poses are millimetres off, where detected ones are centimetres."""
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from asdfviz.methods.turn_checks import TurnConfig, TurnTableConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.relative_pose import PlaceOdds, RelativePoseConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +139,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     turned = replace(track.refind, rotation_weight=0.0, box_weight=0.0)
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
+    certain = RelativePoseConfig(in_place=PlaceOdds(offset=50.0))
     flat, single = ContourConfig(enabled=False), ContourConfig(together=False)
     trusting = NamesConfig(strangers=StrangersConfig(enabled=False))
     still = TurnConfig(enabled=False)
@@ -150,6 +152,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=blind)),
         Variant("asdf, nothing known of the table", "asdf", AsdfConfig(on_table=NO_TABLE)),
         Variant("asdf, unsure poses given", "asdf", AsdfConfig(least_score=0.0)),
+        Variant("asdf, places never in doubt", "asdf", AsdfConfig(relative_pose=certain)),
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=unnamed)),
         Variant("asdf, no strangers", "asdf", AsdfConfig(names=trusting)),
         Variant("asdf_plus", "asdf_plus", plus),

@@ -19,7 +19,8 @@ What the paper leaves open, and what is done here:
   way round, and they are neighbours of those in turn; correct states have s - 1 and s + 1. A state
   with k neighbours gives n to each and keeps 1 - k n (n is lowered where k n would exceed a half).
 - No base part (S_P is None): S_f is S_DL alone. No state box and no base, or no state classes (S_DL
-  is None): S_f is S_P alone.
+  is None): S_f is S_P alone. In (5) it then has its own share of w_f, w_DL or w_P: what is missing
+  lends no weight, so that one term alone does not overrule what both have said before.
 - Neither term: nothing was seen; the previous result is kept as it is, and before any evidence the
   state is unknown (None).
 - State 0, which has no class: see `asdfviz.state.appearance`.
@@ -92,7 +93,8 @@ class Pose2State:
         current = self._current(appearance, relative_pose)
         if self._previous is not None:
             terms["previous"] = self._carried(self._previous)
-        fused = self._fused(current, terms.get("previous"))
+        share = self._share(appearance, relative_pose)
+        fused = self._fused(current, terms.get("previous"), share)
         if fused is None:
             return None
         self._previous = fused
@@ -108,13 +110,22 @@ class Pose2State:
         """Equation 4."""
         return self._carry @ previous
 
-    def _fused(self, current: Scores | None, carried: Scores | None) -> Scores | None:
-        """Equation 5."""
+    def _share(self, S_dl: Scores | None, S_p: Scores | None) -> float:
+        """How much of equation 3 is there, by weight, 0 to 1."""
+        if (S_dl is None) == (S_p is None):
+            return 1.0
+        w_dl, w_p = self._config.w_dl, self._config.w_p
+        return (w_dl if S_p is None else w_p) / (w_dl + w_p)
+
+    def _fused(self, current: Scores | None, carried: Scores | None, share: float) -> Scores | None:
+        """Equation 5, with this share of the weight of the frame."""
         if current is None:
             return self._previous
         if carried is None:
             return current
-        return _normalized(self._config.w_f * current + self._config.w_previous * carried)
+        w_f, w_previous = self._config.w_f, self._config.w_previous
+        w_frame = share * w_f / (w_f + w_previous)
+        return _normalized(w_frame * current + (1.0 - w_frame) * carried)
 
 
 def neighbours(assembly: Assembly) -> Float64[np.ndarray, "n n"]:

@@ -155,3 +155,15 @@ def test_a_single_wrong_frame_does_not_change_the_state() -> None:
     flicker = fusion.step(peak(5, 6), peak(5, 6))
     assert flicker is not None
     assert flicker.index == 2
+
+
+def test_a_term_that_is_missing_lends_no_weight() -> None:
+    """w_f 0.25, w_DL 0.3 of 1: what is seen alone counts 0.075, with both terms 0.25."""
+    config = FusionConfig(neighbour=0.0)
+    both, looks, places = (Pose2State(chain(2), config=config) for _ in range(3))
+    for fusion in (both, looks, places):
+        fusion.step(peak(0, 2, 1.0), peak(0, 2, 1.0))
+    other = peak(1, 2, 1.0)
+    said = (both.step(other, other), looks.step(other, None), places.step(None, other))
+    shares = [0.0 if estimate is None else estimate.probabilities[1] for estimate in said]
+    assert shares == pytest.approx([0.25, 0.075, 0.175])

@@ -8,7 +8,11 @@ import pytest
 
 from asdfviz.datatypes import Assembly
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
+from asdfviz.state.relative_pose import (
+    PlaceOdds,
+    RelativePoseConfig,
+    relative_pose_probabilities,
+)
 
 FAR = transform_from(rotation_about(np.array([1.0, 1, 0]), 1.0), np.array([0.3, 0.2, -0.1]))
 
@@ -136,3 +140,28 @@ def test_a_pose_that_is_hardly_believed_says_hardly_anything(
     assert without is not None
     np.testing.assert_allclose(doubted, without, atol=0.02)
     assert abs(believed[3] - without[3]) > abs(doubted[3] - without[3])
+
+
+def test_a_base_that_is_hardly_believed_does_not_take_everything_apart(
+    assembly: Assembly, place: Callable
+) -> None:
+    seen = place(scene(assembly, 3))
+    seen["base"] = replace(seen["base"], T_camera_part=FAR)
+    believed = fitting(assembly, seen)
+    assert believed is not None
+    assert believed[0] > 0.5
+    seen["base"] = replace(seen["base"], score=0.1)
+    doubted = fitting(assembly, seen)
+    assert doubted is not None
+    assert doubted.max() < 1.5 / len(doubted)
+    surest = fitting(assembly, seen, in_place=PlaceOdds(slope=0.0))
+    assert surest is not None
+    np.testing.assert_allclose(surest, 1 / len(surest), atol=0.05)
+
+
+def test_scores_tell_the_place_before_the_rotation() -> None:
+    told = PlaceOdds()
+    assert told.probability(0.05) < 0.25
+    assert told.probability(0.3) > 0.85
+    assert PlaceOdds(slope=0.0).probability(0.3) == 0.3
+    assert PlaceOdds(slope=0.0).probability(1.2) == 1.0

@@ -1,0 +1,21 @@
+"""Tolerances of relative poses, by how near the poses of a method are and what its scores say."""
+
+from __future__ import annotations
+
+from asdfviz.state.relative_pose import SCORED_BY_PROBABILITY, RelativePoseConfig
+
+REGISTERED_PLACES = RelativePoseConfig(
+    sigma_translation=0.02,
+    doubted=1.0,
+    in_place=SCORED_BY_PROBABILITY,
+    wrong_rotations=0.9,
+)
+"""Of `asdf_plus`: narrower than ASDF's, as the poses are."""
+TRACKED_PLACES = RelativePoseConfig(
+    sigma_translation=0.012,
+    sigma_rotation=0.3,
+    doubted=1.0,
+    in_place=SCORED_BY_PROBABILITY,
+    wrong_rotations=0.9,
+)
+"""Of `asdf_track`: tracked poses are millimetres off, where detected ones are centimetres."""
