@@ -7,7 +7,7 @@ ARGS ?=
 # Many tests start programs of their own, which load faster where bytecode is kept.
 test: export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: setup app test format clean
+.PHONY: setup app test types tests format clean
 .DELETE_ON_ERROR:
 
 setup: .venv/app.stamp
@@ -35,9 +35,13 @@ test: .venv/test.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	@# Types beside tests, which wait for browsers and processes now and then.
-	$(BIN)/pyright > .venv/types.log 2>&1 & types=$$!; \
-	  $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder $(ARGS); \
-	  tests=$$?; wait $$types; wrong=$$?; cat .venv/types.log; exit $$((tests ? tests : wrong))
+	$(MAKE) --no-print-directory -j2 types tests
+
+types:
+	@$(BIN)/pyright > .venv/types.log 2>&1; wrong=$$?; cat .venv/types.log; exit $$wrong
+
+tests:
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 format: .venv/test.stamp
 	$(BIN)/ruff format .

@@ -75,17 +75,36 @@ def pose_error(
 ) -> PoseError:
     """Return all errors of one pose; ADD(S) as in Hinterstoisser et al. (ACCV 2012)."""
     symmetries = model.part.symmetries
-    if symmetries.is_symmetric:
-        add_s = adi(T_camera_estimate, T_camera_truth, model.points, tree=model.tree)
-    else:
-        add_s = add(T_camera_estimate, T_camera_truth, model.points)
     return PoseError(
-        add_s=add_s,
+        add_s=add_s(T_camera_estimate, T_camera_truth, model),
         e_t=e_t(T_camera_estimate, T_camera_truth),
         e_r=e_r(T_camera_estimate, T_camera_truth),
         e_r_sym=e_r_symmetric(T_camera_estimate, T_camera_truth, symmetries),
         overlap=box_overlap(T_camera_estimate, T_camera_truth, model.points),
     )
+
+
+def add_s(T_camera_estimate: Transform, T_camera_truth: Transform, model: ErrorModel) -> float:
+    """ADI for a symmetric part, ADD for any other; metres."""
+    if model.part.symmetries.is_symmetric:
+        return adi(T_camera_estimate, T_camera_truth, model.points, tree=model.tree)
+    return add(T_camera_estimate, T_camera_truth, model.points)
+
+
+def add_s_at_least(
+    T_camera_estimate: Transform, T_camera_truth: Transform, model: ErrorModel
+) -> float:
+    """What ADD(S) cannot be less than, found in no time; metres.
+
+    A mean of vectors is no longer than their mean length. The nearest point of a symmetric part may
+    lie on its other side.
+    """
+    middle = model.points.mean(axis=0)
+    gap = apply(T_camera_estimate, middle[None]) - apply(T_camera_truth, middle[None])
+    bound = float(np.linalg.norm(gap))
+    if model.part.symmetries.is_symmetric:
+        bound -= 2.0 * float(np.linalg.norm(model.points - middle, axis=1).max())
+    return max(bound, 0.0)
 
 
 def box_overlap(T_camera_estimate: Transform, T_camera_truth: Transform, points: Points) -> float:

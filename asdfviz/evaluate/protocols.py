@@ -85,7 +85,7 @@ GBOT_EVALUATED_PARTS = (
 def pose_figures(
     comparison: Comparison, assembly: Assembly, protocol: ProtocolName
 ) -> tuple[dict[str, Figures], Figures]:
-    """Return the figures of every part, and their mean over parts; then those with twins exchanged."""
+    """Return the figures of every part and their mean over parts; with twins exchanged too (TWINS)."""
     absent = {name: len(comparison.false_positives.get(name, ())) for name in assembly.parts}
     parts, means = _figures_of(comparison.records, absent, assembly, protocol)
     exchanged, exchanged_means = _figures_of(comparison.exchanged, absent, assembly, protocol)

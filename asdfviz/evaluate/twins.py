@@ -14,7 +14,7 @@ import numpy as np
 from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import PoseEstimate
-from asdfviz.evaluate.pose_errors import ErrorModel, pose_error
+from asdfviz.evaluate.pose_errors import ErrorModel, add_s, add_s_at_least
 from asdfviz.geometry.shapes import Transform
 
 FAR = 0.1
@@ -45,7 +45,8 @@ def exchanged(
     cost = np.zeros((len(said), len(there)))
     for i, name in enumerate(said):
         for j, other in enumerate(there):
-            error = pose_error(poses[name].T_camera_part, truth[other], model)
-            cost[i, j] = min(error.add_s, FAR) - OWN_NAME * (name == other)
+            pair = (poses[name].T_camera_part, truth[other], model)
+            far = add_s_at_least(*pair) >= FAR
+            cost[i, j] = (FAR if far else min(add_s(*pair), FAR)) - OWN_NAME * (name == other)
     assign = cast(Any, optimize).linear_sum_assignment
     return {there[j]: poses[said[i]] for i, j in zip(*assign(cost), strict=True)}

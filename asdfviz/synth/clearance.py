@@ -155,9 +155,9 @@ def _deepest(moment: Moment, solids: Mapping[str, Solid], outfit: Outfit) -> flo
     world = apply(scaled(moment.T_world_hand, outfit), points)
     middle = (world.min(axis=0) + world.max(axis=0)) / 2
     radius = float(np.linalg.norm(world - middle, axis=1).max())
-    deepest = 0.0
+    most = 0.0
     for name, T in moment.T_world_part.items():
         T_part_world = inverse(T)
         if not out_of_reach(apply(T_part_world, middle[None])[0], radius, solids[name]):
-            deepest = max(deepest, depth(apply(T_part_world, world), solids[name]))
-    return deepest
+            most = max(most, depth(apply(T_part_world, world), solids[name]))
+    return most

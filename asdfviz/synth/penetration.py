@@ -86,7 +86,8 @@ class Solid:
 def solid_of(mesh: Mesh, *, samples: int = _SAMPLES) -> Solid:
     """Prepare a mesh with `samples` points spread over its faces and at most as many of its corners."""
     spread = surface_points(mesh.vertices, mesh.faces, samples, seed=3)
-    corners = np.unique(mesh.vertices, axis=0)
+    # Of faces alone: what lies on no face would tell a distance from the surface that is none.
+    corners = np.unique(mesh.vertices[np.unique(mesh.faces)], axis=0)
     points = np.concatenate([corners[:: len(corners) // samples + 1], spread])
     triangles = mesh.vertices[mesh.faces]
     # Odd turns, so that rays do not run along faces and edges of CAD parts.

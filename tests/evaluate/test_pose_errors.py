@@ -8,6 +8,8 @@ import pytest
 from asdfviz.datatypes import Assembly
 from asdfviz.evaluate.pose_errors import (
     add,
+    add_s,
+    add_s_at_least,
     adi,
     box_overlap,
     e_r,
@@ -113,3 +115,18 @@ def test_boxes_overlap_as_the_picture_shows_them() -> None:
     assert box_overlap(turned(0, t=(0, 0, 1.0)), here, square) == pytest.approx(1 / 4)
     assert box_overlap(turned(0, t=(0.1, 0, 0.5)), here, square) == 0
     assert box_overlap(turned(0, t=(0, 0, -0.5)), here, square) == 0
+
+
+@pytest.mark.parametrize("kind", ["plate", "rod"])
+def test_the_quick_bound_is_never_above_the_error(assembly: Assembly, kind: str) -> None:
+    model = error_model(assembly.parts[kind], count=300)
+    rng = np.random.default_rng(4)
+    bounds: list[float] = []
+    for _ in range(60):
+        T_camera_a, T_camera_b = (
+            transform_from(rotation_about(rng.normal(size=3), rng.uniform(0, 3)), shift)
+            for shift in (np.zeros(3), rng.uniform(0, 0.3) * rng.normal(size=3))
+        )
+        bounds.append(add_s_at_least(T_camera_a, T_camera_b, model))
+        assert bounds[-1] <= add_s(T_camera_a, T_camera_b, model) + 1e-12
+    assert max(bounds) > 0.1

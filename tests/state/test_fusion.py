@@ -58,7 +58,9 @@ def test_before_any_evidence_the_state_is_unknown(assembly: Assembly) -> None:
 
 
 @pytest.mark.parametrize("missing", ["appearance", "relative_pose"])
-def test_one_term_alone_takes_the_whole_weight(assembly: Assembly, missing: str) -> None:
+def test_one_term_alone_takes_the_whole_weight_of_the_first_frame(
+    assembly: Assembly, missing: str
+) -> None:
     fusion = Pose2State(assembly)
     estimate = fusion.step(*((None, peak(3)) if missing == "appearance" else (peak(3), None)))
     assert estimate is not None
@@ -158,7 +160,7 @@ def test_a_single_wrong_frame_does_not_change_the_state() -> None:
 
 
 def test_a_term_that_is_missing_lends_no_weight() -> None:
-    """w_f 0.25, w_DL 0.3 of 1: what is seen alone counts 0.075, with both terms 0.25."""
+    """w_f 0.25, w_DL 0.3 of 1: what looks alone say counts 0.075 to the 0.75 of the frame before."""
     config = FusionConfig(neighbour=0.0)
     both, looks, places = (Pose2State(chain(2), config=config) for _ in range(3))
     for fusion in (both, looks, places):
@@ -166,4 +168,18 @@ def test_a_term_that_is_missing_lends_no_weight() -> None:
     other = peak(1, 2, 1.0)
     said = (both.step(other, other), looks.step(other, None), places.step(None, other))
     shares = [0.0 if estimate is None else estimate.probabilities[1] for estimate in said]
-    assert shares == pytest.approx([0.25, 0.075, 0.175])
+    assert shares == pytest.approx([0.25, 0.075 / 0.825, 0.175 / 0.925])
+
+
+def test_without_a_weight_the_frame_before_says_nothing() -> None:
+    fusion = Pose2State(chain(2), config=FusionConfig(w_f=1.0, w_previous=0.0, neighbour=0.0))
+    fusion.step(peak(0, 2, 1.0), peak(0, 2, 1.0))
+    estimate = fusion.step(peak(1, 2, 1.0), None)
+    assert estimate is not None
+    assert estimate.probabilities == pytest.approx([0.0, 1.0])
+
+
+def test_weights_of_nothing_are_no_error() -> None:
+    fusion = Pose2State(chain(2), config=FusionConfig(w_dl=0.0, w_p=0.0, w_f=0.0, w_previous=0.0))
+    for terms in ((peak(0, 2), None), (None, peak(1, 2)), (peak(0, 2), peak(0, 2))):
+        assert fusion.step(*terms) is not None

@@ -165,3 +165,12 @@ def test_scores_tell_the_place_before_the_rotation() -> None:
     assert told.probability(0.3) > 0.85
     assert PlaceOdds(slope=0.0).probability(0.3) == 0.3
     assert PlaceOdds(slope=0.0).probability(1.2) == 1.0
+
+
+def test_poses_that_fit_to_the_last_bit_are_no_error(assembly: Assembly, place: Callable) -> None:
+    seen = place(scene(assembly, 3))
+    found = fitting(assembly, seen, outliers=0.0, in_place=PlaceOdds(slope=0.0))
+    assert found is not None
+    assert int(found.argmax()) == 3
+    assert np.isfinite(found).all()
+    assert PlaceOdds(offset=-2000.0).probability(0.5) < 1e-9

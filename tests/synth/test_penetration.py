@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from asdfviz.data.assembly import load_assembly
+from asdfviz.datatypes import Mesh
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.synth.penetration import depth, inside, penetration, solid_of, surface_distance
 from asdfviz.synth.primitives import box
@@ -56,6 +57,13 @@ def test_the_deepest_point_is_found_without_measuring_all(name: str) -> None:
         dense = np.array([surface_distance(point[None], solid)[0] for point in within])
         assert depth(points, solid) == pytest.approx(dense.max() if len(dense) else 0.0, abs=1e-9)
         np.testing.assert_allclose(surface_distance(within, solid), dense, atol=1e-9)
+
+
+def test_a_corner_that_no_face_uses_is_not_on_the_surface() -> None:
+    cube = box((0.05, 0.05, 0.05))
+    stray = Mesh(np.concatenate([cube.vertices, [[0.01, 0, 0]]]), cube.faces)
+    inner = np.array([[0.01, 0.0, 0.001]])
+    assert depth(inner, solid_of(stray)) == pytest.approx(0.015)
 
 
 def test_real_meshes_agree_with_the_volume_of_random_points() -> None:
