@@ -88,6 +88,7 @@ def test_table4_has_a_row_for_every_set_and_their_mean() -> None:
     theirs = [float(row["paper F1"]) for row in rows[:3]]
     assert theirs == pytest.approx([93.85, 78.95, 79.52], abs=0.06)
     assert rows[2]["gbot F1"] == "70.0"
+    assert rows[2]["gbot ADD(S), twins exchanged"] == "70.0"
     assert rows[2]["strict ADD(S) 0.1 d"] == "71.0"
     assert rows[3]["First pose"] == "hypotheses"
 
