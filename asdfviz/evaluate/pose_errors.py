@@ -71,12 +71,19 @@ def nearest_points(points: Points) -> NearestPoints:
 
 
 def pose_error(
-    T_camera_estimate: Transform, T_camera_truth: Transform, model: ErrorModel
+    T_camera_estimate: Transform,
+    T_camera_truth: Transform,
+    model: ErrorModel,
+    *,
+    known_add_s: float | None = None,
 ) -> PoseError:
-    """Return all errors of one pose; ADD(S) as in Hinterstoisser et al. (ACCV 2012)."""
+    """Return all errors of one pose; ADD(S) as in Hinterstoisser et al. (ACCV 2012), or as known."""
     symmetries = model.part.symmetries
+    known = known_add_s
+    if known is None:
+        known = add_s(T_camera_estimate, T_camera_truth, model)
     return PoseError(
-        add_s=add_s(T_camera_estimate, T_camera_truth, model),
+        add_s=known,
         e_t=e_t(T_camera_estimate, T_camera_truth),
         e_r=e_r(T_camera_estimate, T_camera_truth),
         e_r_sym=e_r_symmetric(T_camera_estimate, T_camera_truth, symmetries),

@@ -98,9 +98,11 @@ def compare_poses(
         prediction = predictions.get(frame.frame_index)
         poses: Mapping[str, PoseEstimate] = {} if prediction is None else prediction.poses
         given = dict(poses)
+        measured: dict[tuple[str, str], float] = {}
         for names in groups:
             given = {name: pose for name, pose in given.items() if name not in names}
-            given |= exchanged(poses, frame.T_camera_part, names, models[names[0]])
+            twin = models[names[0]]
+            given |= exchanged(poses, frame.T_camera_part, names, twin, measured=measured)
         for name, model in models.items():
             T_camera_truth, pose = frame.T_camera_part.get(name), poses.get(name)
             if T_camera_truth is None:
@@ -110,10 +112,10 @@ def compare_poses(
                 continue
             share = visible[frame.frame_index][name]
             where = (frame.frame_index, name, share)
-            record = _record(where, pose, T_camera_truth, model)
+            record = _record(where, pose, T_camera_truth, model, measured)
             records.append(record)
             if given.get(name) is not pose:
-                record = _record(where, given.get(name), T_camera_truth, model)
+                record = _record(where, given.get(name), T_camera_truth, model, measured)
             after.append(record)
     false_positives = {name: tuple(found) for name, found in extra.items()}
     return Comparison(tuple(records), false_positives, tuple(after))
@@ -124,13 +126,18 @@ def _record(
     pose: PoseEstimate | None,
     T_camera_truth: Transform,
     model: ErrorModel,
+    measured: Mapping[tuple[str, str], float],
 ) -> PoseRecord:
     frame_index, name, visible = where
+    error: PoseError | None = None
+    if pose is not None:
+        known = measured.get((pose.part, name))
+        error = pose_error(pose.T_camera_part, T_camera_truth, model, known_add_s=known)
     return PoseRecord(
         frame_index=frame_index,
         part=name,
         visible=visible,
-        error=None if pose is None else pose_error(pose.T_camera_part, T_camera_truth, model),
+        error=error,
         T_camera_truth=T_camera_truth,
         T_camera_estimate=None if pose is None else pose.T_camera_part,
         score=None if pose is None else pose.score,

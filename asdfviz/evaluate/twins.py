@@ -28,6 +28,8 @@ def exchanged(
     truth: Mapping[str, Transform],
     names: Sequence[str],
     model: ErrorModel,
+    *,
+    measured: dict[tuple[str, str], float] | None = None,
 ) -> dict[str, PoseEstimate]:
     """Give the poses of twins to the true ones with the least sum of ADD(S), none of it above FAR.
 
@@ -36,6 +38,7 @@ def exchanged(
         truth: T_camera_part of the parts that are there.
         names: of the twins.
         model: of any of them.
+        measured: takes the ADD(S) that had to be measured, by the names of the pose and of the truth.
 
     Returns:
         The poses by the name of the true twin; a twin for which none is left is absent.
@@ -46,7 +49,11 @@ def exchanged(
     for i, name in enumerate(said):
         for j, other in enumerate(there):
             pair = (poses[name].T_camera_part, truth[other], model)
-            far = add_s_at_least(*pair) >= FAR
-            cost[i, j] = (FAR if far else min(add_s(*pair), FAR)) - OWN_NAME * (name == other)
+            error = FAR
+            if add_s_at_least(*pair) < FAR:
+                error = add_s(*pair)
+                if measured is not None:
+                    measured[name, other] = error
+            cost[i, j] = min(error, FAR) - OWN_NAME * (name == other)
     assign = cast(Any, optimize).linear_sum_assignment
     return {there[j]: poses[said[i]] for i, j in zip(*assign(cost), strict=True)}
