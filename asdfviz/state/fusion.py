@@ -31,6 +31,7 @@ may last 7 only; the tests simulate it. The looks alone take about twice as long
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -38,6 +39,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, StateEstimate
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
 
 
@@ -55,6 +57,20 @@ class FusionConfig:
     """w_{f-1}, equation 5: weight of the previous frame."""
     neighbour: float = 0.02
     """n, equation 4: share of each neighbour's previous probability."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where a weight is out of its range."""
+        for name in ("w_dl", "w_p", "w_f", "w_previous"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise MethodError(
+                    f"fusion.{name} is {getattr(self, name):g}, use a weight from 0 up"
+                )
+        if not (self.w_dl + self.w_p > 0 and self.w_f > 0):
+            raise MethodError(
+                "fusion: w_dl and w_p are both 0, or w_f is: nothing seen would count"
+            )
+        if not 0 <= self.neighbour <= 1:
+            raise MethodError(f"fusion.neighbour is {self.neighbour:g}, use a share from 0 to 1")
 
 
 class Pose2State:
@@ -115,8 +131,7 @@ class Pose2State:
         if (S_dl is None) == (S_p is None):
             return 1.0
         w_dl, w_p = self._config.w_dl, self._config.w_p
-        whole = w_dl + w_p
-        return (w_dl if S_p is None else w_p) / whole if whole > 0 else 1.0
+        return (w_dl if S_p is None else w_p) / (w_dl + w_p)
 
     def _fused(self, current: Scores | None, carried: Scores | None, share: float) -> Scores | None:
         """Equation 5, with this share of the weight of the frame."""

@@ -41,6 +41,7 @@ from typing import Any
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Joint, PoseEstimate
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.joints import deviation
@@ -59,6 +60,11 @@ class PlaceOdds:
     """Of a pose with score 0."""
     slope: float = 16.8
     """Up to a pose with score 1. 0: the score is the probability itself."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where a number is none."""
+        if not (math.isfinite(self.offset) and math.isfinite(self.slope)):
+            raise MethodError("relative_pose.in_place: offset and slope must be numbers")
 
     def probability(self, score: float) -> float:
         """That the part is where a pose with this score says, 0 to 1."""
@@ -93,6 +99,17 @@ class RelativePoseConfig:
     """u of a pose with score 0: share of joined parts of which the rotation says nothing, 0 to 1."""
     temperature: float = 1.5
     """Above 1 the parts are trusted less than independent witnesses."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where a tolerance is out of its range."""
+        for name in ("sigma_translation", "sigma_rotation", "temperature"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise MethodError(
+                    f"relative_pose.{name} is {getattr(self, name):g}, use more than 0"
+                )
+        for name in ("outliers", "doubted", "wrong_rotations"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise MethodError(f"relative_pose.{name} is {getattr(self, name):g}, use 0 to 1")
 
 
 _LEAST = 1e-9

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import Assembly, State
+from asdfviz.errors import MethodError
 from asdfviz.state.fusion import FusionConfig, Pose2State, neighbours
 
 
@@ -179,7 +180,17 @@ def test_without_a_weight_the_frame_before_says_nothing() -> None:
     assert estimate.probabilities == pytest.approx([0.0, 1.0])
 
 
-def test_weights_of_nothing_are_no_error() -> None:
-    fusion = Pose2State(chain(2), config=FusionConfig(w_dl=0.0, w_p=0.0, w_f=0.0, w_previous=0.0))
-    for terms in ((peak(0, 2), None), (None, peak(1, 2)), (peak(0, 2), peak(0, 2))):
-        assert fusion.step(*terms) is not None
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"w_f": float("nan")}, "w_f is nan"),
+        ({"w_dl": -0.1}, "w_dl is -0.1"),
+        ({"w_p": float("inf")}, "w_p is inf"),
+        ({"w_dl": 0.0, "w_p": 0.0}, "both 0"),
+        ({"w_f": 0.0}, "nothing seen"),
+        ({"neighbour": 1.7}, "neighbour is 1.7"),
+    ],
+)
+def test_weights_that_are_none_are_refused(options: dict[str, float], named: str) -> None:
+    with pytest.raises(MethodError, match=named):
+        FusionConfig(**options)

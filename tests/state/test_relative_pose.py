@@ -2,11 +2,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from asdfviz.datatypes import Assembly
+from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.state.relative_pose import (
     PlaceOdds,
@@ -174,3 +176,19 @@ def test_poses_that_fit_to_the_last_bit_are_no_error(assembly: Assembly, place: 
     assert int(found.argmax()) == 3
     assert np.isfinite(found).all()
     assert PlaceOdds(offset=-2000.0).probability(0.5) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        ({"sigma_translation": 0.0}, "sigma_translation is 0"),
+        ({"temperature": float("nan")}, "temperature is nan"),
+        ({"outliers": 1.5}, "outliers is 1.5"),
+        ({"doubted": -1.0}, "doubted is -1"),
+    ],
+)
+def test_tolerances_that_are_none_are_refused(options: dict[str, Any], named: str) -> None:
+    with pytest.raises(MethodError, match=named):
+        RelativePoseConfig(**options)
+    with pytest.raises(MethodError, match="in_place"):
+        PlaceOdds(offset=float("nan"))
