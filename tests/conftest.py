@@ -14,8 +14,15 @@ from jaxtyping import install_import_hook
 # Modules imported from here on check their jaxtyping annotations at every call.
 install_import_hook("asdfviz", "beartype.beartype")
 
-LONG = ("test_wheel.py", "test_sequence_physics.py", "test_browser_reload.py", "test_kit.py")
-"""Files with minutes of work in few tests: begun first, so that no process waits for them at the end."""
+FIRST = (
+    "test_carrying.py",
+    "test_wheel.py",
+    "test_sequence_physics.py",
+    "test_browser_reload.py",
+    "test_kit.py",
+)
+"""Begun first, in this order: one process compiles the tracker's loops for all while others do what
+needs none, and none waits at the end for files with minutes of work in few tests."""
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
@@ -44,5 +51,6 @@ def unchecked() -> Callable[[], AbstractContextManager[None]]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put long files first; all else keeps its order."""
-    items.sort(key=lambda item: item.path.name not in LONG)
+    """Put some files first; all else keeps its order."""
+    place = {name: i for i, name in enumerate(FIRST)}
+    items.sort(key=lambda item: place.get(item.path.name, len(FIRST)))

@@ -88,7 +88,7 @@ def measure_shift(frames: Rows[Frame], *, config: ShiftConfig | None = None) -> 
         return None
     at_rest = np.array([1.0, 0.0, 0.0])
     warp, chance = _search(views, config)
-    before, after = _cost(at_rest, views, config), _cost(warp, views, config)
+    before, after = _cost(at_rest, views), _cost(warp, views)
     if after > (1.0 - config.least_match) * chance:
         return None
     if before - after < config.least_gain * before:
@@ -148,18 +148,18 @@ def _search(views: list[_View], config: ShiftConfig) -> tuple[Vector, float]:
     grid = [np.array(warp) for warp in itertools.product(scales, shifts, shifts)]
     costs = np.array([_rounded_cost(warp, views) for warp in grid])
     starts = [grid[int(i)] for i in np.argsort(costs, kind="stable")[:3]]
-    found = [_refined(start, views, config) for start in starts]
-    best = min(found, key=lambda warp: _cost(warp, views, config))
+    found = [_refined(start, views) for start in starts]
+    best = min(found, key=lambda warp: _cost(warp, views))
     return best, float(np.median(costs))
 
 
-def _refined(start: Vector, views: list[_View], config: ShiftConfig) -> Vector:
+def _refined(start: Vector, views: list[_View]) -> Vector:
     """Pattern search (Hooke and Jeeves, 1961): step along each axis while it helps, then halve."""
-    best, cost = start, _cost(start, views, config)
+    best, cost = start, _cost(start, views)
     steps = np.diag([0.005, 1.0, 1.0])
     while steps[1, 1] > 0.05:
         moves = [best + sign * step for step in steps for sign in (-1.0, 1.0)]
-        costs = [_cost(move, views, config) for move in moves]
+        costs = [_cost(move, views) for move in moves]
         if min(costs) < cost - 1e-6:
             best, cost = moves[int(np.argmin(costs))], min(costs)
         else:
@@ -179,11 +179,13 @@ def _rounded_cost(warp: Vector, views: list[_View]) -> float:
     return total / count
 
 
-def _cost(warp: Vector, views: list[_View], config: ShiftConfig) -> float:
+def _cost(warp: Vector, views: list[_View]) -> float:
     """Mean truncated distance between pixels: smooth, for the last steps."""
     values: list[Scores] = []
     for view in views:
         moved = view.offsets * warp[0] + view.center + warp[1:]
-        for k in range(config.directions):
-            values.append(sampled(view.distances[k], moved[view.bins == k]))
+        count, height, width = view.distances.shape
+        # One picture above the other, so that all directions are read at once.
+        moved[:, 1] = moved[:, 1].clip(0, height - 1) + view.bins * height
+        values.append(sampled(view.distances.reshape(count * height, width), moved))
     return float(np.concatenate(values).mean())

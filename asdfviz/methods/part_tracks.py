@@ -23,6 +23,8 @@ from asdfviz.methods.refinding import (
     RefindConfig,
     carried_on,
     distinct,
+    found_elsewhere,
+    is_mistaken,
     places_in,
     turned,
 )
@@ -79,8 +81,8 @@ class PartTracks:
         base = self._assembly.base
         for name in sorted(self.tracks, key=lambda name: name != base):
             self.tracks[name].support.fade(self._config.support)
-            if name in looked_at and name in proposed:
-                self._believe_the_detector(name, frame, proposed[name], looked_at[name])
+            if name in proposed:
+                self._believe_the_detector(name, frame, proposed[name], looked_at.get(name))
             self._look_for(name, frame, proposed.get(name), looked_at.get(name), state)
         poses = self.tracker.poses
         free = {name: poses[name] for name, track in self.tracks.items() if track.explore}
@@ -121,14 +123,16 @@ class PartTracks:
             if sure[name] >= least:
                 track.T_before = track.T_now if track.age and not track.unsure else None
                 track.T_now, track.unsure, track.age = T_found, 0, track.age + 1
+                track.missing = 0
                 seen.append(name)
             else:
                 track.T_before, track.unsure = None, track.unsure + 1
+                lost = visible >= self._config.hidden_below
+                track.missing = track.missing + 1 if lost else 0
                 if name in joined:
                     track.T_now = T_found
                 else:
                     back[name] = track.T_now
-                    lost = visible >= self._config.hidden_below
                     if lost or track.is_new or track.unsure > self._config.patience:
                         continue
             stage = "group" if name in joined else "tracked"
@@ -148,24 +152,25 @@ class PartTracks:
         self.tracker.add(frame, poses)
 
     def _believe_the_detector(
-        self, name: str, frame: Frame, proposal: PoseEstimate, look: LookedAt
+        self, name: str, frame: Frame, proposal: PoseEstimate, look: LookedAt | None
     ) -> None:
-        """Begin anew where the detector keeps finding a part that is tracked elsewhere."""
-        track, centre = self.tracks[name], self.bodies[name].model.centre
+        """Begin anew where the detector has a part that does not fit, or keeps finding it elsewhere."""
+        track = self.tracks[name]
         if not track.explore and not track.unsure:  # the state holds it
             return
-        T_now, T_seen = track.T_now, proposal.T_camera_part
-        if track.support.hear(
-            apply_to_point(T_now, centre),
-            apply_to_point(T_seen, centre),
-            score=look.detection.score,
+        is_elsewhere = look is not None and found_elsewhere(
+            track,
+            proposal,
+            look.detection.score,
+            centre=self.bodies[name].model.centre,
             diameter=self._assembly.parts[name].diameter,
-            is_sure=not track.unsure,
             config=self._config.support,
-        ):
-            self.tracks[name] = Track(T_seen)
+        )
+        settle = partial(self.tracker.trials, frame, name)
+        if is_elsewhere or is_mistaken(track, proposal, settle, config=self._config):
+            self.tracks[name] = Track(proposal.T_camera_part)
             self.tracker.drop([name])
-            self.tracker.add(frame, {name: T_seen})
+            self.tracker.add(frame, {name: proposal.T_camera_part})
 
     def _look_for(
         self,

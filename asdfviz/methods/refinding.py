@@ -8,7 +8,7 @@ detector finds places long before it tells rotations apart.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -26,6 +26,7 @@ from asdfviz.geometry.transforms import (
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.track_memory import Track
 from asdfviz.state.joints import nearest_in_joint
+from asdfviz.track.starts import Trial
 
 SAME = 0.005
 """Starts nearer to each other than this (metres) and SAME_ANGLE are one."""
@@ -52,6 +53,12 @@ class RefindConfig:
     """Of a detected box of score 1 that has the part's centre inside."""
     support: SupportConfig = field(default_factory=SupportConfig)
     """When the detector is believed that a part is elsewhere."""
+    missing: int = 3
+    """A part that did not fit in so many frames in a row, though nothing hid it, begins anew"""
+    anew: float = 0.25
+    """where the detector has it with at least this score, 0 to 1,"""
+    fits_better: float = 0.3
+    """if so much more of it fits depth closely there than where it is tracked, 0 to 1."""
     seen: float = 0.7
     """Visible share from which turns are tried."""
     rough_rounds: int = 3
@@ -115,6 +122,43 @@ def carried_on(track: Track, proposal: PoseEstimate | None, *, centre: Vector) -
         place = apply_to_point(proposal.T_camera_part, centre)
         starts.append(moved_to(track.T_now, place, centre=centre))
     return distinct(starts, centre=centre)
+
+
+def found_elsewhere(
+    track: Track,
+    proposal: PoseEstimate,
+    score: float,
+    *,
+    centre: Vector,
+    diameter: float,
+    config: SupportConfig,
+) -> bool:
+    """Whether the detector, now by a box of this score, found a part far from its track for long enough."""
+    return track.support.hear(
+        apply_to_point(track.T_now, centre),
+        apply_to_point(proposal.T_camera_part, centre),
+        score=score,
+        diameter=diameter,
+        is_sure=not track.unsure,
+        config=config,
+    )
+
+
+def is_mistaken(
+    track: Track,
+    proposal: PoseEstimate,
+    settle: Callable[[Sequence[Transform]], list[Trial]],
+    *,
+    config: RefindConfig,
+) -> bool:
+    """Whether a part that did not fit for long fits depth better where the detector has it.
+
+    Colours that were learnt on something else speak against every right pose.
+    """
+    if track.missing < config.missing or proposal.score < config.anew:
+        return False
+    now, seen = settle([track.T_now, proposal.T_camera_part])
+    return seen.sharp - now.sharp > config.fits_better
 
 
 def places_in(

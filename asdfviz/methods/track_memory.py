@@ -34,6 +34,8 @@ class Track:
     """The one a frame earlier, if it was sure of both."""
     unsure: int = 0
     """Frames since it was sure."""
+    missing: int = 0
+    """Those of them in a row in which nothing hid it."""
     age: int = 0
     """Frames in which it was sure."""
     rival: Rival | None = None

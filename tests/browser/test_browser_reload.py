@@ -26,6 +26,9 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:Queued a .* on a closed connection"),
 ]
 
+SIZE = (1000, 640)
+"""Of the window: every step of a drag is drawn in software."""
+
 
 @pytest.fixture(scope="module")
 def workpiece(
@@ -53,7 +56,7 @@ def test_a_part_is_dragged_saved_reloaded_and_exported(
     config = ViewConfig(
         sequence=str(sequence), assembly=str(assembly), annotations=tmp_path, port=0
     )
-    with contextlib.closing(open_app(config)) as app, opened(chromium, app) as page:
+    with contextlib.closing(open_app(config)) as app, opened(chromium, app, size=SIZE) as page:
         T_dragged = _drag(page, app, part)
         name = app.workspace.assembly.name
     # What is on disk is what was seen, to the last bit.
@@ -64,7 +67,7 @@ def test_a_part_is_dragged_saved_reloaded_and_exported(
         assert kept.provenance == "gizmo"
         assert kept.T_camera_part is not None
         assert np.array_equal(kept.T_camera_part, T_dragged)
-    with contextlib.closing(open_app(config)) as app, opened(chromium, app) as page:
+    with contextlib.closing(open_app(config)) as app, opened(chromium, app, size=SIZE) as page:
         page.get_by_test_id("tab-annotate").click()
         expect(page.get_by_test_id(f"part-{part}")).to_contain_text("corrected")
         assert np.array_equal(app.workspace.poses(0, None)[part].T_camera_part, T_dragged)
@@ -100,7 +103,7 @@ def _drag(page: Page, app: App, part: str) -> np.ndarray:
         page.mouse.move(*grip, steps=3)
         page.wait_for_timeout(400)
         page.mouse.down()
-        page.mouse.move(*goal, steps=12)
+        page.mouse.move(*goal, steps=4)
         end = time.monotonic() + 5.0
         while time.monotonic() < end:
             if app.tabs()[-1].is_dragging:

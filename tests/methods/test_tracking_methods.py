@@ -21,7 +21,7 @@ from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.gbot import Gbot, GbotConfig
 from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
 from asdfviz.methods.group_contours import GroupContours
-from asdfviz.methods.refinding import turned
+from asdfviz.methods.refinding import RefindConfig, turned
 from asdfviz.methods.registry import available_methods, build_method, find_method
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.turn_checks import TurnConfig
@@ -347,6 +347,30 @@ def test_asdf_track_finds_parts_again(scene: Scene, toy, detector) -> None:
     assert scene.off_mm(said[1], "block") < 5
     assert scene.off_mm(said[-1], "block") < 5
     assert scene.off_mm(said[-1], "base") < 5
+
+
+@pytest.mark.parametrize(("missing", "is_found"), [(3, True), (FRAMES, False)])
+def test_a_part_whose_colours_were_learnt_on_something_else_begins_anew(
+    scene: Scene, toy, detector, missing: int, is_found: bool
+) -> None:
+    """Something grey of its shape lies on a cloth of the block's colour; then the block lies beside."""
+    grey = replace(scene.assembly.parts["block"], color=np.array([120, 120, 120], np.uint8))
+    other = replace(scene.assembly, parts={**scene.assembly.parts, "block": grey})
+    before, after = scene.truth[0], scene.truth[3]
+    truth = [before] * 4 + [after] * (FRAMES - 4)
+    frames = [scene.draw(scene.assembly if i >= 4 else other, T, i) for i, T in enumerate(truth)]
+    for frame in frames[:4]:
+        assert frame.depth is not None
+        frame.rgb[1:][frame.depth[1:] > 0.8] = COLORS["block"]
+    moved = replace(scene, truth=truth, frames=frames)
+    for i, poses in enumerate(truth):
+        detector.answers[i] = tuple(toy.detection(n, T, seed=i) for n, T in poses.items())
+    config = AsdfTrackConfig(refind=RefindConfig(missing=missing))
+    said = play(AsdfTrack(config, detector=detector), moved, None)
+    assert moved.off_mm(said[3], "block") < 5
+    assert "block" not in said[5].poses
+    assert ("block" in said[-1].poses) == is_found
+    assert not is_found or moved.off_mm(said[-1], "block") < 5
 
 
 def test_a_part_that_no_box_shows_is_absent_until_the_state_joins_it(
