@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -70,15 +70,16 @@ def run(
         MethodError: the method failed or said something impossible; with the frame.
     """
     assembly = _known_assembly(sequence)
-    if not len(sequence):
-        raise SequenceError(f"{sequence.path} has no frames")
     config = spec.config() if config is None else config
     method = build_method(spec, config)  # refuses a config of another class
     initial = _initial(sequence, assembly) if spec.initial == "first_frame_truth" else None
     predictions: list[FramePrediction] = []
+    hashes = input_hashes(
+        sequence, assembly, config
+    )  # of what is read now, not of what lies there later
 
     def so_far() -> Run:
-        return _run_of(predictions, spec, sequence, assembly, config)
+        return _run_of(predictions, spec, sequence, assembly, config, hashes)
 
     if spec.viewpoints:
         try:
@@ -107,6 +108,7 @@ def _run_of(
     sequence: Sequence,
     assembly: Assembly,
     config: object,
+    hashes: Mapping[str, str],
 ) -> Run:
     return Run(
         method=spec.name,
@@ -115,7 +117,7 @@ def _run_of(
         assembly=str(Path(assembly.path).resolve()),
         version=__version__,
         predictions=tuple(predictions),
-        hashes=input_hashes(sequence, assembly, config),
+        hashes=hashes,
         initial=spec.initial,
     )
 
@@ -128,6 +130,8 @@ def _known_assembly(sequence: Sequence) -> Assembly:
             f"names the assembly '{named}', not found" if named else "does not name its assembly"
         )
         raise SequenceError(f"{sequence.path} {found}: say which with --assembly PATH")
+    if not len(sequence):
+        raise SequenceError(f"{sequence.path} has no frames")
     return assembly
 
 

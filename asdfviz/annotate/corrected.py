@@ -12,7 +12,7 @@ from pathlib import Path
 from asdfviz.annotate.identity import open_annotation, own_annotation_file
 from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, label_of
 from asdfviz.annotate.store import AnnotationStore
-from asdfviz.data.run_files import load_run
+from asdfviz.data.run_files import RUNS, load_run
 from asdfviz.datatypes import Assembly, FrameTruth, Run, Sequence
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
@@ -138,10 +138,16 @@ def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, 
                 f"the run of '{seed.method}' that the corrections of '{sequence.name}' started "
                 "from was not saved: run the method again and start from that"
             )
-        return truth_from_run(load_run(Path(seed.run)), assembly)
+        return truth_from_run(load_run(run_of_seed(seed.run, sequence)), assembly)
     if seed.kind == "none":
         return {}
     return _truth_of(sequence)
+
+
+def run_of_seed(folder: str, sequence: Sequence) -> Path:
+    """The folder of a run that corrections start from; in the scene's own runs if the scene was moved."""
+    moved = Path(sequence.path) / RUNS / Path(folder).name
+    return moved if not Path(folder).exists() and moved.exists() else Path(folder)
 
 
 def truth_from_run(run: Run, assembly: Assembly) -> dict[int, FrameTruth]:

@@ -17,6 +17,8 @@ from asdfviz.app.job_actions import (
 from asdfviz.geometry.shapes import Transform
 
 Tab = Literal["sequence", "methods", "annotate", "results"]
+Axis = Literal[0, 1, 2]
+Sign = Literal[-1, 1]
 Gizmo = Literal["move", "turn", "off"]
 GIZMOS: tuple[Gizmo, ...] = ("move", "turn", "off")
 TABS: tuple[Tab, ...] = ("sequence", "methods", "annotate", "results")
@@ -154,16 +156,16 @@ class NextPart:
 class Nudge:
     """Move the selected part by one step along a camera axis."""
 
-    axis: int
-    sign: int
+    axis: Axis
+    sign: Sign
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
     """Turn the selected part by one step about a camera axis through its middle."""
 
-    axis: int
-    sign: int
+    axis: Axis
+    sign: Sign
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,7 +97,7 @@ def _build(kind: type, fields: Mapping[str, object]) -> actions.Action | None:
 def _fits(value: object, hint: Any) -> bool:
     """Whether a JSON value is of the type that a field asks for."""
     if get_origin(hint) is Literal:
-        return value in get_args(hint)
+        return any(type(value) is type(known) and value == known for known in get_args(hint))
     if hint is float:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         return number and math.isfinite(cast(float, value))

@@ -11,6 +11,8 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from asdfviz.annotate.records import TRACKED
 from asdfviz.app.editing import carried
 from asdfviz.app.items import JobStatus, Message
@@ -19,11 +21,14 @@ from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame
 from asdfviz.errors import AnnotationError, AsdfvizError, Stopped
+from asdfviz.evaluate.health_shift import spread
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.tracking import load_bodies
 from asdfviz.track.keyframes import CarriedPose, CarryConfig, carry_parts
 from asdfviz.track.presets import FINE, RBOT_REGION
 
+LOOKED_AT = 8
+"""Frames that are looked at for depth, without which the tracker goes by colour alone."""
 TOLD_EVERY = 0.1
 """Seconds between two words on how far it is."""
 
@@ -104,6 +109,8 @@ class CarryJob:
         self._carry = carry
         self._stopped = threading.Event()
         self._told = 0.0
+        self._lock = threading.Lock()
+        """Held while the status changes, so that a stop never overwrites an end."""
         self._thread = threading.Thread(target=self._work, name="carry", daemon=True)
         self._set(JobStatus(carry.label, "running", total=carry.last - carry.first))
 
@@ -114,9 +121,11 @@ class CarryJob:
     def stop(self) -> None:
         """Ask to stop before the next frame."""
         self._stopped.set()
-        status = self._workspace.carrying
-        if status is not None and status.state == "running":
-            self._set(replace(status, state="stopping"))
+        with self._lock:
+            status = self._workspace.carrying
+            if status is not None and status.state == "running":
+                self._workspace.carrying = replace(status, state="stopping")
+        self._workspace.changed()
 
     def wait(self, seconds: float | None = None) -> None:
         """Wait for the end."""
@@ -133,11 +142,20 @@ class CarryJob:
         except Stopped:
             self._set(JobStatus(carry.label, "stopped", total=total))
         except (AsdfvizError, OSError) as error:
-            self._set(JobStatus(carry.label, "failed", total=total, message=str(error)))
-            message = Message(f"{carry.label} could not be tracked", str(error), is_problem=True)
-            self._workspace.say(message)
+            self._fail(str(error))
         else:
             self._set(JobStatus(carry.label, "done", done=count, total=total))
+        finally:
+            # Else the tracker would seem to work for good, and no other could begin.
+            if self._workspace.carrying is not None and self._workspace.carrying.is_active:
+                self._fail("a fault in the program, which the terminal tells")
+
+    def _fail(self, message: str) -> None:
+        carry = self._carry
+        total = carry.last - carry.first
+        self._set(JobStatus(carry.label, "failed", total=total, message=message))
+        said = Message(f"{carry.label} could not be tracked", message, is_problem=True)
+        self._workspace.say(said)
 
     def _tracked(self) -> dict[str, dict[int, CarriedPose]]:
         workspace, carry = self._workspace, self._carry
@@ -148,10 +166,15 @@ class CarryJob:
             stop=self._stopped.is_set,
         )
 
-        def frame_at(place: int) -> Frame:
-            return source[place]
+        some = [carry.first + k for k in spread(carry.last - carry.first + 1, LOOKED_AT)]
+        has_depth = any(source[place].depth is not None for place in some)
 
-        has_depth = frame_at(carry.first).depth is not None
+        def frame_at(place: int) -> Frame:
+            frame = source[place]
+            if has_depth and frame.depth is None:  # to the tracker, depth that measured nothing
+                return replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
+            return frame
+
         return carry_parts(
             frame_at,
             carry.keyframes,
@@ -199,5 +222,6 @@ class CarryJob:
         self._set(JobStatus(self._carry.label, state, done, total, preparing=preparing))
 
     def _set(self, status: JobStatus) -> None:
-        self._workspace.carrying = status
+        with self._lock:
+            self._workspace.carrying = status
         self._workspace.changed()

@@ -6,6 +6,7 @@ empties it, so nothing here needs a lock, and no click is lost while something w
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
 import time
@@ -25,7 +26,6 @@ from asdfviz.app.options import config_from
 from asdfviz.app.playback import Pace, wait_until_shown
 from asdfviz.app.session import settled, update
 from asdfviz.app.snapshot import take
-from asdfviz.app.truths import truth_of
 from asdfviz.app.view import View
 from asdfviz.app.welcome import is_first_visit, remember_visit
 from asdfviz.app.workspace import Workspace
@@ -104,6 +104,10 @@ class Controller:
         self._changed()
         self._refresh()
         self._on_shown()
+        self._serve()
+        self._keep_what_is_left()
+
+    def _serve(self) -> None:
         while not self._is_closed:
             before = self.view.place
             for received in self._next_actions():
@@ -116,6 +120,17 @@ class Controller:
             moved = self.view.place != before
             if (moved or self.view.playing) and not was_shown:
                 wait_until_shown(self.client)
+
+    def _keep_what_is_left(self) -> None:
+        """The tab may go while edits still wait; they are kept, and nobody is there to be told."""
+        while not self._queue.empty():
+            action = self._queue.get()
+            if action is None:
+                continue
+            self.view = update(self.view, action, self._workspace.facts())
+            if isinstance(action, Edits):
+                with contextlib.suppress(AsdfvizError):
+                    self._edit(action)
 
     def _build(self) -> None:
         workspace = self._workspace
@@ -226,9 +241,7 @@ class Controller:
         self._burst = done.burst
         self._status = f"{done.message}, saved"
         self.view = replace(self.view, place=done.place)
-        if isinstance(action, (act.Undo, act.Redo)):
-            base = self._workspace.base_of_seed() or self.view.base
-            self.view = replace(self.view, base=base)
+        self._follow_seed()
         self._workspace.changed()
 
     def _use_run(self) -> None:
@@ -237,8 +250,14 @@ class Controller:
             self._workspace.store.set_seed(self._workspace.seed_of(self.view.base))
             self._workspace.changed()
 
+    def _follow_seed(self) -> None:
+        """Draw what corrections start from, in every tab: that is also what is exported."""
+        if (base := self._workspace.base_of_seed()) is not None:
+            self.view = replace(self.view, base=base, chosen=True)
+
     def _changed(self) -> None:
         facts = self._workspace.facts()
+        self._follow_seed()
         self.view = settled(self.view, facts)
         messages = self._workspace.messages
         for message in messages[self._heard :]:
@@ -277,5 +296,5 @@ class Controller:
         stamp = (id(reports), self.view.base)
         if reports is not None and self.view.tab == "results" and self._judged != stamp:
             self._judged = stamp
-            self._worst = worst_frames(self._workspace, truth_of(self._workspace), self.view.base)
+            self._worst = worst_frames(self._workspace, self.view.base)
         return self._worst

@@ -26,7 +26,7 @@ class Hotkey:
 
 def _moves() -> tuple[Hotkey, ...]:
     """I K J L U O move right-handed in the picture; Shift turns about the same axes."""
-    keys = (
+    keys: tuple[tuple[str, act.Axis, act.Sign, str], ...] = (
         ("I", 1, -1, "up"),
         ("K", 1, 1, "down"),
         ("J", 0, -1, "left"),
@@ -39,7 +39,7 @@ def _moves() -> tuple[Hotkey, ...]:
         for key, axis, sign, way in keys
     )
     # Turns are right-handed about the way that the key nudges.
-    turns = (
+    turns: tuple[tuple[str, act.Axis, act.Sign, str], ...] = (
         ("I", 1, -1, "Turn right"),
         ("K", 1, 1, "Turn left"),
         ("J", 0, -1, "Tip back"),

@@ -27,6 +27,8 @@ class LoadedRun:
     by_place: tuple[FramePrediction | None, ...]
     folder: Path | None = None
     """None while it is still being computed."""
+    home: Path | None = None
+    """The folder that it is or will be saved in."""
 
     @property
     def milliseconds(self) -> float | None:

@@ -170,6 +170,7 @@ def open_workspace(config: ViewConfig) -> Workspace:
     name = store.path.stem
     scene = Path(sequence.path)
     runs = scene / RUNS if _is_ours_to_write(scene) else folder / RUNS / name
+    runs = runs.resolve()
     workspace = Workspace(
         sequence,
         assembly,
@@ -183,7 +184,8 @@ def open_workspace(config: ViewConfig) -> Workspace:
         workspace.say(Message("Corrections go to " + store.path.name, said))
     try:
         for run in config.runs:
-            workspace.put_run(load_run(run, assembly=assembly), str(run), folder=run.resolve())
+            home = run.resolve()
+            workspace.put_run(load_run(run, assembly=assembly), str(home), folder=home)
     except InputError:
         workspace.close()
         raise
@@ -193,7 +195,7 @@ def open_workspace(config: ViewConfig) -> Workspace:
 
 def _load_earlier_runs(workspace: Workspace, folders: tuple[Path, ...]) -> None:
     """Load what was run before; a run that no longer fits is told, not fatal."""
-    files = {file for folder in folders for file in folder.glob(f"*/{RUN}")}
+    files = {file for folder in folders for file in folder.resolve().glob(f"*/{RUN}")}
     for file in sorted(files, key=lambda file: (file.stat().st_mtime, str(file))):
         folder = file.parent
         if workspace.run(str(folder)) is not None:

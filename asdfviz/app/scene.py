@@ -57,6 +57,7 @@ class Scene:
         self._gizmo: Any = None
         self._reach = 1.0
         self._held: str | None = None
+        self._mode = "ar"
         self.dragged: tuple[str, Transform] | None = None
         """Part and pose while a gizmo is held."""
         self.ring = Ring(self._scene, "/picture")
@@ -70,6 +71,7 @@ class Scene:
 
     def apply(self, snap: Snapshot) -> None:
         """Show a snapshot whose picture was loaded."""
+        self._mode = snap.view.mode
         self._apply_picture(snap)
         self._apply_parts(snap)
         self._apply_layers(snap)
@@ -92,7 +94,7 @@ class Scene:
     def _prepare(self) -> None:
         async def place(event: Any) -> None:
             x, y, z = event.ray_direction
-            if z > 1e-6:
+            if z > 1e-6 and self._mode == "ar":  # elsewhere a click shows no pixel
                 K = self._workspace.frames.camera.K
                 self._emit(act.PlacePart(K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]))
 

@@ -183,7 +183,7 @@ def _cycle_step(view: View, action: act.CycleStep, facts: Facts) -> View:
 
 def _set_range(view: View, action: act.SetRange, facts: Facts) -> View:
     first, last = sorted((action.first, action.last))
-    first, last = max(first, 0), min(last, facts.count - 1)
+    first, last = (min(max(place, 0), facts.count - 1) for place in (first, last))
     return replace(view, marked=(first, last), marking=None, tab="annotate")
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from asdfviz.annotate.corrected import run_of_seed
 from asdfviz.annotate.records import TRACKED, Seed
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import theme, timeline
@@ -79,21 +80,24 @@ class Workspace:
         """The run of an id."""
         return next((run for run in self.runs if run.id == run_id), None)
 
-    def put_run(self, run: Run, run_id: str, *, folder: Path | None = None) -> None:
-        """Add a run, or replace the one of the same id."""
+    def put_run(
+        self, run: Run, run_id: str, *, folder: Path | None = None, home: Path | None = None
+    ) -> None:
+        """Add a run, or replace the one of the same id; one without a folder may have a home yet."""
+        home = home or folder
         predictions = {p.frame_index: p for p in run.predictions}
         by_place = tuple(predictions.get(index) for index in self.indices)
         with self._lock:
             self._changes += 1
             known = next((old for old in self._runs if old.id == run_id), None)
             if known is not None:
-                fresh = replace(known, run=run, by_place=by_place, folder=folder)
+                fresh = replace(known, run=run, by_place=by_place, folder=folder, home=home)
                 self._runs = tuple(fresh if old is known else old for old in self._runs)
                 return
             same = sum(old.run.method == run.method for old in self._runs)
             label = run.method if same == 0 else f"{run.method} {same + 1}"
             color = theme.run_color(len(self._runs))
-            self._runs += (LoadedRun(run_id, label, color, run, by_place, folder),)
+            self._runs += (LoadedRun(run_id, label, color, run, by_place, folder, home),)
 
     def drop_run(self, run_id: str) -> None:
         """Forget a run, as when it failed before its first frame."""
@@ -130,7 +134,7 @@ class Workspace:
         """What the annotation file keeps of where corrections start from."""
         run = self.run(base)
         if run is not None:
-            return Seed("run", str(run.folder) if run.folder else None, run.run.method)
+            return Seed("run", str(run.home) if run.home else None, run.run.method)
         return Seed("truth") if base == TRUTH else Seed()
 
     def base_of_seed(self) -> str | None:
@@ -138,8 +142,10 @@ class Workspace:
         seed = self.store.seed()
         if seed.kind == "truth":
             return TRUTH if self.has_truth else None
-        same = [run.id for run in self.runs if seed.run and str(run.folder) == seed.run]
-        return same[0] if same else None
+        if seed.run is None:
+            return None
+        homes = {run.home: run.id for run in reversed(self.runs)}
+        return homes.get(Path(seed.run)) or homes.get(run_of_seed(seed.run, self.frames.source))
 
     def layer(self, place: int, layer: str) -> dict[str, Transform]:
         """The poses of the truth or of one run."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from asdfviz.app.truths import truth_of
 from asdfviz.app.workspace import Workspace
-from asdfviz.datatypes import FrameTruth
+from asdfviz.errors import AnnotationError
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,9 +23,13 @@ class WorstFrame:
 
 
 def worst_frames(
-    workspace: Workspace, truth: Mapping[int, FrameTruth], base: str | None, *, count: int = 5
+    workspace: Workspace, base: str | None, *, count: int = 5
 ) -> tuple[WorstFrame, ...]:
-    """The worst part of each frame, worst frames first."""
+    """The worst part of each frame, worst frames first; none where nothing is known to be right."""
+    try:
+        truth = truth_of(workspace)
+    except AnnotationError:
+        return ()
     found: list[WorstFrame] = []
     run = workspace.run(base)
     for place, prediction in enumerate(run.by_place if run else ()):

@@ -9,6 +9,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from asdfviz.cli.progress import progress_bar
+
 
 @dataclass(frozen=True)
 class Check:
@@ -39,8 +41,8 @@ class Check:
             return
         for finding in report.findings:
             print(f"{finding.severity:<8} {finding.message}")
-        if not report.findings:
-            print("nothing found")
+        looked = f"in {report.frames_looked_at} of the frames"
+        print(f"looked {looked}" if report.findings else f"nothing found {looked}")
 
 
 @dataclass(frozen=True)
@@ -94,8 +96,14 @@ class Export:
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         truth = annotation_truth(sequence, annotations=self.annotations)
-        if self.layout == "bop":
-            export_bop(sequence, truth, self.out)
-        else:
-            export_yolo(sequence, truth, self.out, with_depth=self.layout == "yolo-depth")
+        with progress_bar("export") as report:
+
+            def progress(done: int, total: int) -> None:
+                report(done, total, "")
+
+            if self.layout == "bop":
+                export_bop(sequence, truth, self.out, progress=progress)
+            else:
+                with_depth = self.layout == "yolo-depth"
+                export_yolo(sequence, truth, self.out, with_depth=with_depth, progress=progress)
         print(self.out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from contextlib import suppress
 from dataclasses import dataclass, fields
@@ -52,7 +53,7 @@ class RunMethod:
         spec, config = chosen or (find_method(self.method), None)
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
-        out = self.out or Path("runs") / f"{sequence.name}-{spec.name}"
+        out = self.out or _own_folder(Path("runs") / f"{sequence.name}-{spec.name}", sequence)
         check_run_folder(out, Path(sequence.path))
         is_new = not out.exists()
         make_folder(out)
@@ -84,6 +85,9 @@ class RunMethod:
                 raise Stopped(saved) from error
             raise InputError(f"{error}; {saved}") from error
         if not result.predictions:
+            if is_new:
+                with suppress(OSError):
+                    out.rmdir()
             raise Stopped("no frame was done, nothing is saved")
         folder, saved = _saved(result, sequence, out)
         print(folder)
@@ -98,17 +102,34 @@ OWN_OPTIONS = (
 """Of `asdfviz run` itself, each with a value; all others are the method's."""
 
 
+def _own_folder(folder: Path, sequence: Sequence) -> Path:
+    """The folder, or one with a number behind its name where it holds a run on another recording."""
+    from asdfviz.data.run_files import load_run
+
+    scene = str(Path(sequence.path).resolve())
+    for number in itertools.count(1):
+        own = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
+        try:
+            if load_run(own).sequence == scene:
+                return own
+        except RunError:
+            return own  # none, or none that anyone could read
+    raise AssertionError("unreachable: count() does not end")
+
+
 def _saved(run: Run, sequence: Sequence, out: Path) -> tuple[Path, str]:
     """Save a run; a part never replaces more than it has. Returns where, and what there is to say."""
     from asdfviz.data.run_files import load_run, save_run
 
-    if len(run.predictions) < len(sequence):
+    def held(folder: Path) -> int:
         try:
-            before = len(load_run(out).predictions)
+            return len(load_run(folder).predictions)
         except RunError:
-            before = 0  # none, or none that anyone could read
-        if len(run.predictions) < min(before, len(sequence)):
-            out = out.with_name(f"{out.name}-partial")
+            return 0  # none, or none that anyone could read
+
+    names = (f"{out.name}-partial{'' if n == 1 else f'-{n}'}" for n in itertools.count(1))
+    while len(run.predictions) < min(held(out), len(sequence)):
+        out = out.with_name(next(names))
     save_run(run, out)
     return out, f"{len(run.predictions)} of {len(sequence)} frames are saved in {out}"
 

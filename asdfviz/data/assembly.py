@@ -15,7 +15,7 @@ import yaml
 from asdfviz.data.meshes import METRES_PER_UNIT, default_keypoints, read_mesh
 from asdfviz.data.resources import bundled_assemblies
 from asdfviz.data.states_section import parse_states
-from asdfviz.data.yaml_fields import Fields
+from asdfviz.data.yaml_fields import Fields, load_yaml
 from asdfviz.datatypes import KEYPOINTS, Assembly, Mesh, Part
 from asdfviz.errors import AssemblyError
 from asdfviz.geometry.sampling import diameter
@@ -110,7 +110,7 @@ def load_assembly(name_or_path: str | Path) -> Assembly:
 
 def _read_yaml(file: Path) -> Mapping[str, Any]:
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8"))
+        content = load_yaml(file.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError, OSError) as error:
         reason = " ".join(str(error).split())  # YAML's own messages have several lines
         raise AssemblyError(f"{file} cannot be read: {reason}") from error

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from asdfviz.data.scene_files import pictures_in
 from asdfviz.datatypes import Assembly
 
 _ROOMS = ("rgb", "depth")
@@ -31,9 +32,11 @@ def assembly_sha256(assembly: Assembly) -> str:
 def sequence_sha256(folder: Path) -> str:
     """SHA-256 over names and contents of a scene's images and JSON files; results beside them do not count."""
     rooms = _ROOMS if (folder / "rgb").is_dir() else _AUTHORS_ROOMS
-    images = [p for room in rooms for p in sorted((folder / room).glob("*.*"))]
+    images = [path for room in rooms for path in pictures_in(folder / room)]
+    images += sorted(path for path in (folder / "labels").glob("[!.]*.txt") if "labels" in rooms)
     digest = hashlib.sha256()
-    for file in [*sorted(folder.glob("*.json")), *images]:
+    notes = sorted(path for path in folder.glob("[!.]*.json") if path.is_file())
+    for file in [*notes, *images]:
         name = file.relative_to(folder).as_posix()
         digest.update(f"{name}\0{file_sha256(file)}\n".encode())
     return digest.hexdigest()

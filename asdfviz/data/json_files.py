@@ -64,9 +64,13 @@ class Json:
         """A finite number."""
         if isinstance(self.value, bool) or not isinstance(self.value, (int, float)):
             raise self.fail("a number")
-        if not math.isfinite(self.value):
+        try:
+            number = float(self.value)
+        except OverflowError as error:
+            raise self.fail("a finite number") from error
+        if not math.isfinite(number):
             raise self.fail("a finite number")
-        return float(self.value)
+        return number
 
     def integer(self) -> int:
         """A whole number."""
@@ -90,7 +94,7 @@ class Json:
         """A list of `count` finite numbers (nested lists are read row by row)."""
         try:
             array = np.asarray(self.value, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise self.fail(f"{count} numbers") from error
         if array.shape != (count,) or not np.isfinite(array).all():
             raise self.fail(f"{count} finite numbers")

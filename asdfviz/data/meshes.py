@@ -43,6 +43,15 @@ def read_mesh(path: Path, *, unit: str, part: str) -> Mesh:
         raise AssemblyError(f"part '{part}': {path} holds no triangles")
     if not np.isfinite(vertices).all():
         raise AssemblyError(f"part '{part}': {path} has vertices that are not finite")
+    outside = faces[(faces < 0) | (faces >= len(vertices))]
+    if len(outside):
+        raise AssemblyError(
+            f"part '{part}': {path} has a triangle with corner {outside[0]}, "
+            f"of corners 0 to {len(vertices) - 1}"
+        )
+    sides = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
+    if not np.cross(sides[:, 0], sides[:, 1]).any():
+        raise AssemblyError(f"part '{part}': {path} has no area: all its triangles are flat lines")
     vertices.flags.writeable = False
     faces.flags.writeable = False
     return Mesh(vertices, faces)

@@ -24,12 +24,18 @@ from asdfviz.geometry.transforms import is_rigid, orthonormalized, transform_fro
 _HEADER = ["scene_id", "im_id", "obj_id", "score", "R", "t", "time"]
 
 
+NO_SCORE = -1.0
+"""Says that the method gives no score."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Row:
     frame: int
     part: str
     score: float
-    T_camera_part: Transform
+    """Of any range, or NO_SCORE."""
+    T_camera_part: Transform | None
+    """None where the part was not found."""
     seconds: float | None
 
 
@@ -44,8 +50,8 @@ def read_result_csv(
     """Read the results for a sequence as a run, which compares with runs made here.
 
     Every frame of the sequence from the first row on gets a prediction, empty where there is no
-    row: a frame left out is a miss. Frames before the first row were given to the method as its
-    start and stay out. Of two rows for one part the better score counts. A translation of zero is
+    row: a frame left out is a miss. In the trackers' csv of GBOT, frames before the first row were
+    given to the method as its start and stay out. Of two rows for one part the better score counts. A translation of zero is
     how the GBOT evaluator writes a part that was not found, so such rows are left out.
 
     Args:
@@ -60,7 +66,7 @@ def read_result_csv(
         RunError: with the line; or no row fits.
     """
     lines = _read_lines(path)
-    is_bop = [cell.strip() for cell in lines[0]] == _HEADER
+    is_bop = [cell.strip().lower() for cell in lines[0]] == [name.lower() for name in _HEADER]
     first = 1 if is_bop else 0
     known = _parts_by_id(assembly)
     wanted = _wanted_scene(path, lines[first:], scene, folder=Path(sequence.path).name)
@@ -73,12 +79,9 @@ def read_result_csv(
         if part is None:
             unknown += 1
             continue
-        row = _parse_row(
-            cells, part, where=f"{path} line {number}", time_unit=1.0 if is_bop else 1e-3
-        )
-        if row is not None:
-            rows.append(row)
-    predictions = _predictions(rows, sequence, path)
+        where, time_unit = f"{path} line {number}", 1.0 if is_bop else 1e-3
+        rows.append(_parse_row(cells, part, where=where, time_unit=time_unit))
+    predictions = _predictions(rows, sequence, path, is_bop=is_bop)
     is_started = predictions[0].frame_index != sequence.frame_indices[0]
     return Run(
         method=method or path.stem,
@@ -94,7 +97,7 @@ def read_result_csv(
 
 def _read_lines(path: Path) -> list[list[str]]:
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             lines = [cells for cells in csv.reader(file) if cells]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise RunError(f"{path} cannot be read as csv: {error}") from error
@@ -128,26 +131,24 @@ def _wanted_scene(path: Path, lines: Rows[Rows[str]], scene: str | None, *, fold
     return found[0]
 
 
-def _parse_row(cells: Rows[str], part: str, *, where: str, time_unit: float) -> _Row | None:
-    """Read one row; None where it says that the part was not found."""
-    R = _numbers(cells[4], 9, f"{where}: R").reshape(3, 3)
-    t_mm = _numbers(cells[5], 3, f"{where}: t")
-    if not t_mm.any():
-        return None
-    T_raw = transform_from(R, t_mm * 1e-3)
-    if not is_rigid(T_raw, tolerance=1e-2):
-        raise RunError(f"{where}: R is no rotation (determinant {np.linalg.det(R):.4g})")
-    score = float(_numbers(cells[3], 1, f"{where}: score")[0])
-    time = float(_numbers(cells[6], 1, f"{where}: time")[0])
+def _parse_row(cells: Rows[str], part: str, *, where: str, time_unit: float) -> _Row:
     frame = cells[1].strip()
     if not (frame.isascii() and frame.isdigit()):
         raise RunError(f"{where}: the frame is '{cells[1]}', expected a number")
+    R = _numbers(cells[4], 9, f"{where}: R").reshape(3, 3)
+    t_mm = _numbers(cells[5], 3, f"{where}: t")
+    T_camera_part: Transform | None = None
+    if t_mm.any():
+        T_raw = transform_from(R, t_mm * 1e-3)
+        if not is_rigid(T_raw, tolerance=1e-2):
+            raise RunError(f"{where}: R is no rotation (determinant {np.linalg.det(R):.4g})")
+        T_camera_part = orthonormalized(T_raw)
+    time = float(_numbers(cells[6], 1, f"{where}: time")[0])
     return _Row(
         frame=int(frame),
         part=part,
-        # -1 says that the method gives no score.
-        score=1.0 if score < 0 else min(score, 1.0),
-        T_camera_part=orthonormalized(T_raw),
+        score=float(_numbers(cells[3], 1, f"{where}: score")[0]),
+        T_camera_part=T_camera_part,
         seconds=None if time < 0 else time * time_unit,
     )
 
@@ -162,7 +163,9 @@ def _numbers(cell: str, count: int, where: str) -> Scores:
     return values
 
 
-def _predictions(rows: Rows[_Row], sequence: Sequence, path: Path) -> tuple[FramePrediction, ...]:
+def _predictions(
+    rows: Rows[_Row], sequence: Sequence, path: Path, *, is_bop: bool
+) -> tuple[FramePrediction, ...]:
     frames = set(sequence.frame_indices)
     outside = sorted({row.frame for row in rows} - frames)
     if outside:
@@ -170,28 +173,52 @@ def _predictions(rows: Rows[_Row], sequence: Sequence, path: Path) -> tuple[Fram
             f"{path} has rows for frame {outside[0]}, which {sequence.name} does not have; "
             "is it the result of another scene?"
         )
-    if not rows:
-        raise RunError(f"{path} has no pose of a known part; is it of another assembly?")
     best: dict[int, dict[str, _Row]] = {}
     for row in rows:
         of_frame = best.setdefault(row.frame, {})
-        if row.part not in of_frame or row.score > of_frame[row.part].score:
+        if row.T_camera_part is not None and (
+            row.part not in of_frame or row.score > of_frame[row.part].score
+        ):
             of_frame[row.part] = row
-    start = min(best)
-    return tuple(_prediction(i, best.get(i, {})) for i in sequence.frame_indices if i >= start)
+    if not any(best.values()):
+        raise RunError(f"{path} has no pose of a known part; is it of another assembly?")
+    start, spread = min(sequence.frame_indices if is_bop else best), _spread(rows)
+    return tuple(
+        _prediction(i, best.get(i, {}), spread) for i in sequence.frame_indices if i >= start
+    )
 
 
-def _prediction(index: int, rows: dict[str, _Row]) -> FramePrediction:
+def _prediction(index: int, rows: dict[str, _Row], spread: tuple[float, float]) -> FramePrediction:
     seconds = [row.seconds for row in rows.values() if row.seconds is not None]
     return FramePrediction(
         frame_index=index,
         poses={
             name: PoseEstimate(
-                part=name, T_camera_part=row.T_camera_part, score=row.score, stage="tracked"
+                part=name,
+                T_camera_part=row.T_camera_part,
+                score=_share(row.score, spread),
+                stage="tracked",
             )
             for name, row in rows.items()
+            if row.T_camera_part is not None
         },
         state=None,
         # Both formats repeat the time of the whole image in each of its rows.
         runtime={"total": max(seconds)} if seconds else {},
     )
+
+
+def _spread(rows: Rows[_Row]) -> tuple[float, float]:
+    """The range of the scores; 0 to 1 where all of them, or all but those not given, lie in it."""
+    scores = [row.score for row in rows if row.T_camera_part is not None]
+    if all(0 <= score <= 1 or score == NO_SCORE for score in scores):
+        return 0.0, 1.0
+    return min(scores), max(scores)
+
+
+def _share(score: float, spread: tuple[float, float]) -> float:
+    """A score of any range as one of 0 to 1, in the same order."""
+    low, high = spread
+    if (low, high) == (0.0, 1.0):
+        return 1.0 if score == NO_SCORE else score
+    return (score - low) / (high - low) if high > low else 1.0

@@ -55,6 +55,16 @@ def find_scene_files(folder: Path) -> SceneFiles:
     return SceneFiles(rgb=rgb, depth=depth, ignored=(*odd_rgb, *odd_depth))
 
 
+def pictures_in(folder: Path) -> list[Path]:
+    """The images of a folder by name, whatever else lies there; none where there is no folder."""
+    suffixes = {*RGB_SUFFIXES, *DEPTH_SUFFIXES}
+    return [
+        path
+        for path in sorted(folder.glob("*.*"))
+        if path.suffix.lower() in suffixes and not path.name.startswith(".") and path.is_file()
+    ]
+
+
 def numbered_files(
     folder: Path, suffixes: tuple[str, ...]
 ) -> tuple[dict[int, Path], tuple[str, ...]]:

@@ -8,10 +8,36 @@ from difflib import get_close_matches
 from typing import Any, cast
 
 import numpy as np
+import yaml
 
 from asdfviz.errors import AssemblyError
 from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.geometry.transforms import is_rigid, orthonormalized
+
+
+class _EachKeyOnce(yaml.SafeLoader):
+    """Refuses a mapping that names a key twice, of which YAML would keep the last one in silence."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[object] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"'{key.value}' is there twice", key.start_mark
+                )
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
+
+
+def load_yaml(text: str) -> Any:
+    """Read YAML of plain values, each key once.
+
+    Raises:
+        yaml.YAMLError: it is none, with the line.
+    """
+    return yaml.load(text, Loader=_EachKeyOnce)
 
 
 @dataclass(frozen=True)
@@ -94,7 +120,7 @@ class Fields:
     def _numbers(self, value: object, count: int, what: str) -> Scores:
         try:
             array = np.asarray(value, dtype=np.float64).reshape(-1)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise AssemblyError(f"{self.where}: {what} must be {count} numbers") from error
         if len(array) != count or not np.isfinite(array).all():
             raise AssemblyError(

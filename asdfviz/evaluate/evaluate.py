@@ -83,6 +83,7 @@ def evaluate_run(
     protocol: ProtocolName = "strict",
     sequence_name: str | None = None,
     views: Views | None = None,
+    is_complete: bool = True,
 ) -> dict[str, Any]:
     """Return all figures of a run; shares in percent, mm, degrees and ms, None where undefined.
 
@@ -95,12 +96,14 @@ def evaluate_run(
         protocol: what counts, see `asdfviz.evaluate.protocols`.
         sequence_name: name in the report; None for the last part of the run's path.
         views: measured depth for `bop`; without it the truth is rendered.
+        is_complete: whether a part without a true pose in a frame is not there; else nobody said,
+            as where people corrected a few parts, and a pose for it is not wrong.
 
     Raises:
         RunError: the run does not fit the assembly or holds a pose that is none.
         SequenceError: something has to be rendered and there is no camera.
     """
-    found = judge(run, assembly=assembly, truth=truth, camera=camera)
+    found = judge(run, assembly=assembly, truth=truth, camera=camera, is_complete=is_complete)
     report = protocol_report(found, protocol=protocol, sequence_name=sequence_name)
     if protocol == "bop":
         _add_bop(report, found, views or _views_of(camera))

@@ -72,6 +72,8 @@ def open_result(
     Raises:
         InputError: the run, its assembly or the truth cannot be read or do not fit.
     """
+    if path.suffix.lower() == ".csv" and not path.exists():
+        raise RunError(f"there is no file {path}")
     if path.is_file():
         run, assembly = _read_csv(path, sequence or truth_folder, assembly, scene)
     else:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
 from asdfviz.evaluate.records import Comparison, compare_poses, predictions_by_frame
 from asdfviz.evaluate.state_scores import StateRecord, state_records
@@ -26,7 +28,12 @@ class Judgement:
 
 
 def judge(
-    run: Run, *, assembly: Assembly, truth: Mapping[int, FrameTruth], camera: Camera | None = None
+    run: Run,
+    *,
+    assembly: Assembly,
+    truth: Mapping[int, FrameTruth],
+    camera: Camera | None = None,
+    is_complete: bool = True,
 ) -> Judgement:
     """Compare every pose and state of a run with the truth.
 
@@ -38,6 +45,7 @@ def judge(
         assembly: what it was about.
         truth: by frame number.
         camera: needed only where the truth lacks visible shares, to render them.
+        is_complete: whether a part without a true pose is not there; else a pose for it is not wrong.
 
     Raises:
         RunError: the run does not fit the assembly or holds a pose that is none.
@@ -55,9 +63,10 @@ def judge(
             frames,
             assembly=assembly,
             visible=visible_shares(frames, assembly=assembly, camera=camera),
+            is_complete=is_complete,
         ),
         states=state_records(frames, predictions, assembly),
-        warnings=tuple(_warnings(predictions, truth, frames)),
+        warnings=(*_warnings(predictions, truth, frames), *_doubts(run, frames)),
     )
 
 
@@ -91,4 +100,22 @@ def _warnings(
             f"{len(unknown)} frames of the run have no truth and do not count, "
             f"frame {unknown[0]} first"
         )
+    return found
+
+
+def _doubts(run: Run, frames: tuple[FrameTruth, ...]) -> list[str]:
+    """What hints at results of something else, or in another unit."""
+    found: list[str] = []
+    unknown = run.config.get("rows_of_unknown_objects")
+    if isinstance(unknown, int) and unknown:
+        found.append(f"{unknown} rows are of objects that the assembly does not have, and left out")
+    said = [pose.T_camera_part[2, 3] for p in run.predictions for pose in p.poses.values()]
+    true = [T[2, 3] for frame in frames for T in frame.T_camera_part.values()]
+    if said and true and float(np.median(true)) > 0:
+        ratio = float(np.median(said)) / float(np.median(true))
+        if not 1e-2 < ratio < 1e2:
+            found.append(
+                f"poses lie {ratio:.3g} times as far from the camera as the truth: "
+                "are they in another unit?"
+            )
     return found

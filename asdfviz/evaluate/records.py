@@ -80,6 +80,7 @@ def compare_poses(
     *,
     assembly: Assembly,
     visible: Mapping[int, Mapping[str, float]],
+    is_complete: bool = True,
 ) -> Comparison:
     """Compare every pose of the frames in `truth`.
 
@@ -88,6 +89,7 @@ def compare_poses(
         truth: the frames that count.
         assembly: its parts are compared; objects that it does not know are left aside.
         visible: visible share by frame number and part, for every part of the truth.
+        is_complete: whether a part without a true pose is not there; else a pose for it is not wrong.
     """
     models = {name: error_model(part) for name, part in assembly.parts.items()}
     groups = [names for names in twin_groups(assembly) if len(names) > 1]
@@ -107,7 +109,7 @@ def compare_poses(
             T_camera_truth, pose = frame.T_camera_part.get(name), poses.get(name)
             if T_camera_truth is None:
                 # A frame whose state alone is known says nothing about which parts are there.
-                if pose is not None and frame.T_camera_part:
+                if pose is not None and frame.T_camera_part and is_complete:
                     extra[name].append(frame.frame_index)
                 continue
             share = visible[frame.frame_index][name]

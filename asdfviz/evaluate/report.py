@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from asdfviz.data.assembly import load_assembly
-from asdfviz.data.atomic import write_text
+from asdfviz.data.atomic import make_folder, write_text
 from asdfviz.errors import RunError
 from asdfviz.evaluate.inputs import Result, open_result
 from asdfviz.evaluate.report_runs import JudgedRun, judged_run
@@ -49,6 +49,11 @@ def write_report(
     """
     if not paths:
         raise RunError("name at least one run, as in: asdfviz report runs/asdf -o report.html")
+    if out.suffix.lower() not in (".html", ".htm") or out.is_dir():
+        raise RunError(f"the page is to be {out}: name a file that ends in .html")
+    if pictures < 0:
+        raise RunError(f"{pictures} pictures: use 0 or more")
+    make_folder(out.absolute().parent)
     known = None if assembly is None else load_assembly(assembly)
     results = [
         open_result(path, truth_folder=truth_folder, assembly=known, sequence=sequence, scene=scene)

@@ -108,8 +108,9 @@ def transitions(
         The true transitions, and how many changes of the run belong to none of them.
     """
     said = _held(predicted)
-    changes = [i for i in range(1, len(said)) if said[i] != said[i - 1]]
-    entries = [0, *changes] if said else []
+    entries = [i for i in range(len(said)) if i == 0 or said[i] != said[i - 1]]
+    # The first state that is said is no change of one.
+    changes = [i for i in entries if i > 0 and said[i - 1] is not None]
     right = segments(true)
     used: set[int] = set()
     found: list[Transition] = []

@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 import cv2
@@ -74,6 +74,8 @@ def export_bop(
         first = first or camera
         if progress is not None:
             progress(place + 1, len(source))
+    for room in ("rgb", "depth"):
+        remove_others(folder / room, cameras)
     _write_json(folder / "camera.json", camera_content(first or source.camera, scale))
     _write_json(folder / "scene_camera.json", cameras)
     _write_json(folder / "scene_gt.json", poses)
@@ -84,6 +86,18 @@ def export_bop(
     _write_json(folder / "states.json", states(truth))
     if source.assembly is not None:
         _write_json(folder / "models_info.json", models_info(source.assembly))
+
+
+def remove_others(folder: Path, kept: Collection[str]) -> None:
+    """An earlier export may have had frames that are no longer there, or no longer known.
+
+    Args:
+        folder: of numbered images or labels.
+        kept: the numbers that stay, as text without leading zeros.
+    """
+    for file in folder.glob("[0-9]*.*"):
+        if str(int(file.stem) if file.stem.isdigit() else file.stem) not in kept:
+            file.unlink()
 
 
 def check_target(folder: Path, source: Sequence) -> None:
@@ -142,13 +156,14 @@ def _assembly_reference(assembly: Assembly) -> str:
 def _write_images(source: Sequence, place: int, folder: Path) -> tuple[Camera, float]:
     """Write one frame's images; return its camera and the millimetres per unit of its depth."""
     index = source.frame_indices[place]
+    frame = source[place]  # decoded before it is copied: what is broken is told here
     if not isinstance(source, FolderSequence) or not source.has_plain_files:
-        return _write_decoded(source[place], folder)
+        return _write_decoded(frame, folder)
     rgb = source.files.rgb[index]
     if source.cameras[index].distortion is None:
         _write_one(folder, index, rgb.suffix.lower(), _bytes_of(rgb))
     else:
-        _write_rgb(source[place], folder)
+        _write_rgb(frame, folder)
     depth = source.files.depth.get(index)
     if depth is not None:
         write_bytes(folder / "depth" / f"{index:06d}.png", _bytes_of(depth))

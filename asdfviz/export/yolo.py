@@ -22,7 +22,7 @@ from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.scene_objects import SceneObject
 from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
-from asdfviz.export.bop import about_export, check_target
+from asdfviz.export.bop import about_export, check_target, remove_others
 from asdfviz.export.bop_content import camera_content
 from asdfviz.pose.labels import SMALLEST_VISIBLE, Group, Labeller, Subject
 from asdfviz.pose.yolo_rows import yolo_rows
@@ -64,6 +64,8 @@ def export_yolo(
     write_text(folder / "sequence.json", json.dumps(about_export(source), indent=1) + "\n")
     write_text(folder / "camera.json", json.dumps(camera_content(source.camera, 1.0)) + "\n")
     write_text(folder / "data.yaml", _classes(source.assembly))
+    for room in ("images", "labels"):
+        remove_others(folder / room, {str(source.frame_indices[place]) for place in places})
     subject = Subject.of(source.assembly)
     for done, place in enumerate(places):
         frame = source[place]

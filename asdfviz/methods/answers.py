@@ -19,6 +19,9 @@ from asdfviz.datatypes import (
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import is_rigid
 
+SUM_TOLERANCE = 1e-3
+"""By this the probabilities of the states may miss 1."""
+
 
 def check_answer(
     answer: object, assembly: Assembly, *, frame_index: int, method: str
@@ -87,6 +90,11 @@ def _check_state(state: object, assembly: Assembly, where: str) -> None:
     if not np.isfinite(probabilities).all():
         raise MethodError(
             f"{where}: a state's probability is not finite; say state=None where it is not known"
+        )
+    if probabilities.min() < 0 or abs(float(probabilities.sum()) - 1) > SUM_TOLERANCE:
+        raise MethodError(
+            f"{where}: the states' probabilities must be 0 or more and sum to 1, "
+            f"got {np.round(probabilities, 3).tolist()}"
         )
 
 

@@ -18,6 +18,9 @@ from asdfviz.geometry.transforms import (
     transform_from,
 )
 
+CLOSE = math.radians(5.0)
+"""Rotations nearer than this are not compared with others that look the same."""
+
 
 class Deviation(NamedTuple):
     """What is left between two poses of a part in the base part's frame."""
@@ -50,11 +53,24 @@ def deviation(
         symmetries: poses that look the same count as the same.
         joint: what the joined part may still do; poses within its range count as the same.
     """
-    T_allowed = T_nominal
-    T_near = nearest_symmetric(T_base_part, T_allowed, symmetries)
-    if joint is not None:
-        T_allowed = nearest_in_joint(T_near, T_nominal, joint, center_part=center_part)
-        T_near = nearest_symmetric(T_base_part, T_allowed, symmetries)
+    T_near = nearest_symmetric(T_base_part, T_nominal, symmetries)
+    if joint is None:
+        return _apart(T_near, T_nominal, center_part)
+    T_allowed = nearest_in_joint(T_near, T_nominal, joint, center_part=center_part)
+    off = _apart(nearest_symmetric(T_base_part, T_allowed, symmetries), T_allowed, center_part)
+    if off.angle < CLOSE or joint.turn[0] == joint.turn[1]:
+        return off
+    # The nearest to the nominal may be out of the joint's range, and another that looks the same in it.
+    for S in symmetries.discrete:
+        T_allowed = nearest_in_joint(T_near @ S, T_nominal, joint, center_part=center_part)
+        T_same = nearest_symmetric(T_base_part, T_allowed, symmetries)
+        off = min(off, _apart(T_same, T_allowed, center_part), key=lambda one: one.angle)
+        if off.angle < CLOSE:
+            break
+    return off
+
+
+def _apart(T_near: Transform, T_allowed: Transform, center_part: Vector) -> Deviation:
     between = apply_to_point(T_near, center_part)
     between = between - apply_to_point(T_allowed, center_part)
     return Deviation(

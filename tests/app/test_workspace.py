@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from asdfviz.app import jobs
+from asdfviz.app import method_job
 from asdfviz.app.items import ANNOTATION, Message
-from asdfviz.app.jobs import Background, next_run_folder, start_judging
-from asdfviz.app.truths import drawn_truth, truth_of
+from asdfviz.app.jobs import Background, start_judging
+from asdfviz.app.method_job import next_run_folder
+from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
 from asdfviz.app.worst import worst_frames
@@ -62,7 +63,7 @@ SPEC = MethodSpec("still", "Says the same of every frame.", StillConfig, f"{__na
 def background(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> Background:
     GATE.clear()
     FAIL.clear()
-    monkeypatch.setattr(jobs, "PUBLISH_EVERY", 0.0)
+    monkeypatch.setattr(method_job, "PUBLISH_EVERY", 0.0)
     Path(workspace.frames.path, "rgb").mkdir(exist_ok=True)
     return Background(workspace)
 
@@ -175,7 +176,7 @@ def test_judging(with_run: Workspace) -> None:
     report = with_run.reports[0]
     assert report["run"] == "first"
     assert report["mean"]["e_t_mm"] == pytest.approx(2.0)
-    worst = worst_frames(with_run, truth_of(with_run), "first", count=2)
+    worst = worst_frames(with_run, "first", count=2)
     assert len(worst) == 2
     assert worst[0].error_mm == pytest.approx(2.0)
 
