@@ -131,3 +131,28 @@ def test_finding_a_file_changes_nothing(tmp_path: Path, boxes: Assembly) -> None
     found = dict(connection.execute("SELECT key, value FROM about"))
     connection.close()
     assert found["identity"] == sequence_identity(sequence)
+
+
+def test_stray_files_do_not_change_a_sequence(tmp_path: Path, boxes: Assembly) -> None:
+    sequence = capture(tmp_path, boxes, light=10)
+    before = sequence_identity(sequence)
+    for name in (".DS_Store", "._000000.png", "Thumbs.db", ".000000.png.a1b2c3"):
+        (Path(sequence.path) / "rgb" / name).write_bytes(b"x")
+    assert sequence_identity(sequence) == before
+
+
+def test_a_short_capture_that_goes_on_keeps_its_file(tmp_path: Path, boxes: Assembly) -> None:
+    sequence = capture(tmp_path, boxes, light=10)
+    scene, notes = Path(sequence.path), tmp_path / "notes"
+    last = sorted((scene / "rgb").iterdir())[5:]
+    kept = {file: file.read_bytes() for file in last}
+    for file in last:
+        file.unlink()
+    with open_annotation(open_sequence(scene, assembly=boxes), boxes, folder=notes) as store:
+        store.set_pose(0, "lid", np.eye(4))
+    for file, content in kept.items():
+        file.write_bytes(content)
+    with open_annotation(open_sequence(scene, assembly=boxes), boxes, folder=notes) as store:
+        assert store.pose(0, "lid") is not None
+    other = capture(tmp_path / "other", boxes, light=90)
+    assert own_annotation_file(other, folder=notes).name == "take-2.db"

@@ -59,3 +59,9 @@ def test_anything_else_is_dropped(message: str) -> None:
 
 def test_every_kind_is_an_action_by_its_own_name() -> None:
     assert all(getattr(act, name) is kind for name, kind in KINDS.items())
+
+
+@pytest.mark.parametrize(("axis", "sign"), [(7, 1), (0, 0), (True, 1), (0, 1.0), (-1, 1)])
+def test_an_axis_that_is_none_is_dropped(axis: float, sign: float) -> None:
+    for kind in ("Nudge", "Turn"):
+        assert parse(json.dumps({"kind": kind, "axis": axis, "sign": sign})) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tiny_sequence import TinySequence, make_run, pose_of
 
+from asdfviz.annotate.records import Seed
+from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import method_job
 from asdfviz.app.items import ANNOTATION, Message
 from asdfviz.app.jobs import Background, start_judging
@@ -18,8 +22,8 @@ from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
 from asdfviz.app.worst import worst_frames
-from asdfviz.data.run_files import load_run
-from asdfviz.datatypes import Frame, FramePrediction, PoseEstimate
+from asdfviz.data.run_files import load_run, save_run
+from asdfviz.datatypes import Assembly, Frame, FramePrediction, PoseEstimate, Run
 from asdfviz.errors import MethodError
 from asdfviz.methods.spec import MethodSpec
 
@@ -200,3 +204,59 @@ def test_listeners_hear_of_changes_until_they_leave(workspace: Workspace) -> Non
     end()
     workspace.changed()
     assert heard == [1]
+
+
+def test_corrections_begun_while_a_run_works_start_from_the_saved_run(
+    workspace: Workspace, background: Background
+) -> None:
+    background.run(SPEC)
+    wait_for(workspace, lambda: workspace.job is not None and workspace.job.done == 2)
+    working = workspace.runs[0]
+    workspace.store.set_seed(workspace.seed_of(working.id))
+    assert workspace.base_of_seed() == working.id
+    GATE.set()
+    wait_for(workspace, lambda: workspace.job is not None and workspace.job.state == "done")
+    assert workspace.base_of_seed() == working.id
+    assert workspace.store.seed().run == str(workspace.runs[0].folder)
+
+
+def test_corrections_find_their_run_in_a_scene_that_was_moved(
+    workspace: Workspace, clamp: Assembly
+) -> None:
+    folder = Path(workspace.frames.path) / "runs" / "asdf"
+    save_run(make_run(clamp), folder)
+    workspace.put_run(make_run(clamp), "here", folder=folder)
+    workspace.store.set_seed(Seed("run", "/where/it/was/runs/asdf", "asdf"))
+    assert workspace.base_of_seed() == "here"
+    workspace.store.set_seed(Seed("run", "/where/it/was/runs/other", "asdf"))
+    assert workspace.base_of_seed() is None
+
+
+def test_parts_that_nobody_spoke_of_are_not_wrong(clamp: Assembly, tmp_path: Path) -> None:
+    store = AnnotationStore(tmp_path / "t.db", sequence_name="tiny", assembly_name=clamp.name)
+    sequence = TinySequence(clamp, tmp_path, with_truth=False)
+    made = Workspace(
+        sequence, clamp, store=store, runs_folder=tmp_path / "r", export_folder=tmp_path / "e"
+    )
+    with contextlib.closing(made):
+        made.put_run(make_run(clamp), "first")
+        for index in made.indices[:3]:
+            store.set_pose(index, "base", pose_of(0, shift=0.002))
+        start_judging(made).join(60)
+        assert made.reports is not None
+        parts = made.reports[0]["parts"]
+        assert [parts[name]["false_positives"] for name in clamp.parts] == [0, 0, 0]
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_fault_in_the_program_ends_a_job(
+    workspace: Workspace, background: Background, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_args: object, **_options: object) -> Run:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(method_job, "run", broken)
+    background.run(SPEC)
+    wait_for(workspace, lambda: workspace.job is not None and not workspace.job.is_active)
+    assert "a fault in the program" in workspace.messages[-1].body
+    assert not any(workspace.runs_folder.iterdir())

@@ -272,3 +272,21 @@ def test_every_command_of_the_readme_parses() -> None:
     for line in lines:
         command = shlex.split(line)[1]
         assert command in COMMANDS, line
+
+
+def test_recordings_of_one_name_keep_their_runs_and_longer_parts_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "tired.py").write_text(FAILING)
+    for place in ("one", "two"):
+        shutil.copytree(sample_folder(), tmp_path / place / "take")
+        (tmp_path / place / "take" / "gone.json").symlink_to("/nowhere")  # read by nobody
+    line = ("run", "--method", "tired.py", "--lasts", "1000")
+    for place, name in (("one", "take-tired"), ("two", "take-tired-2"), ("one", "take-tired")):
+        assert exit_code(*line, f"{place}/take") == 0
+        assert capsys.readouterr().out == f"runs/{name}\n"
+    for lasts in ("5", "2"):
+        assert exit_code("run", "--method", "tired.py", "one/take", "--lasts", lasts) == 2
+    kept = [len(load_run(folder).predictions) for folder in sorted((tmp_path / "runs").iterdir())]
+    assert sorted(kept) == [2, 5, 95, 95]

@@ -79,3 +79,13 @@ def test_report(csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     assert len(page) < 3_000_000
     assert exit_code("report", str(tmp_path / "nowhere")) == 2
     assert "nowhere" in capsys.readouterr().err
+
+
+def test_a_page_replaces_no_file_of_another_kind(
+    csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = csv.read_text()
+    for out in (csv, tmp_path / "000040.jpg", tmp_path):
+        assert exit_code("report", str(csv), "-o", str(out), "--sequence", "sample") == 2
+        assert "ends in .html" in capsys.readouterr().err
+    assert csv.read_text() == before

@@ -342,3 +342,48 @@ def test_broken_keypoints(write: Callable[[dict[str, Any]], Path], rows: str, me
     (file.parent / "pin.txt").write_text(rows)
     with pytest.raises(AssemblyError, match=message):
         load_assembly(file)
+
+
+def test_a_key_that_is_there_twice_is_refused(write: Callable[[dict[str, Any]], Path]) -> None:
+    file = write(GOOD)
+    text = file.read_text()
+    file.write_text(text.replace("  pin-Copy:", "  pin:", 1))
+    with pytest.raises(AssemblyError, match="'pin' is there twice"):
+        load_assembly(file)
+    file.write_text(text)
+    assert len(load_assembly(file).parts) == 3
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "said"),
+    [
+        (
+            [[0, 0, 0], [9, 0, 0], [0, 9, 0]],
+            [[0, 1, 3]],
+            "a triangle with corner 3, of corners 0 to 2",
+        ),
+        ([[0, 0, 0], [9, 0, 0], [0, 9, 0]], [[0, 1, -1]], "a triangle with corner -1"),
+        ([[0, 0, 0], [9, 0, 0], [18, 0, 0]], [[0, 1, 2]], "has no area"),
+    ],
+)
+def test_a_mesh_of_broken_triangles_is_refused(
+    write: Callable[[dict[str, Any]], Path], vertices: list[Any], faces: list[Any], said: str
+) -> None:
+    file = write(GOOD)
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    header += (
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = [*vertices, [3, *faces[0]]]
+    (file.parent / "pin.ply").write_text(
+        header + "\n".join(" ".join(map(str, r)) for r in rows) + "\n"
+    )
+    with pytest.raises(AssemblyError, match=said):
+        load_assembly(file)
+
+
+def test_a_number_beyond_all_bounds_is_refused(write: Callable[[dict[str, Any]], Path]) -> None:
+    content = copy.deepcopy(GOOD)
+    content["states"][1]["poses"]["pin"]["t"] = [10**400, 0, 0]
+    with pytest.raises(AssemblyError, match="must be 3 numbers"):
+        load_assembly(write(content))

@@ -97,3 +97,23 @@ def test_a_scene_is_picked_from_many(read: Read) -> None:
 def test_a_broken_csv_is_refused_with_its_line(read: Read, text: str, message: str) -> None:
     with pytest.raises(RunError, match=message):
         read(text)
+
+
+def test_scores_of_any_range_keep_their_order(read: Read) -> None:
+    run = read(
+        f"{HEADER}\n1,3,2,3,{EYE},1 0 500,1\n1,3,2,8,{EYE},2 0 500,1\n1,4,2,-2,{EYE},3 0 500,1\n"
+    )
+    best, worst = (run.predictions[k].poses["jaw"] for k in (0, 1))
+    assert best.T_camera_part[0, 3] == pytest.approx(0.002)
+    assert (best.score, worst.score) == (1.0, 0.0)
+
+
+def test_a_start_is_told_by_all_rows_and_only_trackers_have_one(read: Read) -> None:
+    missed = f"a,3,base,-1,{EYE},0 0 0,1\na,4,base,-1,{EYE},0 0 500,1\n"
+    assert read(missed).initial == "none"
+    assert [p.frame_index for p in read(missed).predictions] == [3, 4, 7]
+    # A BOP file with a mark of its encoding, as a spreadsheet writes it.
+    run = read(f"\ufeff{HEADER.upper()}\n1,4,2,0.5,{EYE},0 0 500,1\n")
+    assert run.initial == "none"
+    assert [len(p.poses) for p in run.predictions] == [0, 1, 0]
+    assert run.predictions[1].runtime == {"total": 1.0}

@@ -182,3 +182,10 @@ def test_a_repeated_step_takes_the_nearest_later_one() -> None:
     said = [Step(1, 11), Step(-1, 25), Step(1, 33)]
     scores = procedure_scores(said, right)
     assert (scores.pos, scores.f1, scores.delay) == (100, 100, 3)
+
+
+def test_the_first_state_that_is_said_is_no_false_change() -> None:
+    found, false = transitions([None, 0, 0, 1, 1], [0, 0, 0, 1, 1], range(5))
+    assert false == 0
+    assert [t.delay for t in found] == [0]
+    assert transitions([None, 2, 0, 1, 1], [0, 0, 0, 1, 1], range(5))[1] == 1

@@ -176,3 +176,32 @@ def test_truth_that_does_not_fit_is_refused_before_anything_is_written(
     with pytest.raises(SequenceError, match=message):
         export_bop(memory, wrong, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_exporting_again_leaves_nothing_of_frames_that_are_gone(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    export_bop(memory, truth, tmp_path / "scene")
+    source = open_sequence(tmp_path / "scene", assembly=assembly)
+    known = {index: true for index, true in truth.items() if index in source.frame_indices}
+    export_bop(source, known, tmp_path / "out")
+    last = source.frame_indices[-1]
+    for room in ("rgb", "depth"):
+        for file in (tmp_path / "scene" / room).glob(f"{last:06d}.*"):
+            file.unlink()
+    fewer = open_sequence(tmp_path / "scene", assembly=assembly)
+    assert last not in fewer.frame_indices
+    export_bop(fewer, {i: t for i, t in known.items() if i != last}, tmp_path / "out")
+    assert not list((tmp_path / "out").rglob(f"{last:06d}.*"))
+    assert open_sequence(tmp_path / "out", assembly=assembly).frame_indices == fewer.frame_indices
+
+
+def test_a_broken_image_is_not_copied(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    export_bop(memory, truth, tmp_path / "scene")
+    broken = next(iter(sorted((tmp_path / "scene" / "depth").iterdir())))
+    broken.write_bytes(broken.read_bytes()[:20])
+    source = open_sequence(tmp_path / "scene", assembly=assembly)
+    with pytest.raises(SequenceError, match=broken.name):
+        export_bop(source, truth, tmp_path / "out")

@@ -102,3 +102,11 @@ def test_what_cannot_be_exported_is_refused(
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(SequenceError, match="is not empty"):
         export_yolo(sequence, truth(), tmp_path)
+
+
+def test_truth_that_was_taken_back_leaves_no_label(sequence: Sequence, tmp_path: Path) -> None:
+    export_yolo(sequence, truth(), tmp_path / "out")
+    assert sorted(f.stem for f in (tmp_path / "out" / "labels").iterdir()) == ["000000", "000005"]
+    export_yolo(sequence, {0: truth()[0]}, tmp_path / "out")
+    for room in ("labels", "images"):
+        assert [f.stem for f in (tmp_path / "out" / room).iterdir()] == ["000000"]

@@ -110,3 +110,10 @@ def test_nothing_found_is_an_answer(clamp: Assembly) -> None:
 def test_a_wrong_answer_is_one_error(clamp: Assembly, wrong: object, message: str) -> None:
     with pytest.raises(MethodError, match=f"method 'm', frame 7.*{re.escape(message)}"):
         check_answer(wrong, clamp, frame_index=7, method="m")
+
+
+@pytest.mark.parametrize("probabilities", [[2.0, -1, 0, 0], [1.0, 1, 0, 0], [0.0, 0, 0, 0]])
+def test_probabilities_that_are_none(clamp: Assembly, probabilities: list[float]) -> None:
+    said = answer(state=StateEstimate(np.array(probabilities)))
+    with pytest.raises(MethodError, match="0 or more and sum to 1"):
+        check_answer(said, clamp, frame_index=7, method="mine")

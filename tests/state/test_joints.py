@@ -117,3 +117,16 @@ def test_the_nearest_pose_in_a_joint_is_reached_by_the_joint() -> None:
     T_held = nearest_in_joint(T, T_NOMINAL, joint("cylindrical"), center_part=CENTER)
     assert left(T_held, joint("cylindrical")) == pytest.approx((0.0, 0.0), abs=1e-7)
     assert left(T, joint("cylindrical"))[0] < left(T, None)[0]
+
+
+def test_of_poses_that_look_the_same_the_one_in_range_counts() -> None:
+    """A wheel of two spokes, turned by -90 degrees in a joint that turns from -97 to 74."""
+    turning = joint("revolute", turn=(np.deg2rad(-97), np.deg2rad(74)))
+    half = transform_from(rotation_about(Z, np.pi), np.zeros(3))
+    upright = transform_from(np.eye(3), ORIGIN)
+    for degrees in (-95, -90, 0, 70, 85):
+        T = transform_from(rotation_about(Z, np.deg2rad(degrees)), ORIGIN)
+        off = deviation(
+            T, upright, center_part=np.zeros(3), symmetries=Symmetries((half,)), joint=turning
+        )
+        assert np.degrees(off.angle) == pytest.approx(0, abs=1e-5), degrees

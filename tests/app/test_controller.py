@@ -1,0 +1,108 @@
+"""A tab's own thread: what it does when nothing is known any more, and when the tab goes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from asdfviz.app import actions as act
+from asdfviz.app.controller import Controller
+from asdfviz.app.jobs import Background
+from asdfviz.app.view import TRUTH, View
+from asdfviz.app.workspace import Workspace
+
+
+class Screen:
+    """A display that is slow, and remembers what it was told."""
+
+    is_dragging = False
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self.shown: list[Any] = []
+        self.told: list[tuple[str, str]] = []
+
+    def frame(self, place: int) -> None:
+        del place
+
+    def show(self, snap: Any, worst: object) -> bool:
+        time.sleep(self._seconds)
+        self.shown.append((snap, worst))
+        return True
+
+    def tell(self, title: str, body: str, *, color: str) -> None:
+        del color
+        self.told.append((title, body))
+
+
+Open = Callable[..., tuple[Controller, Screen]]
+
+
+@pytest.fixture
+def opened(with_run: Workspace, monkeypatch: pytest.MonkeyPatch) -> Open:
+    def made(*, seconds: float = 0.0, **view: Any) -> tuple[Controller, Screen]:
+        screen = Screen(seconds)
+
+        def build(tab: Controller) -> None:
+            tab.view = View(selected="jaw", place=2, **view)
+            vars(tab)["_display"] = screen
+
+        monkeypatch.setattr(Controller, "_build", build)
+        client = SimpleNamespace(camera=SimpleNamespace(aspect=1.5))
+        tab = Controller(cast(Any, client), with_run, Background(with_run), {})
+        tab.start()
+        until(lambda: screen.shown)
+        return tab, screen
+
+    return made
+
+
+def until(condition: Callable[[], object]) -> None:
+    end = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def test_edits_that_wait_when_the_tab_goes_are_kept(opened: Open, with_run: Workspace) -> None:
+    tab, screen = opened(seconds=0.3, base="first")
+    before = len(screen.shown)
+    tab.emit(act.Step(1))
+    until(lambda: tab.view.place == 3)  # the next frame is being shown
+    tab.emit(act.Nudge(0, 1))
+    tab.emit(act.SelectPart("bolt"))
+    tab.emit(act.Nudge(1, -1))
+    tab.close()
+    tab.wait(30.0)
+    assert len(screen.shown) <= before + 2
+    assert {part for _, part in with_run.store.poses()} == {"jaw", "bolt"}
+
+
+def test_what_corrections_start_from_is_drawn_in_every_tab(
+    opened: Open, with_run: Workspace
+) -> None:
+    """A run that comes later does not take its place: what is drawn is what is exported."""
+    tab, _ = opened(base=TRUTH, chosen=True)
+    other, _ = opened(base="first")
+    tab.emit(act.Nudge(0, 1))
+    until(with_run.store.poses)
+    until(lambda: other.view.base == TRUTH)
+    assert tab.view.base == TRUTH
+    for one in (tab, other):
+        one.close()
+        one.wait(30.0)
+
+
+def test_results_open_where_nothing_is_known_to_be_right(opened: Open, with_run: Workspace) -> None:
+    with_run.truths = (None,) * len(with_run.indices)
+    with_run.reports = ({"run": "first"},)
+    tab, screen = opened(base="first", tab="results")
+    tab.emit(act.Step(1))
+    until(lambda: tab.view.place == 3 and len(screen.shown) > 1)
+    assert screen.shown[-1][1] == ()
+    tab.close()
+    tab.wait(30.0)
