@@ -130,9 +130,9 @@ def _parse_part(name: str, fields: Fields, file: Path, unit: str, place: int) ->
             f"'unit' says {unit}: should it be {'m' if size <= 1e-3 else 'mm'}?"
         )
     color = fields.numbers("color", 3, default=FALLBACK_COLORS[place % len(FALLBACK_COLORS)])
-    if color.min() < 0 or color.max() > 255:
+    if color.min() < 0 or color.max() > 255 or (color % 1).any():
         raise AssemblyError(
-            f"{fields.where}: 'color' must be red, green and blue from 0 to 255, "
+            f"{fields.where}: 'color' must be red, green and blue, whole numbers from 0 to 255, "
             f"got {color.tolist()}"
         )
     return Part(

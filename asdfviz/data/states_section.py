@@ -15,6 +15,8 @@ from asdfviz.errors import AssemblyError
 from asdfviz.geometry.shapes import Transform
 
 STATE_KEYS = ("name", "poses", "joints", "detector_class")
+FARTHEST = 3.0
+"""A part that is joined farther from the base than this, metres, is in another unit."""
 JOINT_KINDS = ("prismatic", "revolute", "cylindrical", "ball")
 
 
@@ -32,7 +34,7 @@ def parse_states(
     for index, raw in enumerate(fields.sequence("states")):
         item = Fields(raw, where=f"{fields.where}: state {index}")
         item.only(*STATE_KEYS)
-        poses = {**poses, **_poses(item, parts, scale)}
+        poses = {**poses, **_poses(item, parts, base, scale)}
         joints = {**joints, **_joints(item, tuple(poses), scale)}
         states.append(
             State(
@@ -80,10 +82,14 @@ def _parse_errors(
             )
         before = by_name[after]
         removed = {str(name) for name in item.sequence("remove")}
-        if base in removed or removed - set(parts):
-            raise AssemblyError(f"{item.where}: cannot remove {', '.join(sorted(removed))}")
+        there = set(before.T_base_part) - {base}
+        if removed - there:
+            raise AssemblyError(
+                f"{item.where}: cannot remove {', '.join(sorted(removed - there))}; "
+                f"joined in '{after}': {', '.join(sorted(there)) or 'nothing'}"
+            )
         kept = {name: T for name, T in before.T_base_part.items() if name not in removed}
-        poses = {**kept, **_poses(item, parts, scale)}
+        poses = {**kept, **_poses(item, parts, base, scale)}
         joints = {name: joint for name, joint in before.joints.items() if name in kept}
         errors.append(
             State(
@@ -99,13 +105,22 @@ def _parse_errors(
     return errors
 
 
-def _poses(item: Fields, parts: tuple[str, ...], scale: float) -> dict[str, Transform]:
+def _poses(item: Fields, parts: tuple[str, ...], base: str, scale: float) -> dict[str, Transform]:
     found: dict[str, Transform] = {}
     for name, raw in item.mapping("poses").items():
         _known(name, parts, f"{item.where}: poses")
         pose = Fields(raw, where=f"{item.where}: pose of '{name}'")
         pose.only("R", "t")
-        found[name] = pose.pose(scale)
+        found[name] = T_base_part = pose.pose(scale)
+        apart = float(np.linalg.norm(T_base_part[:3, 3]))
+        if apart > FARTHEST:
+            raise AssemblyError(
+                f"{pose.where} is {apart:.4g} m from the base part; does 't' have the file's unit?"
+            )
+        if name == base and not np.allclose(T_base_part, np.eye(4)):
+            raise AssemblyError(
+                f"{pose.where}: all poses are told from the base part; leave it out"
+            )
     return found
 
 

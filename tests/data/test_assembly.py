@@ -387,3 +387,28 @@ def test_a_number_beyond_all_bounds_is_refused(write: Callable[[dict[str, Any]],
     content["states"][1]["poses"]["pin"]["t"] = [10**400, 0, 0]
     with pytest.raises(AssemblyError, match="must be 3 numbers"):
         load_assembly(write(content))
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (
+            ("states", 1, "poses", "plate"),
+            {"t": [1, 0, 0]},
+            "told from the base part; leave it out",
+        ),
+        (("states", 1, "poses", "pin"), {"t": [9000, 0, 0]}, "9 m from the base part"),
+        (("errors", 0, "remove"), ["pin"], "cannot remove pin; joined in 'plate': nothing"),
+        (("parts", "plate", "color"), [0.2, 0.5, 1.0], "whole numbers from 0 to 255"),
+    ],
+)
+def test_what_no_assembly_means_is_refused(
+    write: Callable[[dict[str, Any]], Path], place: tuple[Any, ...], value: Any, said: str
+) -> None:
+    content = copy.deepcopy(GOOD)
+    target: Any = content
+    for step in place[:-1]:
+        target = target[step]
+    target[place[-1]] = value
+    with pytest.raises(AssemblyError, match=said):
+        load_assembly(write(content))
