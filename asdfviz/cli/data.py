@@ -41,8 +41,8 @@ class Check:
             return
         for finding in report.findings:
             print(f"{finding.severity:<8} {finding.message}")
-        looked = f"in {report.frames_looked_at} of the frames"
-        print(f"looked {looked}" if report.findings else f"nothing found {looked}")
+        looked = f"looked at {report.frames_looked_at} of {report.frames} frames"
+        print(looked if report.findings else f"nothing found, {looked}")
 
 
 @dataclass(frozen=True)

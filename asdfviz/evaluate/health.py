@@ -1,7 +1,8 @@
 """The sanity gate: looks a sequence over for what makes every later result wrong.
 
-Units, intrinsics, mesh sizes, gaps, missing depth, and depth that is shifted against colour. It
-looks at a dozen frames at most and reads nothing else, so that the app can run it on opening.
+Units, intrinsics, mesh sizes, gaps, images cut off, missing depth, and depth that is shifted against
+colour. It looks at a dozen frames at most and at how the other images end, so that the app can run
+it on opening.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from asdfviz.evaluate.health_depth import (
 )
 from asdfviz.evaluate.health_files import (
     check_assembly,
+    check_endings,
     check_numbering,
     check_objects,
     check_partners,
@@ -53,6 +55,7 @@ def check_sequence(sequence: Sequence) -> HealthReport:
     findings += check_numbering(source.frame_indices)
     if isinstance(source, FolderSequence):
         findings += check_partners(source)
+        findings += check_endings(source)
         findings += check_assembly(source)
     findings += check_objects(source)
     if frames:

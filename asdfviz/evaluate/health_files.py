@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from collections.abc import Sequence as Rows
@@ -12,6 +13,9 @@ from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.scene_objects import assign_parts, read_scene_objects
 from asdfviz.datatypes import Sequence
 from asdfviz.evaluate.health_report import Finding
+
+TAIL = 1024
+"""Bytes in which an image's end stands; some cameras write a few more behind it."""
 
 
 def check_numbering(indices: Rows[int]) -> Iterator[Finding]:
@@ -60,6 +64,29 @@ def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
             f"{_some(files.ignored)}. Name them like 000000.png.",
             float(len(files.ignored)),
         )
+
+
+def check_endings(sequence: FolderSequence) -> Iterator[Finding]:
+    """Look at the last bytes of every image, which a copy or a recording that was cut off lacks."""
+    files = dict.fromkeys([*sequence.files.rgb.values(), *sequence.files.depth.values()])
+    broken = [f"{file.parent.name}/{file.name}" for file in files if not _is_whole(file)]
+    if broken:
+        yield Finding(
+            "broken_images",
+            "error",
+            f"{len(broken)} image(s) end too early: {_some(broken)}. Copy them again, or take them out.",
+            float(len(broken)),
+        )
+
+
+def _is_whole(image: Path) -> bool:
+    try:
+        with image.open("rb") as file:
+            file.seek(-min(image.stat().st_size, TAIL), os.SEEK_END)
+            tail = file.read()
+    except OSError:
+        return False
+    return (b"IEND" if image.suffix.lower() == ".png" else b"\xff\xd9") in tail
 
 
 def check_assembly(sequence: FolderSequence) -> Iterator[Finding]:

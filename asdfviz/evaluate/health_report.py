@@ -13,6 +13,7 @@ Kind: TypeAlias = Literal[
     "mesh_unit",
     "size_mismatch",
     "missing_frames",
+    "broken_images",
     "missing_depth",
     "missing_assembly",
     "depth_shift",

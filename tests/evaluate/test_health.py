@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -19,7 +20,7 @@ from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Mesh, Part, State
 from asdfviz.errors import SequenceError
 from asdfviz.evaluate.health import Finding, HealthReport, check_sequence
-from asdfviz.evaluate.health_shift import measure_shift
+from asdfviz.evaluate.health_shift import measure_shift, spread
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.sampling import diameter
 from asdfviz.geometry.symmetry import Symmetries
@@ -351,6 +352,24 @@ def test_missing_frames_are_named(folder: Path) -> None:
     assert "1 of 5 colour images have no depth image of their number: 5." in text
     assert "1 depth image(s) have no colour image of their number and are not shown: 9." in text
     assert "rgb/cover.png" in text
+
+
+def test_images_that_were_cut_off_are_named_wherever_they_are(folder: Path) -> None:
+    """A dozen frames are decoded; of the others the end of the file is looked at."""
+    for number in range(6, 40):
+        for kind in ("rgb", "depth"):
+            shutil.copy(folder / kind / "000000.png", folder / kind / f"{number:06d}.png")
+    assert not found(check_sequence(open_sequence(folder)), "broken_images")
+    looked_at = {open_sequence(folder).frame_indices[i] for i in spread(39, 12)}
+    first, second = sorted(set(range(6, 40)) - looked_at)[:2]
+    for kind, number in (("depth", first), ("rgb", second)):
+        file = folder / kind / f"{number:06d}.png"
+        file.write_bytes(file.read_bytes()[:-20])
+    (finding,) = found(check_sequence(open_sequence(folder)), "broken_images")
+    assert finding.severity == "error"
+    assert (
+        f"2 image(s) end too early: rgb/{second:06d}.png, depth/{first:06d}.png" in finding.message
+    )
 
 
 def test_numbers_that_rise_by_a_step_have_no_gap(folder: Path) -> None:
