@@ -6,9 +6,11 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
+
+from asdfviz.cli.progress import progress_bar
 
 
 @dataclass(frozen=True)
@@ -52,17 +54,22 @@ class Evaluate:
         if not self.runs:
             raise InputError("name at least one run folder, as in: asdfviz evaluate runs/asdf")
         assembly = load_assembly(self.assembly) if self.assembly else None
-        results = [
-            evaluate_folder(
-                folder,
-                protocol=self.protocol,
-                truth_folder=self.truth,
-                assembly=assembly,
-                sequence=self.sequence,
-                scene=self.scene,
-            )
-            for folder in self.runs
-        ]
+        results: list[dict[str, Any]] = []
+        with progress_bar("evaluate") as progress:
+            for folder in self.runs:
+                if not self.json:
+                    progress(len(results), len(self.runs), folder.name)
+                report = evaluate_folder(
+                    folder,
+                    protocol=self.protocol,
+                    truth_folder=self.truth,
+                    assembly=assembly,
+                    sequence=self.sequence,
+                    scene=self.scene,
+                )
+                results.append(report)
+            if not self.json:
+                progress(len(results), len(self.runs), "")
         means = summaries(results) if self.summary else []
         if not self.json:
             print(markdown_table(results), file=sys.stderr)
