@@ -32,10 +32,7 @@ class MethodJob:
         self._workspace = workspace
         self._spec = spec
         self._config = config
-        self._folder = next_run_folder(workspace.runs_folder, spec.name)
-        # Another app on this sequence takes the next one; what cannot be made is told when saving.
-        with contextlib.suppress(OSError):
-            self._folder.mkdir(parents=True)
+        self._folder = _reserved(workspace.runs_folder, spec.name)
         self._id = str(self._folder)
         self._stopped = threading.Event()
         self._predictions: list[FramePrediction] = []
@@ -165,6 +162,20 @@ class MethodJob:
         with self._lock:
             self._workspace.job = status
         self._workspace.changed()
+
+
+def _reserved(runs: Path, method: str) -> Path:
+    """A folder of its own, made at once, as another app may work on this sequence too."""
+    folder = next_run_folder(runs, method)
+    while True:
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            folder = next_run_folder(runs, method)
+        except OSError:
+            return folder  # told when the run cannot be saved
+        else:
+            return folder
 
 
 def next_run_folder(runs: Path, method: str) -> Path:

@@ -258,5 +258,6 @@ def test_a_fault_in_the_program_ends_a_job(
     monkeypatch.setattr(method_job, "run", broken)
     background.run(SPEC)
     wait_for(workspace, lambda: workspace.job is not None and not workspace.job.is_active)
+    background.close()  # the thread has told of its error by then
     assert "a fault in the program" in workspace.messages[-1].body
     assert not any(workspace.runs_folder.iterdir())
