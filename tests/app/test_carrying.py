@@ -34,14 +34,21 @@ CAMERA = Camera(np.array([[420.0, 0.0, 159.5], [0.0, 420.0, 119.5], [0.0, 0.0, 1
 class Moving:
     """The jaw, turning and going right before a wall; nobody knows where it is."""
 
-    def __init__(self, assembly: Assembly, folder: Path, *, with_depth: bool = True) -> None:
+    def __init__(
+        self,
+        assembly: Assembly,
+        folder: Path,
+        *,
+        with_depth: bool = True,
+        without_depth: tuple[int, ...] = (),
+    ) -> None:
         self.assembly = assembly
         self.name = "moving"
         self.path = str(folder)
         self.camera = CAMERA
         self.frame_indices = tuple(range(FIRST, FIRST + COUNT))
         self.fps = 10.0
-        self._with_depth = with_depth
+        self._places_with_depth = set(range(COUNT if with_depth else 0)) - set(without_depth)
 
     def __len__(self) -> int:
         return COUNT
@@ -64,7 +71,7 @@ class Moving:
             self.frame_indices[place],
             place / 10,
             np.clip(rgb, 0, 255).astype(np.uint8),
-            depth.astype(np.float32) if self._with_depth else None,
+            depth.astype(np.float32) if place in self._places_with_depth else None,
             CAMERA,
         )
 
@@ -90,12 +97,12 @@ Open = Callable[..., Workspace]
 def opened(clamp: Assembly, tmp_path: Path) -> Iterator[Open]:
     spaces: list[Workspace] = []
 
-    def made(*, with_depth: bool = True) -> Workspace:
+    def made(*, with_depth: bool = True, without_depth: tuple[int, ...] = ()) -> Workspace:
         store = AnnotationStore(
             tmp_path / "moving.db", sequence_name="moving", assembly_name=clamp.name
         )
         space = Workspace(
-            Moving(clamp, tmp_path, with_depth=with_depth),
+            Moving(clamp, tmp_path, with_depth=with_depth, without_depth=without_depth),
             clamp,
             store=store,
             runs_folder=tmp_path / "runs",
@@ -144,6 +151,18 @@ def test_a_part_is_tracked_both_ways_and_undone_in_one_step(
     assert workspace.store.pose(FIRST + 5, "jaw").provenance == TRACKED  # pyright: ignore[reportOptionalMemberAccess]
     workspace.store.undo()
     assert list(workspace.store.poses()) == [(FIRST + 3, "jaw")]
+
+
+@pytest.mark.parametrize("without_depth", [(4,), (3, 7)])
+def test_frames_without_depth_among_others_are_tracked_too(
+    opened: Open, without_depth: tuple[int, ...]
+) -> None:
+    workspace = opened(without_depth=without_depth)
+    annotate(workspace, 3)
+    Background(workspace).track(plan(workspace, View(place=3, selected="jaw"), "forward"))
+    status = ended(workspace)
+    assert (status.state, status.done) == ("done", COUNT - 4)
+    assert max(off_mm(workspace, place) for place in range(3, COUNT)) < 5
 
 
 def test_what_a_person_set_stays_and_is_started_from(opened: Open) -> None:

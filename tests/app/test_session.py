@@ -184,3 +184,8 @@ def test_without_runs_the_truth_is_drawn_and_without_truth_nothing() -> None:
 @pytest.mark.parametrize("action", [act.Undo(), act.Export(), act.Changed(), act.StopRun()])
 def test_what_is_no_matter_of_the_view_leaves_it(action: Any) -> None:
     assert update(View(), action, FACTS) == View()
+
+
+def test_a_range_beyond_the_sequence_is_cut_to_it() -> None:
+    assert after(View(), act.SetRange(5000, 6000)).marked == (9, 9)
+    assert after(View(), act.SetRange(-8, -3)).marked == (0, 0)

@@ -89,3 +89,20 @@ def test_a_page_replaces_no_file_of_another_kind(
         assert exit_code("report", str(csv), "-o", str(out), "--sequence", "sample") == 2
         assert "ends in .html" in capsys.readouterr().err
     assert csv.read_text() == before
+
+
+def test_results_of_something_else_are_doubted(
+    csv: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = csv.read_text().splitlines()[1:]
+    in_metres: list[str] = []
+    for row in rows:
+        cells = row.split(",")
+        cells[5] = " ".join(str(float(mm) / 1000) for mm in cells[5].split())
+        in_metres.append(",".join(cells))
+    stranger = [rows[0].replace(f",{rows[0].split(',')[2]},", ",77,")]
+    csv.write_text("\n".join([*in_metres, *stranger]) + "\n")
+    assert exit_code("evaluate", str(csv), "--sequence", "sample", "--json") == 0
+    warnings = "\n".join(json.loads(capsys.readouterr().out)["warnings"])
+    assert "1 rows are of objects that the assembly does not have" in warnings
+    assert "0.001 times as far from the camera as the truth: are they in another unit?" in warnings
