@@ -74,9 +74,7 @@ def run(
     method = build_method(spec, config)  # refuses a config of another class
     initial = _initial(sequence, assembly) if spec.initial == "first_frame_truth" else None
     predictions: list[FramePrediction] = []
-    hashes = input_hashes(
-        sequence, assembly, config
-    )  # of what is read now, not of what lies there later
+    hashes = input_hashes(sequence, assembly, config)  # what lies there later may be something else
 
     def so_far() -> Run:
         return _run_of(predictions, spec, sequence, assembly, config, hashes)

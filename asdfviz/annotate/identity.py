@@ -66,9 +66,8 @@ def _own(sequence: Sequence, folder: Path | None) -> tuple[Path, str]:
         try:
             known = read_identity(file) if file.exists() else None
         except AnnotationError:
-            known = (
-                None  # opening it says what is wrong; a file beside it would hide the corrections
-            )
+            # Opening it says what is wrong; a file beside it would hide the corrections.
+            known = None
         if known is None or known in identities:
             return file, known or identities[-1]
     raise AssertionError("unreachable: count() does not end")

@@ -6,7 +6,6 @@ as one step of undo, marked as tracked, and replaces what it found earlier.
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from asdfviz.annotate.records import TRACKED
+from asdfviz.app.background_job import BackgroundJob
 from asdfviz.app.editing import carried
 from asdfviz.app.items import JobStatus, Message
 from asdfviz.app.job_actions import Direction
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame
-from asdfviz.errors import AnnotationError, AsdfvizError, Stopped
+from asdfviz.errors import AnnotationError, Stopped
 from asdfviz.evaluate.health_shift import spread
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.tracking import load_bodies
@@ -101,35 +101,14 @@ def _set_by_hand(workspace: Workspace) -> dict[tuple[int, str], Transform | None
     }
 
 
-class CarryJob:
+class CarryJob(BackgroundJob):
     """Tracks in a thread of its own; its poses are written when it is through, none if stopped."""
 
     def __init__(self, workspace: Workspace, carry: Carry) -> None:
-        self._workspace = workspace
+        super().__init__(workspace, "carrying", thread="carry")
         self._carry = carry
-        self._stopped = threading.Event()
         self._told = 0.0
-        self._lock = threading.Lock()
-        """Held while the status changes, so that a stop never overwrites an end."""
-        self._thread = threading.Thread(target=self._work, name="carry", daemon=True)
         self._set(JobStatus(carry.label, "running", total=carry.last - carry.first))
-
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Ask to stop before the next frame."""
-        self._stopped.set()
-        with self._lock:
-            status = self._workspace.carrying
-            if status is not None and status.state == "running":
-                self._workspace.carrying = replace(status, state="stopping")
-        self._workspace.changed()
-
-    def wait(self, seconds: float | None = None) -> None:
-        """Wait for the end."""
-        self._thread.join(seconds)
 
     def _work(self) -> None:
         carry = self._carry
@@ -141,14 +120,8 @@ class CarryJob:
             count = self._keep(found)
         except Stopped:
             self._set(JobStatus(carry.label, "stopped", total=total))
-        except (AsdfvizError, OSError) as error:
-            self._fail(str(error))
         else:
             self._set(JobStatus(carry.label, "done", done=count, total=total))
-        finally:
-            # Else the tracker would seem to work for good, and no other could begin.
-            if self._workspace.carrying is not None and self._workspace.carrying.is_active:
-                self._fail("a fault in the program, which the terminal tells")
 
     def _fail(self, message: str) -> None:
         carry = self._carry
@@ -218,10 +191,4 @@ class CarryJob:
         if now - self._told < TOLD_EVERY and done < total:
             return
         self._told = now
-        state = "stopping" if self._stopped.is_set() else "running"
-        self._set(JobStatus(self._carry.label, state, done, total, preparing=preparing))
-
-    def _set(self, status: JobStatus) -> None:
-        with self._lock:
-            self._workspace.carrying = status
-        self._workspace.changed()
+        self._set(JobStatus(self._carry.label, self._state, done, total, preparing=preparing))

@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import re
-import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from asdfviz import __version__
+from asdfviz.app.background_job import BackgroundJob
 from asdfviz.app.items import JobStatus, Message
 from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import save_run
@@ -25,66 +24,37 @@ PUBLISH_EVERY = 0.25
 """Seconds between two looks at a run that is still being computed."""
 
 
-class MethodJob:
+class MethodJob(BackgroundJob):
     """Runs a method on the workspace's sequence; its poses show while it works and are saved at the end."""
 
     def __init__(self, workspace: Workspace, spec: MethodSpec, config: object) -> None:
-        self._workspace = workspace
+        super().__init__(workspace, "job", thread=f"run {spec.name}")
         self._spec = spec
         self._config = config
         self._folder = _reserved(workspace.runs_folder, spec.name)
         self._id = str(self._folder)
-        self._stopped = threading.Event()
         self._predictions: list[FramePrediction] = []
         self._kept: Run | None = None
         self._published = 0.0
-        self._lock = threading.Lock()
-        """Held while the status changes, so that a stop never overwrites an end."""
-        self._thread = threading.Thread(target=self._work, name=f"run {spec.name}", daemon=True)
         self._set(JobStatus(spec.name, "running", total=len(workspace.frames)))
 
-    def start(self) -> None:
-        """Begin."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """Ask to stop after the frame at hand; what is done by then is kept."""
-        self._stopped.set()
-        with self._lock:
-            status = self._workspace.job
-            if status is not None and status.state == "running":
-                self._workspace.job = replace(status, state="stopping")
-        self._workspace.changed()
-
-    def wait(self, seconds: float | None = None) -> None:
-        """Wait for the end."""
-        self._thread.join(seconds)
-
     def _work(self) -> None:
-        try:
-            result = run(
-                self._spec,
-                self._workspace.frames.source,
-                config=self._config,
-                progress=self._progress,
-                stop=self._stopped.is_set,
-                keep=self._keep,
-                prepare=self._prepare,
-            )
-            self._finish(result)
-        except (AsdfvizError, OSError) as error:
-            self._fail(str(error))
-        finally:
-            # Else the job would seem to run for good, and no other could begin.
-            if self._workspace.job is not None and self._workspace.job.is_active:
-                self._fail("a fault in the program, which the terminal tells")
+        result = run(
+            self._spec,
+            self._workspace.frames.source,
+            config=self._config,
+            progress=self._progress,
+            stop=self._stopped.is_set,
+            keep=self._keep,
+            prepare=self._prepare,
+        )
+        self._finish(result)
 
     def _prepare(self, done: int, total: int) -> None:
         now = time.monotonic()
         if now - self._published >= PUBLISH_EVERY:
             self._published = now
-            state = "stopping" if self._stopped.is_set() else "running"
-            self._set(JobStatus(self._spec.name, state, done, total, preparing=True))
+            self._set(JobStatus(self._spec.name, self._state, done, total, preparing=True))
 
     def _keep(self, so_far: Run) -> None:
         self._kept = so_far
@@ -98,11 +68,10 @@ class MethodJob:
         self._workspace.put_run(self._partial(), self._id, home=self._folder)
         times = [p.runtime.get("total", np.nan) for p in self._predictions[-20:]]
         known = [t for t in times if t == t]
-        state = "stopping" if self._stopped.is_set() else "running"
         self._set(
             JobStatus(
                 self._spec.name,
-                state,
+                self._state,
                 done=done,
                 total=total,
                 milliseconds=1000 * float(np.median(known)) if known else None,
@@ -157,11 +126,6 @@ class MethodJob:
         self._workspace.drop_run(self._id)
         with contextlib.suppress(OSError):
             self._folder.rmdir()  # empty, or it stays
-
-    def _set(self, status: JobStatus) -> None:
-        with self._lock:
-            self._workspace.job = status
-        self._workspace.changed()
 
 
 def _reserved(runs: Path, method: str) -> Path:

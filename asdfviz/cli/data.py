@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -97,13 +98,10 @@ class Export:
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         truth = annotation_truth(sequence, annotations=self.annotations)
         with progress_bar("export") as report:
-
-            def progress(done: int, total: int) -> None:
-                report(done, total, "")
-
-            if self.layout == "bop":
-                export_bop(sequence, truth, self.out, progress=progress)
-            else:
-                with_depth = self.layout == "yolo-depth"
-                export_yolo(sequence, truth, self.out, with_depth=with_depth, progress=progress)
+            export = (
+                export_bop
+                if self.layout == "bop"
+                else partial(export_yolo, with_depth=self.layout == "yolo-depth")
+            )
+            export(sequence, truth, self.out, progress=lambda done, total: report(done, total, ""))
         print(self.out)

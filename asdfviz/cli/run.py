@@ -104,13 +104,13 @@ OWN_OPTIONS = (
 
 def _own_folder(folder: Path, sequence: Sequence) -> Path:
     """The folder, or one with a number behind its name where it holds a run on another recording."""
-    from asdfviz.data.run_files import load_run
+    from asdfviz.data.run_files import scene_of_run
 
     scene = str(Path(sequence.path).resolve())
     for number in itertools.count(1):
         own = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
         try:
-            if load_run(own).sequence == scene:
+            if scene_of_run(own) == scene:
                 return own
         except RunError:
             return own  # none, or none that anyone could read

@@ -15,7 +15,7 @@ from typing import Any, cast
 import numpy as np
 
 from asdfviz.data.atomic import write_text
-from asdfviz.data.json_files import parse_json, read_json
+from asdfviz.data.json_files import Json, parse_json, read_json
 from asdfviz.data.prediction_lines import prediction_from, prediction_line
 from asdfviz.datatypes import Assembly, FramePrediction, Run
 from asdfviz.errors import RunError
@@ -76,23 +76,22 @@ def save_run(run: Run, folder: Path) -> None:
     write_text(folder / RUN, json.dumps(about, indent=2, ensure_ascii=False) + "\n")
 
 
+def scene_of_run(folder: Path) -> str:
+    """The sequence that a saved run is about, without reading its predictions.
+
+    Raises:
+        RunError: there is no run, or its description cannot be read.
+    """
+    return _described(folder).get("sequence").text()
+
+
 def load_run(folder: Path, *, assembly: Assembly | None = None) -> Run:
     """Read a saved run; with an assembly, check that its parts and states are those of the run.
 
     Raises:
         RunError: a file is missing, cut off, corrupt, of a newer format, or does not fit.
     """
-    if not (folder / RUN).is_file():
-        raise RunError(
-            f"no run in {folder}: it has no {RUN}; give a folder that `asdfviz run --out` wrote"
-        )
-    about = read_json(folder / RUN, error=RunError)
-    version = about.get("format").integer()
-    if not 1 <= version <= FORMAT:
-        raise RunError(
-            f"{about.where} has format {version}, this program reads 1 to {FORMAT}; "
-            "update asdfviz or run the method again"
-        )
+    about = _described(folder)
     predictions = _read_predictions(folder / PREDICTIONS, about.get("frames").integer())
     if assembly is not None:
         for prediction in predictions:
@@ -112,6 +111,21 @@ def load_run(folder: Path, *, assembly: Assembly | None = None) -> Run:
         hashes={key: value.text() for key, value in about.get("hashes").items().items()},
         initial=initial,
     )
+
+
+def _described(folder: Path) -> Json:
+    if not (folder / RUN).is_file():
+        raise RunError(
+            f"no run in {folder}: it has no {RUN}; give a folder that `asdfviz run --out` wrote"
+        )
+    about = read_json(folder / RUN, error=RunError)
+    version = about.get("format").integer()
+    if not 1 <= version <= FORMAT:
+        raise RunError(
+            f"{about.where} has format {version}, this program reads 1 to {FORMAT}; "
+            "update asdfviz or run the method again"
+        )
+    return about
 
 
 def _read_predictions(file: Path, expected: int) -> tuple[FramePrediction, ...]:

@@ -56,18 +56,15 @@ def deviation(
     T_near = nearest_symmetric(T_base_part, T_nominal, symmetries)
     if joint is None:
         return _apart(T_near, T_nominal, center_part)
-    T_allowed = nearest_in_joint(T_near, T_nominal, joint, center_part=center_part)
-    off = _apart(nearest_symmetric(T_base_part, T_allowed, symmetries), T_allowed, center_part)
-    if off.angle < CLOSE or joint.turn[0] == joint.turn[1]:
-        return off
     # The nearest to the nominal may be out of the joint's range, and another that looks the same in it.
-    for S in symmetries.discrete:
+    found: list[Deviation] = []
+    for S in (np.eye(4), *symmetries.discrete):
         T_allowed = nearest_in_joint(T_near @ S, T_nominal, joint, center_part=center_part)
         T_same = nearest_symmetric(T_base_part, T_allowed, symmetries)
-        off = min(off, _apart(T_same, T_allowed, center_part), key=lambda one: one.angle)
-        if off.angle < CLOSE:
+        found.append(_apart(T_same, T_allowed, center_part))
+        if found[-1].angle < CLOSE or joint.turn[0] == joint.turn[1]:
             break
-    return off
+    return min(found, key=lambda off: off.angle)
 
 
 def _apart(T_near: Transform, T_allowed: Transform, center_part: Vector) -> Deviation:
