@@ -29,8 +29,10 @@ class TrainCrops:
     start: Path | None = None
     """Weights to begin with (last.pt or crops.safetensors of another run): what its classes share is
     taken over."""
-    teach: Literal["all", "names"] = "all"
-    """names: only which part a crop shows; all the rest stays as --start had it."""
+    teach: Literal["all", "names", "poses"] = "all"
+    """names: only which part a crop shows; poses: all but that. The rest stays as --start had it."""
+    learning_rate: float = 1.5e-3
+    """At first; lower where weights that have learnt much are to go on."""
     minutes: float = 60.0
     """Budget, earlier sittings counted in."""
     generators: int = 1

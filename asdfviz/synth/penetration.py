@@ -1,8 +1,6 @@
 """How deep solids stand in one another: what scripts avoid, and what their tests measure.
 
-Inside is asked by rays: each of three odd directions has the triangles sorted into a grid across it,
-so that a point meets only the triangles of its own column. The majority of the three makes light
-meshes with small holes useful too. Depth is the distance to the nearest triangle.
+Depth is the distance of what is inside to the nearest triangle.
 """
 
 from __future__ import annotations
@@ -10,32 +8,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int64
+from jaxtyping import Float64, Int64
 
 from asdfviz.datatypes import Mesh
 from asdfviz.geometry.sampling import surface_points
-from asdfviz.geometry.shapes import Points, Rotation, Transform, Vector
-from asdfviz.geometry.transforms import apply, inverse, rotation_about
+from asdfviz.geometry.shapes import Points, Transform, Vector
+from asdfviz.geometry.transforms import apply, inverse
+from asdfviz.synth.inside import Interior, all_axes, inside, interior_of
 
-_COLUMNS = 48
 _SAMPLES = 1500
 _CHUNK = 200_000
 _FEW = 600
 _AT_ONCE = 16
-_NEXT = np.array([1, 2, 0])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Columns:
-    """Triangles seen along one direction, sorted into columns."""
-
-    R: Rotation
-    """Turns the direction to +z."""
-    triangles: Float64[np.ndarray, "f 3 3"]
-    low: Float64[np.ndarray, "2"]
-    cell: float
-    starts: Int64[np.ndarray, "_"]
-    order: Int64[np.ndarray, "_"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +59,7 @@ class Solid:
     """Corners and points spread over the faces."""
     low: Float64[np.ndarray, "3"]
     high: Float64[np.ndarray, "3"]
-    columns: tuple[Columns, ...]
+    interior: Interior
 
     @property
     def middle(self) -> Vector:
@@ -90,18 +74,8 @@ def solid_of(mesh: Mesh, *, samples: int = _SAMPLES) -> Solid:
     corners = np.unique(mesh.vertices[np.unique(mesh.faces)], axis=0)
     points = np.concatenate([corners[:: len(corners) // samples + 1], spread])
     triangles = mesh.vertices[mesh.faces]
-    # Odd turns, so that rays do not run along faces and edges of CAD parts.
-    turns = [
-        rotation_about(np.array(axis), angle)
-        for axis, angle in (
-            ((0.41, 0.29, 0.86), 0.9),
-            ((-0.71, 0.53, 0.45), 2.0),
-            ((1.0, 0.3, 0.0), 4.0),
-        )
-    ]
-    columns = tuple(_columns(triangles, R) for R in turns)
     low, high = points.min(axis=0), points.max(axis=0)
-    return Solid(triangles, _planes(triangles), points, low, high, columns)
+    return Solid(triangles, _planes(triangles), points, low, high, interior_of(triangles))
 
 
 def _planes(triangles: Float64[np.ndarray, "f 3 3"]) -> Planes:
@@ -124,66 +98,6 @@ def _planes(triangles: Float64[np.ndarray, "f 3 3"]) -> Planes:
         low=triangles.min(axis=1),
         high=triangles.max(axis=1),
     )
-
-
-def _columns(triangles: Float64[np.ndarray, "f 3 3"], R: Rotation) -> Columns:
-    turned = triangles @ R.T
-    flat = turned[:, :, :2]
-    low = flat.min(axis=(0, 1)) - 1e-9
-    cell = float((flat.max(axis=(0, 1)) - low).max()) / _COLUMNS + 1e-9
-    first = ((flat.min(axis=1) - low) / cell).astype(int)
-    last = ((flat.max(axis=1) - low) / cell).astype(int)
-    size = last - first + 1
-    owner, place = expand(size.prod(axis=1))
-    cells = first[owner] + np.stack([place % size[owner, 0], place // size[owner, 0]], axis=1)
-    ids = cells[:, 1] * (_COLUMNS + 1) + cells[:, 0]
-    order = np.argsort(ids, kind="stable")
-    starts = np.searchsorted(ids[order], np.arange((_COLUMNS + 1) ** 2 + 1))
-    return Columns(R, turned, low, cell, starts, owner[order])
-
-
-def expand(counts: Int64[np.ndarray, "n"]) -> tuple[np.ndarray, np.ndarray]:
-    """Owner and place within the owner of every element of ranges laid behind one another."""
-    owner = np.repeat(np.arange(len(counts)), counts)
-    return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-
-
-def inside(points: Points, solid: Solid) -> Bool[np.ndarray, "n"]:
-    """Whether points (in the solid's frame) lie inside it."""
-    found = np.zeros(len(points), dtype=bool)
-    near = np.nonzero(_all_axes((points > solid.low) & (points < solid.high)))[0]
-    if len(near):
-        first, second, third = solid.columns
-        within = _crossings(points[near], first) % 2 == 1
-        doubted = np.nonzero(within != (_crossings(points[near], second) % 2 == 1))[0]
-        within[doubted] = _crossings(points[near[doubted]], third) % 2 == 1
-        found[near] = within
-    return found
-
-
-def _all_axes(holds: Bool[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-    # Many times as fast as all(axis=1), whose loop is over three values.
-    return holds[:, 0] & holds[:, 1] & holds[:, 2]
-
-
-def _crossings(points: Points, columns: Columns) -> np.ndarray:
-    """How many triangles a ray from each point along the columns' direction crosses."""
-    p = points @ columns.R.T
-    cells = np.floor((p[:, :2] - columns.low) / columns.cell).astype(int)
-    fits = (cells >= 0) & (cells <= _COLUMNS)
-    within = fits[:, 0] & fits[:, 1]
-    ids = np.where(within, cells[:, 1] * (_COLUMNS + 1) + cells[:, 0], 0)
-    counts = np.where(within, columns.starts[ids + 1] - columns.starts[ids], 0)
-    owner, place = expand(counts)
-    t = columns.triangles[columns.order[columns.starts[ids[owner]] + place]]
-    q = p[owner]
-    x, y = (t[:, :, k] - q[:, None, k] for k in range(2))
-    # Edge functions, each the weight of the corner opposite to the edge.
-    a, b, c = (x[:, k] * y[:, _NEXT[k]] - y[:, k] * x[:, _NEXT[k]] for k in range(3))
-    area = a + b + c
-    hit = ((a >= 0) & (b >= 0) & (c >= 0)) | ((a <= 0) & (b <= 0) & (c <= 0))
-    z = (b * t[:, 0, 2] + c * t[:, 1, 2] + a * t[:, 2, 2]) / np.where(area == 0, 1.0, area)
-    return np.bincount(owner[hit & (area != 0) & (z > q[:, 2])], minlength=len(points))
 
 
 def surface_distance(points: Points, solid: Solid) -> Float64[np.ndarray, "n"]:
@@ -210,7 +124,7 @@ def _bounds(points: Points, solid: Solid) -> Float64[np.ndarray, "n"]:
 def _nearby(points: Points, solid: Solid, reach: float) -> Int64[np.ndarray, "k"]:
     """The triangles that come this near to the points' bounding box."""
     low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
-    return np.nonzero(_all_axes((solid.planes.high >= low) & (solid.planes.low <= high)))[0]
+    return np.nonzero(all_axes((solid.planes.high >= low) & (solid.planes.low <= high)))[0]
 
 
 def _deepest(points: Points, solid: Solid) -> float:
@@ -262,7 +176,7 @@ def depth(points: Points, solid: Solid, *, most: int | None = None) -> float:
         solid: what they may be in.
         most: of how many of the points inside the depth is measured; of all by default.
     """
-    within = points[inside(points, solid)]
+    within = points[inside(points, solid.interior)]
     if most is not None:
         within = within[:: len(within) // most + 1]
     return _deepest(within, solid) if len(within) else 0.0

@@ -25,8 +25,9 @@ class CropTrainConfig:
     start: Path | None = None
     """Checkpoint or crops.safetensors of another run to begin with: what is shared by all classes is
     taken over, and new classes begin at the mean of the old ones."""
-    teach: Literal["all", "names"] = "all"
-    """What is taught: everything, or which part a crop shows alone; the rest stays as `start` had it."""
+    teach: Literal["all", "names", "poses"] = "all"
+    """What is taught: everything, which part a crop shows alone, or all but that; the rest stays as
+    `start` had it."""
     minutes: float = 60.0
     """Budget, wall clock, resumed runs counted together."""
     steps: int | None = None
@@ -82,13 +83,17 @@ def check_crop_config(config: CropTrainConfig) -> None:
     """
     if not config.assemblies:
         raise InputError("no assembly named: give one or more")
-    if config.teach == "names" and config.start is None:
+    if config.teach != "all" and config.start is None:
         raise InputError(
-            "to teach names alone, name the weights to begin with (start): last.pt or "
+            f"to teach {config.teach} alone, name the weights to begin with (start): last.pt or "
             "crops.safetensors of a run that was taught everything"
         )
     if not (math.isfinite(config.minutes) and config.minutes > 0):
         raise InputError(f"minutes is {config.minutes:g}, give a budget above 0")
+    if not 0 < config.learning_rate < 1:
+        raise InputError(
+            f"learning_rate is {config.learning_rate:g}, give one above 0 and below 1; 0.0015 is usual"
+        )
     least = {"threads": 1, "batch": 2, "grid": 60, "generators": 0, "shard": 16, "pool": 1}
     for name, smallest in least.items():
         if getattr(config, name) < smallest:

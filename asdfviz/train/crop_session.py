@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.detector.crop_classes import group_states
@@ -41,6 +41,12 @@ from asdfviz.train.log import CsvLog, Meter, write_curve
 from asdfviz.train.schedule import make_optimizer, rate_at
 
 LOG_SECONDS = 20.0
+DRAWN = {
+    "all": CropConfig(),
+    "names": CropConfig(groups=0.0),  # crops of groups say nothing of names
+    "poses": CropConfig(nothing=0.0),  # what is no part has none
+}
+"""What crops show, by what is taught."""
 FIGURES = ("found1", "found5", "found20", "best_deg", "mean_deg", "state", "name")
 
 
@@ -67,8 +73,7 @@ class CropSession(Sitting):
         self.config = config
         self.assemblies = [load_assembly(name) for name in config.assemblies]
         self._names_only = config.teach == "names"
-        # Crops of groups say nothing of names.
-        self._drawing = CropConfig(groups=0.0) if self._names_only else CropConfig()
+        self._drawing = DRAWN[config.teach]
         self.maker = CropMaker(self.assemblies, config=self._drawing, device=config.device)
         self.classes = self.maker.classes
         self.names = [c.name for c in self.classes]
@@ -79,11 +84,9 @@ class CropSession(Sitting):
         network.to(config.device)
         self.network = network
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
-        taught = network.name if self._names_only else network
-        assert taught is not None
-        self.taught = taught
+        self.taught = _taught(network, config.teach)
         self.optimizer = make_optimizer(
-            (taught,), learning_rate=config.learning_rate, weight_decay=config.weight_decay
+            self.taught, learning_rate=config.learning_rate, weight_decay=config.weight_decay
         )
         self.average = Average(network, decay=config.ema)
         super().__init__(config.output, minutes=config.minutes, steps=config.steps)
@@ -146,7 +149,7 @@ class CropSession(Sitting):
         descend(
             total,
             self.optimizer,
-            [*self.taught.parameters()],
+            [p for module in self.taught for p in module.parameters()],
             clip=config.clip,
             step=self.progress.step,
         )
@@ -157,11 +160,15 @@ class CropSession(Sitting):
     def _losses(self, batch: Views) -> Tensor:
         config = self.config
         self.network.eval()
-        self.taught.train()
+        for module in self.taught:
+            module.train()
         half = config.bfloat16 and has_bfloat16(config.device)
         pictures = batch.pictures.contiguous(memory_format=torch.channels_last)
         with torch.autocast(torch.device(config.device).type, torch.bfloat16, enabled=half):
-            names = self.network.names(pictures, batch.sizes)
+            if config.teach == "poses":
+                names = pictures.new_zeros(len(pictures), 0)
+            else:
+                names = self.network.names(pictures, batch.sizes)
             if self._names_only:
                 missed = misnamed(names, batch)
                 return torch.stack([torch.zeros_like(missed)] * (len(LOSSES) - 1) + [missed])
@@ -187,8 +194,7 @@ class CropSession(Sitting):
             values |= {f"{one.name}:{f}": float(v) for f, v in zip(FIGURES, figures, strict=True)}
         # Parts in scenes are what counts; without any, crops of the training's own kind.
         told = (found[-1].score, found[0].state, found[-1].name_right)
-        if self._names_only:
-            told = told[2:]
+        told = {"all": told, "names": told[2:], "poses": told[:2]}[config.teach]
         told = [v for v in told if math.isfinite(v)]
         values["score"] = score = sum(told) / max(len(told), 1)
         self.validation_log.add(values)
@@ -275,3 +281,11 @@ class CropSession(Sitting):
         losses: dict[str, float] = dict(zip(LOSSES, meter.means(), strict=False))
         share = min(self.share, 1.0)
         return CropReport(self.progress.step, share, losses, meter.inputs_per_s)
+
+
+def _taught(network: CropNetwork, teach: str) -> tuple[nn.Module, ...]:
+    if teach == "all" or network.name is None:
+        return (network,)
+    if teach == "names":
+        return (network.name,)
+    return tuple(module for module in network.children() if module is not network.name)

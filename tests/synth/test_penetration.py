@@ -8,7 +8,8 @@ import pytest
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Mesh
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.synth.penetration import depth, inside, penetration, solid_of, surface_distance
+from asdfviz.synth.inside import inside
+from asdfviz.synth.penetration import depth, penetration, solid_of, surface_distance
 from asdfviz.synth.primitives import box
 
 
@@ -22,7 +23,7 @@ def test_inside_and_distance_of_a_box_are_exact() -> None:
     points = np.random.default_rng(0).uniform(-0.1, 0.1, (600, 3))
     beyond = np.abs(points) - size / 2
     expected = (beyond < 0).all(axis=1)
-    assert np.array_equal(inside(points, solid), expected)
+    assert np.array_equal(inside(points, solid.interior), expected)
     outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
     exact = np.where(expected, -beyond.max(axis=1), outside)
     assert np.abs(surface_distance(points, solid) - exact).max() < 1e-7
@@ -53,7 +54,7 @@ def test_the_deepest_point_is_found_without_measuring_all(name: str) -> None:
     rng = np.random.default_rng(3)
     for count in (1, 40, 1500):
         points = rng.uniform(solid.low, solid.high, (count, 3))
-        within = points[inside(points, solid)]
+        within = points[inside(points, solid.interior)]
         dense = np.array([surface_distance(point[None], solid)[0] for point in within])
         assert depth(points, solid) == pytest.approx(dense.max() if len(dense) else 0.0, abs=1e-9)
         np.testing.assert_allclose(surface_distance(within, solid), dense, atol=1e-9)
@@ -72,5 +73,5 @@ def test_real_meshes_agree_with_the_volume_of_random_points() -> None:
     volume = abs(float((a * np.cross(b, c)).sum())) / 6
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     points = np.random.default_rng(2).uniform(low, high, (20000, 3))
-    share = inside(points, solid_of(mesh)).mean()
+    share = inside(points, solid_of(mesh).interior).mean()
     assert share * float((high - low).prod()) == pytest.approx(volume, rel=0.03)
