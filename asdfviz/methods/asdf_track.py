@@ -2,8 +2,9 @@
 
 Not in the paper. Every part is tracked by colour and depth from several starts, the detector's pose
 among them, so that one that was lost is found again. Between two poses that fit about as well the crop
-network decides over time, and a part that the detector keeps finding elsewhere begins anew there; parts that the state joins are tracked as one,
-with the freedoms of their joints. The state is followed as `asdf_plus` does, from the tracked poses.
+network decides over time, and a part that the detector keeps finding elsewhere begins anew there; parts
+that the state joins are tracked as one, with the freedoms of their joints. The state is followed as
+`asdf_plus` does, from the tracked poses.
 """
 
 from __future__ import annotations
@@ -13,7 +14,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, State, StateEstimate
+from asdfviz.datatypes import (
+    Assembly,
+    Camera,
+    Frame,
+    FramePrediction,
+    PoseEstimate,
+    State,
+    StateEstimate,
+)
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
@@ -36,7 +45,7 @@ from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig, StateFilter
-from asdfviz.state.twins import PlaceNames
+from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
 from asdfviz.track.presets import FINE, TrackerConfig
 
 
@@ -145,7 +154,13 @@ class AsdfTrack:
         if frame.depth is None:  # to the tracker, depth that measured nothing
             frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
         with timed("refind"):
-            parts.refind(frame, proposed.poses, self._asdf.looked_at, scene.state)
+            names = self._named_by_tracks(proposed.poses, scene)
+            parts.refind(
+                frame,
+                renamed_poses(proposed.poses, names),
+                renamed(self._asdf.looked_at, names),
+                scene.state,
+            )
             names = scene.twins.changes(parts.tracker.poses)
             parts.rename(frame, names)
             self._asdf.rename(names)
@@ -169,6 +184,17 @@ class AsdfTrack:
         runtime = {**proposed.runtime, **timed.seconds}
         said = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)
+
+    def _named_by_tracks(self, poses: Mapping[str, PoseEstimate], scene: _Scene) -> dict[str, str]:
+        """How the detector's twins are called by the tracker that follows them; it learns that.
+
+        Else one that is tracked would be proposed by the other's name for good, which so is never found.
+        """
+        before = {name: track.T_now for name, track in scene.parts.tracks.items() if track.age}
+        found = {name: pose.T_camera_part for name, pose in poses.items()}
+        names = scene.twins.follows(found, before)
+        self._asdf.rename(names)
+        return names
 
     def _join(self, frame: Frame, scene: _Scene) -> frozenset[str]:
         """Hold the parts together that the state joins; return their names without the base.

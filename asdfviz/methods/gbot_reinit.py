@@ -51,6 +51,7 @@ from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import PnpConfig
 from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.joints import deviation
+from asdfviz.state.twins import PlaceNames, renamed
 from asdfviz.track.tracker import Tracker
 
 ROUGH_ROUNDS = 3
@@ -123,6 +124,7 @@ class GbotReinit(Gbot):
         self._crop_poses: CropPoses | None = None
         self._finder: PartFinder | None = None
         self._assembly: Assembly | None = None
+        self._twins: PlaceNames | None = None
         self._frames = 0
         self._shapes: dict[str, PartShape] = {}
 
@@ -140,6 +142,7 @@ class GbotReinit(Gbot):
             options.first_pose, options.crops, assembly, looker=self._given_looker
         )
         self._assembly = assembly
+        self._twins = PlaceNames(assembly)
         self._shapes = part_shapes(assembly, surface_points=TranslationConfig().surface_points)
         looker = self._crop_poses.looker if self._crop_poses and options.verified else None
         self._finder = PartFinder(
@@ -169,6 +172,8 @@ class GbotReinit(Gbot):
         with timed("pnp" if self._crop_poses is None else "crops"):
             starts = self._starts(found, frame, assembly)
         with timed("track"):
+            if options.verified:
+                starts = self._named_by_tracks(starts, tracker)
             seen = {name: Ts[0] for name, Ts in starts.items()}
             off = self._too_far(seen, tracker, assembly)
             if options.verified:
@@ -202,6 +207,16 @@ class GbotReinit(Gbot):
             ]
             for name, pose in self._put_right(poses, found, frame).items()
         }
+
+    def _named_by_tracks(
+        self, starts: Mapping[str, list[Transform]], tracker: Tracker
+    ) -> dict[str, list[Transform]]:
+        """Twins by the names of those that the tracker has nearest; the detector learns them."""
+        if self._twins is None or self._finder is None:
+            raise MethodError("gbot_reinit: reset() must come before step()")
+        names = self._twins.follows({n: Ts[0] for n, Ts in starts.items()}, tracker.poses)
+        self._finder.rename(names)
+        return renamed(starts, names)
 
     def _too_far(
         self, seen: Mapping[str, Transform], tracker: Tracker, assembly: Assembly

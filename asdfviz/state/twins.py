@@ -1,25 +1,30 @@
 """Twins: parts of one detector class and one mesh, which no camera can tell apart.
 
 What tells them apart is where they end: the one that lies at a place of the finished assembly goes by
-the name that belongs there, whatever it was called while it lay about.
+the name that belongs there, whatever it was called while it lay about. Who follows them from frame to
+frame knows besides which of them was where.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import product
 from typing import Any, TypeVar, cast
 
 import numpy as np
+from jaxtyping import Float64
 from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import inverse
+from asdfviz.geometry.transforms import apply_to_point, inverse
 from asdfviz.state.joints import deviation
 
 NEAR = 0.015
 """A part this near to a place, metres, is on it."""
+FOLLOWED = 0.05
+"""One this near to where it was, metres, may be the same."""
 OWN_NAME = 0.003
 """Metres by which the name that a part has is preferred."""
 
@@ -61,9 +66,29 @@ class PlaceNames:
                 if name in poses:
                     T_base_part = T_base_camera @ poses[name]
                     cost[i] = [self._distance(T_base_part, place) for place in group]
-            cost -= OWN_NAME * np.eye(len(group))
-            assign = cast(Any, optimize).linear_sum_assignment
-            changed |= {group[i]: group[j] for i, j in zip(*assign(cost), strict=True) if i != j}
+            changed |= _cheapest(group, cost)
+        return changed
+
+    def follows(
+        self, poses: Mapping[str, Transform], before: Mapping[str, Transform]
+    ) -> dict[str, str]:
+        """From the names to be changed to those of the twins that were nearest: a permutation.
+
+        Args:
+            poses: T_camera_part of what was found, by the names they go by now.
+            before: T_camera_part of what was known, by the right names.
+        """
+        changed: dict[str, str] = {}
+        for group in self._groups:
+            middle = self._assembly.parts[group[0]].middle
+            cost = np.full((len(group), len(group)), FOLLOWED)
+            for (i, now), (j, then) in product(enumerate(group), repeat=2):
+                if now in poses and then in before:
+                    apart = apply_to_point(poses[now], middle) - apply_to_point(
+                        before[then], middle
+                    )
+                    cost[i, j] = min(float(np.linalg.norm(apart)), FOLLOWED)
+            changed |= _cheapest(group, cost)
         return changed
 
     def _distance(self, T_base_part: Transform, name: str) -> float:
@@ -79,6 +104,13 @@ class PlaceNames:
             joint=done.joints.get(name),
         )
         return min(off.distance, NEAR)
+
+
+def _cheapest(group: tuple[str, ...], cost: Float64[np.ndarray, "n n"]) -> Mapping[str, str]:
+    """From the names that change (rows) to those they change to (columns)."""
+    assign = cast(Any, optimize).linear_sum_assignment
+    rows, columns = assign(cost - OWN_NAME * np.eye(len(group)))
+    return {group[int(i)]: group[int(j)] for i, j in zip(rows, columns, strict=True) if i != j}
 
 
 def renamed(values: Mapping[str, _Value], names: Mapping[str, str]) -> dict[str, _Value]:

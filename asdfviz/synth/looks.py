@@ -175,7 +175,7 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         edges=outline,
         circle=(float(center[0]), float(center[1]), radius + rng.uniform(0.0, 0.04)),
     )
-    pale = linear((252, 208, 164)) * rng.uniform(0.68, 0.78)
+    pale = linear((252, 212, 175)) * rng.uniform(0.68, 0.78)
     table = _plane(
         rng,
         -0.001,

@@ -118,11 +118,13 @@ def _skin(
         for s in (0.0, 0.0008)
     ]
     fold = (crease[1] - crease[0]) * (1 - arm)
-    # Differences of near neighbours keep the fine part of the noise: single hairs, no patches.
-    slant = (around + 0.4 * y) / 0.035
-    hair = _at(noise, slant + 0.012, y / 0.22) - _at(noise, slant, y / 0.22)
+    # Differences of near neighbours keep the fine part of the noise: single hairs, no patches. They are
+    # laid round the arm by where the skin looks: along a plane they would be stretched at its sides.
+    round_arm = torch.atan2((normal * finish[:, 9:12]).sum(1), (normal * finish[:, 12:15]).sum(1))
+    slant = (0.03 * round_arm + 0.4 * y) / 0.035
+    hair = _at(noise, slant + 0.012, y / 0.11) - _at(noise, slant, y / 0.11)
     hair = ((hair.abs() - 0.25) * 6).clamp(0, 1)
-    color = color * (1 - 0.05 * crease[0] * (1 - arm) - 0.22 * hair * arm)[:, None]
+    color = color * (1 - 0.05 * crease[0] * (1 - arm) - 0.09 * hair * arm)[:, None]
     color = color * (1 - 0.05 * ridge[0] * arm)[:, None]
     # Bundles of short lines where the skin folds, brown rather than dark.
     bundle = (1.4 * _at(noise, x / 0.5 + 0.3, y / 0.16 + 0.4 * z) - 1.0).clamp(0, 1) * (1 - arm)

@@ -55,10 +55,26 @@ def test_names_stay_where_no_place_says_otherwise(pair: Assembly) -> None:
     assert names.changes(unseen_base) == {}
 
 
+def test_twins_are_followed_by_where_they_were(pair: Assembly) -> None:
+    names = PlaceNames(pair)
+    swapped = {"lid": "lid-Copy", "lid-Copy": "lid"}
+    far, near = AWAY, transform_from(np.eye(3), np.array([0.0, -0.1, 0.05]))
+    before = seen(pair, lid=near, lid_Copy=far)
+    moved = transform_from(np.eye(3), np.array([0.01, 0.0, 0.02]))
+    assert names.follows(seen(pair, lid=far @ moved, lid_Copy=near @ moved), before) == swapped
+    assert names.follows(seen(pair, lid=near @ moved, lid_Copy=far @ moved), before) == {}
+    # What is known of one settles both: the one that stays nobody was near.
+    only = {"lid": before["lid"]}
+    lost = transform_from(np.eye(3), np.array([-0.2, 0.3, 0.0]))
+    assert names.follows(seen(pair, lid=lost, lid_Copy=near @ moved), only) == swapped
+    assert names.follows(seen(pair, lid=lost, lid_Copy=far), only) == {}
+
+
 def test_parts_that_differ_keep_their_names(assembly: Assembly) -> None:
     places = assembly.steps[-1].T_base_part
     crossed = {"base": T_CAMERA_BASE, "lid": T_CAMERA_BASE @ places["block"]}
     assert PlaceNames(assembly).changes(crossed) == {}
+    assert PlaceNames(assembly).follows(crossed, {"block": crossed["lid"]}) == {}
 
 
 def test_values_and_poses_go_by_their_new_names() -> None:
