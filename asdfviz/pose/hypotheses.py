@@ -22,7 +22,7 @@ from asdfviz.geometry.shapes import (
     Vector,
 )
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.pose.hypothesis_kernels import agreement, surface_fit
+from asdfviz.pose.hypothesis_kernels import agreement, plane_fit, surface_fit
 from asdfviz.pose.part_view import PartView, Surface
 from asdfviz.pose.table import SunkConfig, depth_in_table
 
@@ -210,7 +210,7 @@ def _refined(
     """By depth where there is enough of it, by the outline otherwise."""
     if int((view.measured > 0).sum()) < config.min_readings:
         return _by_outline(T_view_part, surface, view, config)
-    return surface_fit(
+    T_fitted = surface_fit(
         surface.points,
         surface.normals,
         np.ascontiguousarray(T_view_part),
@@ -219,6 +219,19 @@ def _refined(
         view.measured,
         config.reach,
         config.steps,
+    )
+    middle = surface.corners.mean(axis=0)
+    return plane_fit(
+        surface.points,
+        T_fitted,
+        view.focal,
+        view.outline,
+        view.measured,
+        config.margin,
+        config.depth_weight,
+        config.min_readings,
+        middle,
+        float(np.linalg.norm(surface.corners - middle, axis=1).max()),
     )
 
 

@@ -158,3 +158,88 @@ def _turn(T, axis, angle):
         T[0, column] = a + sine * (y * c - z * b) + rest * (x * along - a)
         T[1, column] = b + sine * (z * a - x * c) + rest * (y * along - b)
         T[2, column] = c + sine * (x * b - y * a) + rest * (z * along - c)
+
+
+@kernel
+@no_type_check
+def plane_fit(
+    points, T_start, focal, outline, measured, margin, depth_weight, least, middle, radius
+):
+    """Shift and turn a pose in the view's plane to where outline and depth agree best.
+
+    Point to plane does not see where a flat side lies; its rim does. Steps are of a cell and less,
+    those of turns by what they move at `radius` from `middle` (part frame). `least` readings count.
+    """
+    side = outline.shape[0]
+    near = np.empty((side, side))
+    owner = np.empty((side, side), np.int64)
+    best = T_start.copy()
+    most = _rim(points, best, focal, outline, measured, margin, depth_weight, least, near, owner)
+    for step in (1.0, 0.5, 0.25):
+        size = step * T_start[2, 3] / focal
+        for axis in range(3):
+            for sign in (1.0, -1.0):
+                moved = False
+                for _ in range(2):
+                    trial = _in_plane(best, axis, sign * size, middle, radius)
+                    score = _rim(
+                        points,
+                        trial,
+                        focal,
+                        outline,
+                        measured,
+                        margin,
+                        depth_weight,
+                        least,
+                        near,
+                        owner,
+                    )
+                    if score <= most:
+                        break
+                    best, most, moved = trial, score, True
+                if moved:
+                    break
+    return best
+
+
+@kernel
+@no_type_check
+def _in_plane(T, axis, size, middle, radius):
+    """The pose shifted along the view's x or y, or turned about its z."""
+    moved = T.copy()
+    if axis < 2:
+        moved[axis, 3] += size
+        return moved
+    x = T[0, 0] * middle[0] + T[0, 1] * middle[1] + T[0, 2] * middle[2]
+    y = T[1, 0] * middle[0] + T[1, 1] * middle[1] + T[1, 2] * middle[2]
+    _turn(moved, np.array([0.0, 0.0, 1.0]), size / radius)
+    moved[0, 3] += x - (moved[0, 0] * middle[0] + moved[0, 1] * middle[1] + moved[0, 2] * middle[2])
+    moved[1, 3] += y - (moved[1, 0] * middle[0] + moved[1, 1] * middle[1] + moved[1, 2] * middle[2])
+    return moved
+
+
+@kernel
+@no_type_check
+def _rim(points, T, focal, outline, measured, margin, depth_weight, least, near, owner):
+    """Overlap and weighted depth agreement of one pose, as `agreement` has them."""
+    side = outline.shape[0]
+    splat(points, T, focal, near, owner)
+    both, either, hits, readings = 0.0, 1e-9, 0.0, 0
+    for row in range(side):
+        for column in range(side):
+            seen = outline[row, column]
+            if owner[row, column] < 0:
+                either += seen
+                continue
+            known = measured[row, column] > 0
+            gap = measured[row, column] - near[row, column]
+            if known and gap < -margin and seen < 0.5:
+                continue  # something else stands in front
+            both += seen
+            either += 1.0
+            if known and gap > -2 * margin:
+                readings += 1
+                hits += np.exp(-0.5 * (gap / margin) ** 2)
+    if readings < least:
+        return both / either
+    return both / either + depth_weight * hits / readings

@@ -61,13 +61,13 @@ def depth_image(T_camera_part: np.ndarray, *, behind: float = 0.7) -> np.ndarray
     return depth.astype(np.float32)
 
 
-def view(*, with_depth: bool) -> PartView:
-    pixels = project(apply(T_TRUE, VERTICES), K)
+def view(*, with_depth: bool, T_camera_part: np.ndarray = T_TRUE) -> PartView:
+    pixels = project(apply(T_camera_part, VERTICES), K)
     box = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)])
     middle = (box[:2] + box[2:]) / 2
     R_camera_view = rotation_to_ray(np.linalg.solve(K, np.array([*middle, 1.0])))
     focal = 300.0 * SIDE / (1.25 * float((box[2:] - box[:2]).max()))
-    depth = depth_image(T_TRUE)
+    depth = depth_image(T_camera_part)
     seen = sampled_depth(depth, K, R_camera_view, focal=focal, side=SIDE)
     corners = np.array([[*box[:2], 1.0], [*box[2:], 1.0]]) @ np.linalg.inv(K).T @ R_camera_view
     flat = focal * corners[:, :2] / corners[:, 2:] + (SIDE - 1) / 2
@@ -102,6 +102,16 @@ def test_depth_and_outline_find_and_refine_the_near_rotation() -> None:
     assert error_deg(settled.T_camera_part) < 4
     assert np.linalg.norm(settled.T_camera_part[:3, 3] - T_TRUE[:3, 3]) < 0.004
     assert 0.6 < settled.agreement <= 1
+
+
+def test_a_box_that_is_off_does_not_move_what_lies_flat() -> None:
+    T_flat = transform_from(np.eye(3), np.array([0.02, -0.01, 0.5]))
+    seen = view(with_depth=True, T_camera_part=T_flat)
+    off = replace(seen, box_xyxy=seen.box_xyxy + np.array([2.0, -1.5, 2.0, -1.5]))
+    turned = rotation_about(np.array([0.0, 0.0, 1.0]), np.deg2rad(4))
+    settled, *_ = settle([Candidate(turned, 1.0)], SURFACE, off, config=HypothesisConfig())
+    assert np.linalg.norm(settled.T_camera_part[:3, 3] - T_flat[:3, 3]) < 0.0015
+    assert np.degrees(rotation_angle(settled.T_camera_part[:3, :3])) < 2
 
 
 def test_the_outline_alone_finds_it_too() -> None:
