@@ -55,7 +55,7 @@ class FusionConfig:
     """w_f, equation 5: weight of this frame."""
     w_previous: float = 0.75
     """w_{f-1}, equation 5: weight of the previous frame."""
-    neighbour: float = 0.02
+    neighbour: float = 0.013
     """n, equation 4: share of each neighbour's previous probability."""
 
     def __post_init__(self) -> None:
