@@ -8,7 +8,7 @@ from collections.abc import Callable
 from asdfviz.app.carrying import Carry, CarryJob
 from asdfviz.app.items import Message
 from asdfviz.app.method_job import MethodJob
-from asdfviz.app.truths import drawn_truth, truth_of
+from asdfviz.app.truths import exported_truth, truth_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AsdfvizError, MethodError
 from asdfviz.evaluate.evaluate import evaluate_run
@@ -126,7 +126,8 @@ def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
     """Write what is drawn, corrections included, as a BOP scene."""
 
     def work() -> None:
-        export_bop(workspace.frames.source, drawn_truth(workspace, base), workspace.export_folder)
+        truth = exported_truth(workspace, base)
+        export_bop(workspace.frames.source, truth, workspace.export_folder)
         workspace.say(Message("Exported", str(workspace.export_folder)))
 
     return _start(workspace, work, "export")

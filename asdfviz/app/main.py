@@ -11,12 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from asdfviz.annotate.corrected import run_of_seed
 from asdfviz.annotate.identity import open_annotation
 from asdfviz.annotate.paths import annotation_file, annotations_folder
 from asdfviz.app.controller import Controller
 from asdfviz.app.items import Message
 from asdfviz.app.jobs import Background, start_check
 from asdfviz.app.server import start_server, stop_server
+from asdfviz.app.truths import lost_base
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import bundled_assemblies, models_folder
@@ -190,6 +192,7 @@ def open_workspace(config: ViewConfig) -> Workspace:
         workspace.close()
         raise
     _load_earlier_runs(workspace, (scene / RUNS, runs))
+    _load_run_of_seed(workspace)
     return workspace
 
 
@@ -206,6 +209,21 @@ def _load_earlier_runs(workspace: Workspace, folders: tuple[Path, ...]) -> None:
             workspace.say(Message("A run was left out", str(error), is_problem=True))
             continue
         workspace.put_run(run, str(folder), folder=folder)
+
+
+def _load_run_of_seed(workspace: Workspace) -> None:
+    """Load the run that corrections started from, wherever it lies; one that is lost is told."""
+    seed, why = workspace.store.seed(), ""
+    if seed.run is not None and workspace.base_of_seed() is None:
+        folder = run_of_seed(seed.run, workspace.frames.source)
+        try:
+            run = load_run(folder, assembly=workspace.assembly)
+            workspace.put_run(run, str(folder), folder=folder)
+        except InputError as error:
+            why = f" ({error})"
+    lost = lost_base(workspace)
+    if lost is not None:
+        workspace.say(Message("Not what was corrected", lost + why, is_problem=True))
 
 
 def _is_ours_to_write(scene: Path) -> bool:

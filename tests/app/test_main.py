@@ -10,10 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
+from asdfviz.app.jobs import start_export
 from asdfviz.app.main import ViewConfig, open_app, open_workspace
+from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import save_run
-from asdfviz.datatypes import Assembly, Run
+from asdfviz.data.sequences import read_folder_truth
+from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run
 from asdfviz.errors import InputError
+from asdfviz.geometry.transforms import transform_from
 
 
 @pytest.fixture
@@ -32,6 +36,14 @@ def scene(tmp_path: Path) -> Path:
     }
     (folder / "camera.json").write_text(json.dumps(camera))
     return folder
+
+
+def run_of(scene: Path, assembly: Assembly, *, x: float) -> Run:
+    """The jaw at x metres to the right of the middle."""
+    T_camera_jaw = transform_from(np.eye(3), np.array([x, 0.0, 0.5]))
+    pose = PoseEstimate("jaw", T_camera_jaw, 0.9, "refined")
+    prediction = FramePrediction(0, {"jaw": pose}, None)
+    return Run("mine", {}, str(scene), assembly.path, "0", (prediction,))
 
 
 def config(scene: Path, **changes: object) -> ViewConfig:
@@ -72,6 +84,50 @@ def test_earlier_runs_are_there_and_a_broken_one_is_told(scene: Path, clamp: Ass
         assert [run.label for run in workspace.runs] == ["mine"]
         assert [m.is_problem for m in workspace.messages] == [True]
         assert "bad" in workspace.messages[0].body
+
+
+def correct(workspace: Workspace, run_id: str) -> None:
+    """Say that the base part lies elsewhere than the run has it."""
+    workspace.store.set_seed(workspace.seed_of(run_id))
+    T_camera_base = np.eye(4)
+    T_camera_base[2, 3] = 0.4
+    workspace.store.set_pose(0, "base", T_camera_base)
+
+
+def test_a_restart_draws_and_exports_the_run_that_was_corrected(
+    scene: Path, clamp: Assembly
+) -> None:
+    elsewhere = scene.parent / "elsewhere"
+    save_run(run_of(scene, clamp, x=0.1), elsewhere)
+    save_run(run_of(scene, clamp, x=0.2), scene / "runs" / "other")
+    with contextlib.closing(open_workspace(config(scene, runs=(elsewhere,)))) as workspace:
+        correct(workspace, str(elsewhere))
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        assert workspace.base_of_seed() == str(elsewhere)
+        assert workspace.messages == ()
+        start_export(workspace, str(scene / "runs" / "other")).join(60)
+        written = read_folder_truth(workspace.export_folder, clamp)
+        assert written[0].T_camera_part["jaw"][0, 3] == pytest.approx(0.1)
+
+
+def test_a_restart_without_the_run_that_was_corrected_says_so(scene: Path, clamp: Assembly) -> None:
+    elsewhere, other = scene.parent / "elsewhere", scene / "runs" / "other"
+    for folder in (elsewhere, other):
+        save_run(run_of(scene, clamp, x=0.1), folder)
+    with contextlib.closing(open_workspace(config(scene, runs=(elsewhere,)))) as workspace:
+        correct(workspace, str(elsewhere))
+    (elsewhere / "run.json").unlink()
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        told = workspace.messages[0]
+        assert told.is_problem
+        assert str(elsewhere) in told.body
+        assert "it has no run.json" in told.body
+        start_export(workspace, str(other)).join(60)
+        assert workspace.messages[1].title == "Could not export"
+        assert not workspace.export_folder.exists()
+        workspace.store.set_seed(workspace.seed_of(str(other)))
+        start_export(workspace, str(other)).join(60)
+        assert (workspace.export_folder / "scene_gt.json").is_file()
 
 
 @pytest.mark.parametrize(
