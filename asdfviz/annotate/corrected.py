@@ -105,30 +105,31 @@ def annotation_truth(
         annotations: the folder; None for the default one.
 
     Raises:
-        AnnotationError: there is no file, it cannot be used, or the assembly is not known.
+        AnnotationError: there is no file or nothing in it, it cannot be used, or the assembly is
+            not known.
         InputError: what the corrections started from cannot be read.
     """
     assembly = _known(sequence.assembly)
     file = own_annotation_file(sequence, folder=annotations)
     if not file.is_file():
-        raise AnnotationError(
-            f"nothing is annotated in '{sequence.name}': there is no {file}; correct it in "
-            "`asdfviz view` first, or name the folder of the corrections with --annotations"
-        )
+        raise _nothing_annotated(sequence, f"there is no {file}")
     with open_annotation(sequence, assembly, folder=annotations) as store:
-        return corrected_truth(
+        truth = corrected_truth(
             store,
             seed_truth(store.seed(), sequence, assembly),
             assembly=assembly,
             frames=sequence.frame_indices,
         )
+    if not any(frame.T_camera_part or frame.state is not None for frame in truth.values()):
+        raise _nothing_annotated(sequence, f"{file} has neither poses nor states")
+    return truth
 
 
 def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, FrameTruth]:
     """Return what the corrections start from, by frame number.
 
     Raises:
-        AnnotationError: they started from a run that was never saved.
+        AnnotationError: they started from a run that was never saved, or from truth that is gone.
         RunError: the run that they started from cannot be read.
         SequenceError: the sequence's truth cannot be read.
     """
@@ -141,7 +142,13 @@ def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, 
         return truth_from_run(load_run(run_of_seed(seed.run, sequence)), assembly)
     if seed.kind == "none":
         return {}
-    return _truth_of(sequence)
+    truth = _truth_of(sequence)
+    if not any(frame.T_camera_part for frame in truth.values()):
+        raise AnnotationError(
+            f"the corrections of '{sequence.name}' started from its own truth, which is no longer "
+            "there: bring it back, or begin the corrections anew"
+        )
+    return truth
 
 
 def run_of_seed(folder: str, sequence: Sequence) -> Path:
@@ -253,6 +260,13 @@ def _labels_by_frame(
 def _truth_of(sequence: Sequence) -> dict[int, FrameTruth]:
     found = (sequence.truth(place) for place in range(len(sequence)))
     return {frame.frame_index: frame for frame in found if frame is not None}
+
+
+def _nothing_annotated(sequence: Sequence, why: str) -> AnnotationError:
+    return AnnotationError(
+        f"nothing is annotated in '{sequence.name}': {why}; correct it in "
+        "`asdfviz view` first, or name the folder of the corrections with --annotations"
+    )
 
 
 def _known(assembly: Assembly | None) -> Assembly:

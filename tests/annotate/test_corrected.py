@@ -59,8 +59,9 @@ class Clip:
     path = "/clip"
     frame_indices = (0, 5, 10)
 
-    def __init__(self, assembly: Assembly | None) -> None:
+    def __init__(self, assembly: Assembly | None, *, with_truth: bool = True) -> None:
         self.assembly = assembly
+        self._with_truth = with_truth
         self.camera = Camera(np.eye(3), 10, 10)
 
     def __len__(self) -> int:
@@ -70,7 +71,9 @@ class Clip:
         raise NotImplementedError
 
     def truth(self, place: int) -> FrameTruth | None:
-        return FrameTruth(5 * place, {"base": pose(place)}, place) if place < 2 else None
+        if place == 2 or not self._with_truth:
+            return None
+        return FrameTruth(5 * place, {"base": pose(place)}, place)
 
 
 def test_without_edits_the_base_stands(store: AnnotationStore, boxes: Assembly) -> None:
@@ -199,3 +202,26 @@ def test_the_annotation_of_a_sequence(tmp_path: Path, boxes: Assembly) -> None:
     }
     with pytest.raises(AnnotationError, match="assembly"):
         annotation_truth(Clip(None), annotations=tmp_path)
+
+
+def test_a_file_that_nobody_corrected_anything_in(tmp_path: Path, boxes: Assembly) -> None:
+    clip = Clip(boxes)
+    file = annotation_file("clip", folder=tmp_path)
+    with AnnotationStore(file, sequence_name="clip", assembly_name="boxes") as store:
+        with pytest.raises(AnnotationError, match="nothing is annotated in 'clip'"):
+            annotation_truth(clip, annotations=tmp_path)
+        store.remove_pose(0, "lid")
+        with pytest.raises(AnnotationError, match=r"clip\.db has neither poses nor states"):
+            annotation_truth(clip, annotations=tmp_path)
+        store.set_state(0, StateLabel(0))
+        assert list(annotation_truth(clip, annotations=tmp_path)) == [0]
+
+
+def test_truth_that_corrections_started_from_and_is_gone(tmp_path: Path, boxes: Assembly) -> None:
+    clip = Clip(boxes, with_truth=False)
+    file = annotation_file("clip", folder=tmp_path)
+    with AnnotationStore(file, sequence_name="clip", assembly_name="boxes") as store:
+        store.set_seed(Seed("truth"))
+        store.set_pose(0, "lid", pose(0))
+    with pytest.raises(AnnotationError, match="its own truth, which is no longer there"):
+        annotation_truth(clip, annotations=tmp_path)
