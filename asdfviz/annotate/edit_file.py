@@ -67,8 +67,8 @@ def open_edit_file(path: Path, about: About) -> sqlite3.Connection:
     """Open the file, making it if it is not there, ready for use by several threads under a lock.
 
     Raises:
-        AnnotationError: the file is damaged, no annotation, newer, or of another sequence or
-            assembly; it is left untouched.
+        AnnotationError: the file is damaged, no annotation, newer, or of another sequence, or holds
+            edits of another assembly; it is left untouched.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -122,17 +122,30 @@ def _create(path: Path, about: About) -> None:
 
 def _look_over(path: Path, about: About) -> None:
     found = _about(path)
-    for what, expected in (("sequence", about.sequence), ("assembly", about.assembly)):
-        if found.get(what) != expected:
-            raise AnnotationError(
-                f"annotation {path} is of {what} '{found.get(what)}', not '{expected}'; "
-                "use another annotations folder for this one"
-            )
+    if found.get("sequence") != about.sequence:
+        raise _of_another(path, "sequence", found.get("sequence"), about.sequence)
     if about.identity not in (None, found.get("identity", about.identity)):
         raise AnnotationError(
             f"annotation {path} is of another sequence called '{about.sequence}': its pictures "
             "differ; use another file for this one"
         )
+    if found.get("assembly") != about.assembly and not _is_taken_over(path, about.assembly):
+        raise _of_another(path, "assembly", found.get("assembly"), about.assembly)
+
+
+def _of_another(path: Path, what: str, found: str | None, expected: str) -> AnnotationError:
+    return AnnotationError(
+        f"annotation {path} is of {what} '{found}', not '{expected}'; "
+        "use another annotations folder for this one"
+    )
+
+
+def _is_taken_over(path: Path, assembly: str) -> bool:
+    """Give a file that nobody has edited yet to another assembly; False where there are edits."""
+    with closing(sqlite3.connect(path, timeout=BUSY_SECONDS, isolation_level=None)) as connection:
+        free = "key = 'assembly' AND NOT EXISTS (SELECT 1 FROM edits)"
+        done = connection.execute(f"UPDATE about SET value = ? WHERE {free}", (assembly,))
+        return done.rowcount == 1
 
 
 def _about(path: Path) -> dict[str, str]:

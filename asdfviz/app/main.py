@@ -165,6 +165,9 @@ def open_workspace(config: ViewConfig) -> Workspace:
             f"{sequence.path} does not say what is being assembled: "
             f"give --assembly PATH or a bundled name ({known})"
         )
+    named = [(run.resolve(), load_run(run, assembly=assembly)) for run in config.runs]
+    # Truth is read here: where it does not fit the assembly, no annotation file is made for that.
+    sequence.truth(0)
     folder = annotations_folder() if config.annotations is None else config.annotations
     store = open_annotation(
         sequence, assembly, folder=folder, author=config.author or _login_name()
@@ -184,13 +187,8 @@ def open_workspace(config: ViewConfig) -> Workspace:
     if store.path != first:
         said = f"{first.name} holds those of another sequence called '{sequence.name}'."
         workspace.say(Message("Corrections go to " + store.path.name, said))
-    try:
-        for run in config.runs:
-            home = run.resolve()
-            workspace.put_run(load_run(run, assembly=assembly), str(home), folder=home)
-    except InputError:
-        workspace.close()
-        raise
+    for home, run in named:
+        workspace.put_run(run, str(home), folder=home)
     _load_earlier_runs(workspace, (scene / RUNS, runs))
     _load_run_of_seed(workspace)
     return workspace

@@ -306,6 +306,17 @@ def test_the_wrong_sequence_or_assembly_is_refused(open_store: OpenStore) -> Non
     assert store.path.read_bytes() == before
 
 
+def test_another_assembly_may_have_a_file_without_edits(open_store: OpenStore) -> None:
+    open_store(assembly="vise").close()
+    store = open_store()
+    store.set_pose(0, "lid", pose(0))
+    store.undo()
+    store.close()
+    with pytest.raises(AnnotationError, match="of assembly 'boxes', not 'vise'"):
+        open_store(assembly="vise")
+    assert open_store().redo() != ()
+
+
 def damaged(content: bytes, case: str) -> bytes:
     if case == "cut":
         return content[: len(content) // 2]

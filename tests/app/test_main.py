@@ -148,6 +148,20 @@ def test_what_cannot_be_opened_says_why(
         open_app(config(sequence, **wanted) if sequence == scene else config(sequence))
 
 
+@pytest.mark.parametrize("case", ["truth", "run"])
+def test_a_start_that_fails_makes_no_annotation_file(
+    scene: Path, clamp: Assembly, case: str
+) -> None:
+    save_run(run_of(scene, clamp, x=0.1), scene.parent / "run")
+    if case == "truth":
+        state = {"frame": 0, "state": 1, "attached": ["base", "jaw"]}
+        (scene / "states.json").write_text(json.dumps([state]))
+    runs = (scene.parent / "run",) if case == "run" else ()
+    with pytest.raises(InputError, match="jaw|base"):
+        open_workspace(config(scene, assembly="geared_caliper", runs=runs))
+    assert not (scene.parent / "notes").exists()
+
+
 def test_a_token_is_in_the_address(scene: Path) -> None:
     with contextlib.closing(open_app(config(scene, token="open sesame"[:4]))) as app:
         assert app.url.endswith("?token=open")
