@@ -1,4 +1,4 @@
-"""The SQLite file behind an annotation: made, recognised and opened here, used by the store.
+"""The SQLite file behind an annotation: made, recognised, opened and written here, for the store.
 
 An existing file is looked over read-only before anything may write to it, so a file that is damaged,
 newer or belongs to something else stays as it is.
@@ -6,13 +6,18 @@ newer or belongs to something else stays as it is.
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import sqlite3
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any, TypeAlias
 
+from asdfviz.annotate.records import EditKind
 from asdfviz.errors import AnnotationError
 
 APPLICATION_ID = 0x41534446
@@ -20,6 +25,9 @@ APPLICATION_ID = 0x41534446
 SCHEMA_VERSION = 1
 BUSY_SECONDS = 10.0
 """How long a write waits for another process's write."""
+
+Row: TypeAlias = tuple[EditKind, int | None, int | None, str | None, Mapping[str, Any]]
+"""Kind, first frame, last frame, part and payload of an edit to come."""
 
 COLUMNS = "id, time, author, kind, step, frame, last_frame, part, payload, undone"
 POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify', 'drop_pose') AND undone = 0"
@@ -95,6 +103,50 @@ def read_identity(path: Path) -> str | None:
         AnnotationError: it is no annotation file, or cannot be read.
     """
     return _about(path).get("identity")
+
+
+def file_id(path: Path) -> tuple[int, int] | None:
+    """What tells the file from another one in its place; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def open_step(connection: sqlite3.Connection, author: str, group: str | None) -> int | None:
+    """The step that a drag goes on with: the author's last one, if it is of the same group."""
+    if group is None:
+        return None
+    found = connection.execute(
+        "SELECT kind, drag, step FROM edits WHERE author = ? ORDER BY id DESC LIMIT 1", (author,)
+    ).fetchone()
+    if found is None or found[0] in ("undo", "redo") or found[1] != group:
+        return None
+    return int(found[2])
+
+
+def insert_edit(
+    connection: sqlite3.Connection,
+    row: Row,
+    *,
+    author: str,
+    step: int | None,
+    group: str | None = None,
+) -> int:
+    """Write an edit as part of a step, or as a step of its own; returns its id."""
+    kind, frame, last_frame, part, payload = row
+    now = datetime.now(UTC).isoformat(timespec="microseconds")
+    text = json.dumps(payload, allow_nan=False)
+    cursor = connection.execute(
+        "INSERT INTO edits (time, author, kind, step, frame, last_frame, part, payload, drag) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        (now, author, kind, step or 0, frame, last_frame, part, text, group),
+    )
+    number = int(cursor.lastrowid or 0)
+    if step is None:
+        connection.execute("UPDATE edits SET step = id WHERE id = ?", (number,))
+    return number
 
 
 def _create(path: Path, about: About) -> None:

@@ -379,3 +379,18 @@ def test_a_closed_store_says_so(store: AnnotationStore) -> None:
         store.set_pose(0, "lid", pose(0))
     with pytest.raises(AnnotationError, match="cannot be read"):
         store.version()
+
+
+@pytest.mark.parametrize("case", ["deleted", "replaced"])
+def test_a_file_that_goes_while_it_is_open_keeps_no_edit(store: AnnotationStore, case: str) -> None:
+    store.set_pose(0, "lid", pose(0))
+    aside = store.path.with_name("aside.db")
+    store.path.rename(aside)
+    if case == "replaced":
+        store.path.write_bytes(aside.read_bytes())
+    for write in (store.undo, lambda: store.set_pose(1, "lid", pose(1))):
+        with pytest.raises(AnnotationError, match=r"clip\.db has gone .* the edit was not kept"):
+            write()
+    aside.replace(store.path)
+    store.set_pose(2, "lid", pose(2))
+    assert [frame for frame, _ in store.poses()] == [0, 2]

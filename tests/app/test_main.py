@@ -157,7 +157,7 @@ def test_a_start_that_fails_makes_no_annotation_file(
         state = {"frame": 0, "state": 1, "attached": ["base", "jaw"]}
         (scene / "states.json").write_text(json.dumps([state]))
     runs = (scene.parent / "run",) if case == "run" else ()
-    with pytest.raises(InputError, match="jaw|base"):
+    with pytest.raises(InputError, match=r"jaw|base"):
         open_workspace(config(scene, assembly="geared_caliper", runs=runs))
     assert not (scene.parent / "notes").exists()
 
