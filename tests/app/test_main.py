@@ -148,6 +148,17 @@ def test_what_cannot_be_opened_says_why(
         open_app(config(sequence, **wanted) if sequence == scene else config(sequence))
 
 
+def test_an_export_in_the_app_says_which_frames_it_lacks(scene: Path, clamp: Assembly) -> None:
+    cv2.imwrite(str(scene / "rgb" / "000001.png"), np.full((48, 64, 3), 90, np.uint8))
+    (scene / "rgb" / "000000.png").write_bytes(b"")
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        start_export(workspace, None).join(60)
+        done, lacking = workspace.messages
+        assert (done.title, done.is_problem) == ("Exported", False)
+        assert lacking.is_problem
+        assert "cannot be read: 0 (" in lacking.body
+
+
 @pytest.mark.parametrize("case", ["truth", "run"])
 def test_a_start_that_fails_makes_no_annotation_file(
     scene: Path, clamp: Assembly, case: str

@@ -14,6 +14,7 @@ from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Frame, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop import export_bop
+from asdfviz.export.readable import told_left_out
 from asdfviz.geometry.transforms import rotation_angle
 
 Truth = dict[int, FrameTruth]
@@ -196,12 +197,41 @@ def test_exporting_again_leaves_nothing_of_frames_that_are_gone(
     assert open_sequence(tmp_path / "out", assembly=assembly).frame_indices == fewer.frame_indices
 
 
-def test_a_broken_image_is_not_copied(
+def test_a_broken_image_is_left_out_with_its_truth(
     memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
 ) -> None:
     export_bop(memory, truth, tmp_path / "scene")
-    broken = next(iter(sorted((tmp_path / "scene" / "depth").iterdir())))
-    broken.write_bytes(broken.read_bytes()[:20])
     source = open_sequence(tmp_path / "scene", assembly=assembly)
-    with pytest.raises(SequenceError, match=broken.name):
+    export_bop(source, truth, tmp_path / "out")
+    broken = tmp_path / "scene" / "depth" / "000005.png"
+    broken.write_bytes(broken.read_bytes()[:20])
+    steps: list[tuple[int, int]] = []
+    left_out = export_bop(source, truth, tmp_path / "out", progress=lambda *n: steps.append(n))
+    assert list(left_out) == [5]
+    assert broken.name in left_out[5]
+    assert steps == [(1, 3), (2, 3), (3, 3)]
+    assert not list((tmp_path / "out").rglob("000005.*"))
+    frames, found = read_back(tmp_path / "out", assembly)
+    assert [frame.index for frame in frames] == [0, 1]
+    assert_same_truth(found, {0: truth[0]})
+
+
+def test_where_no_image_can_be_read_nothing_is_written(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    export_bop(memory, truth, tmp_path / "scene")
+    for image in (tmp_path / "scene" / "rgb").iterdir():
+        image.write_bytes(image.read_bytes()[:20])
+    source = open_sequence(tmp_path / "scene", assembly=assembly)
+    with pytest.raises(SequenceError, match=r"no frame of scene can be read.*000000\.png"):
         export_bop(source, truth, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_frames_that_are_left_out_are_told_in_one_line() -> None:
+    assert told_left_out({3: "3.png is broken"}) == (
+        "1 frame left out with images that cannot be read: 3 (3.png is broken)"
+    )
+    assert "0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more (x" in told_left_out(
+        dict.fromkeys(range(12), "x")
+    )

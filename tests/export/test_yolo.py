@@ -13,6 +13,7 @@ import yaml
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import KEYPOINTS, Assembly, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
+from asdfviz.export.bop import export_bop
 from asdfviz.export.yolo import export_yolo
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.transforms import apply, transform_from
@@ -110,3 +111,18 @@ def test_truth_that_was_taken_back_leaves_no_label(sequence: Sequence, tmp_path:
     export_yolo(sequence, {0: truth()[0]}, tmp_path / "out")
     for room in ("labels", "images"):
         assert [f.stem for f in (tmp_path / "out" / room).iterdir()] == ["000000"]
+
+
+def test_a_frame_that_cannot_be_read_is_left_out(
+    sequence: Sequence, classed: Assembly, tmp_path: Path
+) -> None:
+    export_bop(sequence, truth(), tmp_path / "scene")
+    source = open_sequence(tmp_path / "scene", assembly=classed)
+    export_yolo(source, truth(), tmp_path / "out")
+    (tmp_path / "scene" / "rgb" / "000000.png").write_bytes(b"")
+    assert list(export_yolo(source, truth(), tmp_path / "out")) == [0]
+    for room in ("labels", "images"):
+        assert [f.stem for f in (tmp_path / "out" / room).iterdir()] == ["000005"]
+    with pytest.raises(SequenceError, match="no frame of scene can be read"):
+        export_yolo(source, {0: truth()[0]}, tmp_path / "other")
+    assert not (tmp_path / "other").exists()
