@@ -6,7 +6,7 @@ Evaluation and export read truth in this form, whether people or a renderer made
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from asdfviz.annotate.identity import open_annotation, own_annotation_file
@@ -195,14 +195,7 @@ def _corrected_frame(
     changed = any(not edit.verified for edit in edits.values()) or set(poses) != set(
         base.T_camera_part
     )
-    frame = FrameTruth(
-        frame_index=base.frame_index,
-        T_camera_part=in_order,
-        state=base.state,
-        is_error=base.is_error,
-        attached=base.attached,
-        visible={} if changed else base.visible,
-    )
+    frame = replace(base, T_camera_part=in_order, visible={} if changed else base.visible)
     return _with_label(frame, label, assembly)
 
 
@@ -212,13 +205,12 @@ def _with_label(frame: FrameTruth, label: StateLabel | None, assembly: Assembly)
     attached = label.attached
     if attached is None and not label.is_error:
         attached = assembly.states[label.state].attached
-    return FrameTruth(
-        frame_index=frame.frame_index,
-        T_camera_part=frame.T_camera_part,
+    return replace(
+        frame,
         state=label.state,
         is_error=label.is_error,
         attached=attached,
-        visible=frame.visible,
+        error=label.name if label.is_error else None,
     )
 
 

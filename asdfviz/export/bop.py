@@ -94,7 +94,7 @@ def _write_truth(truth: Mapping[int, FrameTruth], source: Sequence, folder: Path
         (folder / "scene_gt_info.json").unlink(missing_ok=True)
     else:
         _write_json(folder / "scene_gt_info.json", info)
-    _write_json(folder / "states.json", states(truth))
+    _write_json(folder / "states.json", states(truth, source.assembly))
     if source.assembly is not None:
         _write_json(folder / "models_info.json", models_info(source.assembly))
 

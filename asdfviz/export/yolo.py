@@ -20,7 +20,8 @@ from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.data.encoding import encoded
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.scene_objects import SceneObject
-from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence
+from asdfviz.data.truth import fitting_errors
+from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence, State
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop import about_export, check_target, remove_others
 from asdfviz.export.bop_content import camera_content
@@ -40,7 +41,8 @@ def export_yolo(
     """Write every frame that has truth, with its labels, into a folder.
 
     Classes are the assembly's detector classes. Symmetric parts have the keypoints of their
-    canonical pose, as in training. A frame whose images cannot be read is left out. An error is not labelled as the state that it hides.
+    canonical pose, as in training. A frame whose images cannot be read is left out. An error has its
+    own class where it is known which one it is, never that of the state that it hides.
 
     Args:
         sequence: what to export; its own truth is not used.
@@ -92,12 +94,21 @@ def label_file(frame: Frame, truth: FrameTruth, subject: Subject) -> str:
         SceneObject(name, T_camera_part, truth.visible.get(name))
         for name, T_camera_part in truth.T_camera_part.items()
     )
-    groups: tuple[Group, ...] = ()
-    if truth.state is not None and not truth.is_error:
-        groups = (Group(subject.assembly.steps[truth.state].name, None),)
+    state = _state_of(truth, subject.assembly)
+    groups = () if state is None else (Group(state.name, None),)
     size = (frame.camera.width, frame.camera.height)
     labeller = Labeller(subject, frame.camera.K, size, frame.depth, SMALLEST_VISIBLE)
     return yolo_rows(labeller.labels(objects, groups), width=size[0], height=size[1])
+
+
+def _state_of(truth: FrameTruth, assembly: Assembly) -> State | None:
+    """The state to label; None where it is not known, or several errors may be meant."""
+    if truth.state is None:
+        return None
+    if not truth.is_error:
+        return assembly.steps[truth.state]
+    errors = fitting_errors(truth, assembly)
+    return errors[0] if len(errors) == 1 else None
 
 
 def _classes(assembly: Assembly) -> str:

@@ -77,11 +77,12 @@ class Clip:
 
 
 def test_without_edits_the_base_stands(store: AnnotationStore, boxes: Assembly) -> None:
-    truth = {4: FrameTruth(4, {"lid": pose(0)}, 1, False, ("base",), {"lid": 0.7})}
+    truth = {4: FrameTruth(4, {"lid": pose(0)}, 1, False, ("base",), {"lid": 0.7}, "odd")}
     found = corrected_truth(store, truth, assembly=boxes)
     assert set(found) == {4}
     assert found[4].visible == {"lid": 0.7}
     assert (found[4].state, found[4].is_error, found[4].attached) == (1, False, ("base",))
+    assert found[4].error == "odd"
     np.testing.assert_array_equal(found[4].T_camera_part["lid"], pose(0))
     assert corrected_truth(store, {}, assembly=boxes) == {}
 
@@ -115,6 +116,7 @@ def test_state_labels_go_over_truth(store: AnnotationStore, boxes: Assembly) -> 
     assert [(t.state, t.is_error) for t in found.values()] == [
         *((0, False), (0, True), (2, False), (0, True), (0, False))
     ]
+    assert [t.error for t in found.values()] == [None, "lid wrong", None, "lid wrong", None]
     assert found[1].attached == ("base", "lid")
     assert found[2].attached == ("base", "lid", "pin")
     assert found[4].attached == ("base",)
@@ -135,6 +137,7 @@ def test_a_run_as_base(store: AnnotationStore, boxes: Assembly) -> None:
     store.set_pose(1, "base", pose(5), provenance="gizmo")
     found = corrected_truth(store, run, assembly=boxes)
     assert [(t.state, t.is_error) for t in found.values()] == [(2, False), (0, True)]
+    assert [t.error for t in found.values()] == [None, "lid wrong"]
     assert list(found[1].T_camera_part) == ["base", "lid"]
     np.testing.assert_array_equal(found[0].T_camera_part["base"], pose(0))
     with pytest.raises(AnnotationError, match="assembly"):

@@ -24,10 +24,11 @@ def assert_same_truth(read: Mapping[int, FrameTruth], written: Truth) -> None:
     assert set(read) == set(written)
     for index, expected in written.items():
         found = read[index]
-        assert (found.state, found.is_error, found.attached) == (
+        assert (found.state, found.is_error, found.attached, found.error) == (
             expected.state,
             expected.is_error,
             expected.attached,
+            expected.error,
         )
         assert dict(found.visible) == dict(expected.visible)
         assert set(found.T_camera_part) == set(expected.T_camera_part)
@@ -226,6 +227,17 @@ def test_where_no_image_can_be_read_nothing_is_written(
     with pytest.raises(SequenceError, match=r"no frame of scene can be read.*000000\.png"):
         export_bop(source, truth, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_which_error_it_is_is_kept(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    truth[5] = replace(truth[5], error="jaw lost")
+    export_bop(memory, truth, tmp_path / "out")
+    _, found = read_back(tmp_path / "out", assembly)
+    assert_same_truth(found, truth)
+    entries = json.loads((tmp_path / "out" / "states.json").read_text())
+    assert [entry["name"] for entry in entries] == ["bare", "jaw lost"]
 
 
 def test_frames_that_are_left_out_are_told_in_one_line() -> None:

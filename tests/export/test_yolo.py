@@ -126,3 +126,32 @@ def test_a_frame_that_cannot_be_read_is_left_out(
     with pytest.raises(SequenceError, match="no frame of scene can be read"):
         export_yolo(source, {0: truth()[0]}, tmp_path / "other")
     assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize(
+    ("errors", "said", "expected"),
+    [
+        (("lost", "gone"), "gone", [0, 4]),
+        (("lost", "gone"), None, [0]),
+        (("lost",), None, [0, 3]),
+        (("lost",), "another one", [0]),
+    ],
+)
+def test_an_error_has_its_own_class_where_it_is_known(
+    tmp_path: Path,
+    memory: Sequence,
+    classed: Assembly,
+    errors: tuple[str, ...],
+    said: str | None,
+    expected: list[int],
+) -> None:
+    alike = tuple(
+        replace(classed.errors[0], index=2 + i, name=name, detector_class=f"two_{name}")
+        for i, name in enumerate(errors)
+    )
+    classes = (*classed.detector_classes, *(f"two_{name}" for name in errors))
+    known = replace(classed, states=(*classed.steps, *alike), detector_classes=classes)
+    wrong = replace(truth()[5], attached=("base <1>",), error=said)
+    sequence = replace(memory, assembly=known)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    export_yolo(sequence, {5: wrong}, tmp_path)
+    assert [row[0] for row in rows(tmp_path / "labels" / "000005.txt")] == expected
