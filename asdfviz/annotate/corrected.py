@@ -12,7 +12,8 @@ from pathlib import Path
 from asdfviz.annotate.identity import open_annotation, own_annotation_file
 from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, label_of
 from asdfviz.annotate.store import AnnotationStore
-from asdfviz.data.run_files import RUNS, load_run
+from asdfviz.data.result_csv import load_run_or_csv
+from asdfviz.data.run_files import RUNS
 from asdfviz.datatypes import Assembly, FrameTruth, Run, Sequence
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
@@ -139,7 +140,10 @@ def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, 
                 f"the run of '{seed.method}' that the corrections of '{sequence.name}' started "
                 "from was not saved: run the method again and start from that"
             )
-        return truth_from_run(load_run(run_of_seed(seed.run, sequence)), assembly)
+        folder = run_of_seed(seed.run, sequence)
+        return truth_from_run(
+            load_run_or_csv(folder, sequence=sequence, assembly=assembly), assembly
+        )
     if seed.kind == "none":
         return {}
     truth = _truth_of(sequence)

@@ -22,6 +22,7 @@ from asdfviz.app.truths import lost_base
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import bundled_assemblies, models_folder
+from asdfviz.data.result_csv import load_run_or_csv
 from asdfviz.data.run_files import RUN, RUNS, load_run
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly
@@ -42,7 +43,7 @@ class ViewConfig:
     format: str | None = None
     """folder, bop, gbot, asdf or asdf-rgbd; None recognises it by content."""
     runs: tuple[Path, ...] = ()
-    """Saved runs to show beside those in the sequence's own runs folder."""
+    """Saved runs, or csv files of BOP or GBOT, to show beside those in the sequence's own runs folder."""
     annotations: Path | None = None
     """Where corrections are kept; None for annotations/ of the clone or of the working folder."""
     author: str | None = None
@@ -165,7 +166,10 @@ def open_workspace(config: ViewConfig) -> Workspace:
             f"{sequence.path} does not say what is being assembled: "
             f"give --assembly PATH or a bundled name ({known})"
         )
-    named = [(run.resolve(), load_run(run, assembly=assembly)) for run in config.runs]
+    named = [
+        (run.resolve(), load_run_or_csv(run, sequence=sequence, assembly=assembly))
+        for run in config.runs
+    ]
     # Truth is read here: where it does not fit the assembly, no annotation file is made for that.
     sequence.truth(0)
     folder = annotations_folder() if config.annotations is None else config.annotations
@@ -213,9 +217,10 @@ def _load_run_of_seed(workspace: Workspace) -> None:
     """Load the run that corrections started from, wherever it lies; one that is lost is told."""
     seed, why = workspace.store.seed(), ""
     if seed.run is not None and workspace.base_of_seed() is None:
-        folder = run_of_seed(seed.run, workspace.frames.source)
+        sequence = workspace.frames.source
+        folder = run_of_seed(seed.run, sequence)
         try:
-            run = load_run(folder, assembly=workspace.assembly)
+            run = load_run_or_csv(folder, sequence=sequence, assembly=workspace.assembly)
             workspace.put_run(run, str(folder), folder=folder)
         except InputError as error:
             why = f" ({error})"

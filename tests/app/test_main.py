@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from asdfviz.annotate.corrected import annotation_truth
 from asdfviz.app.jobs import start_export
 from asdfviz.app.main import ViewConfig, open_app, open_workspace
 from asdfviz.app.workspace import Workspace
@@ -110,6 +111,20 @@ def test_a_restart_draws_and_exports_the_run_that_was_corrected(
         assert written[0].T_camera_part["jaw"][0, 3] == pytest.approx(0.1)
 
 
+def test_results_in_a_csv_are_shown_and_corrected(scene: Path, clamp: Assembly) -> None:
+    results = scene.parent / "results.csv"
+    results.write_text("desk,0,jaw,-1,1 0 0 0 1 0 0 0 1,100 0 500,20\n")
+    with contextlib.closing(open_workspace(config(scene, runs=(results,)))) as workspace:
+        assert [run.label for run in workspace.runs] == ["results"]
+        shown = workspace.poses(0, str(results))["jaw"].T_camera_part
+        assert shown[:3, 3] == pytest.approx([0.1, 0.0, 0.5])
+        correct(workspace, str(results))
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        assert workspace.base_of_seed() == str(results)
+        truth = annotation_truth(workspace.frames.source, annotations=scene.parent / "notes")
+        assert set(truth[0].T_camera_part) == {"base", "jaw"}
+
+
 def test_a_restart_without_the_run_that_was_corrected_says_so(scene: Path, clamp: Assembly) -> None:
     elsewhere, other = scene.parent / "elsewhere", scene / "runs" / "other"
     for folder in (elsewhere, other):
@@ -137,6 +152,7 @@ def test_a_restart_without_the_run_that_was_corrected_says_so(scene: Path, clamp
         ({"assembly": "no_such"}, "no assembly at 'no_such'"),
         ({"format": "gbot", "sequence": "/no/such/folder"}, "no scene folder"),
         ({"runs": (Path("/no/such/run"),)}, "/no/such/run"),
+        ({"runs": (Path("/no/such.csv"),)}, r"/no/such\.csv cannot be read as csv"),
     ],
 )
 def test_what_cannot_be_opened_says_why(
