@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property
 from typing import Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, UInt8
 
+from asdfviz.geometry.boxes import middle_of_points
 from asdfviz.geometry.shapes import (
     Box,
     Depth,
@@ -59,20 +60,17 @@ class Frame:
     camera: Camera
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Mesh:
     """A triangle mesh in the part's CAD frame, metres."""
 
     vertices: Points
     faces: Faces
 
-
-@lru_cache(maxsize=256)
-def _box_middle(mesh: Mesh) -> Vector:
-    """Kept, because methods ask for it many times a frame."""
-    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
-    middle.flags.writeable = False
-    return middle
+    @cached_property
+    def middle(self) -> Vector:
+        """Of its box; kept, because methods ask for it many times a frame."""
+        return middle_of_points(self.vertices)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +92,7 @@ class Part:
     @property
     def middle(self) -> Vector:
         """Of the mesh's box, metres; distances are taken there: the CAD origin may lie far outside."""
-        return _box_middle(self.mesh)
+        return self.mesh.middle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -242,6 +240,8 @@ class FrameTruth:
     attached: tuple[str, ...] | None = None
     visible: Mapping[str, float] = field(default_factory=dict[str, float])
     """Visible share of each part's outline, 0 to 1; a part may be missing where it is not known."""
+    error: str | None = None
+    """Name of the error state while `is_error`; None where nobody said which."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

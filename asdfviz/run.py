@@ -15,6 +15,7 @@ import numpy as np
 
 from asdfviz import __version__
 from asdfviz.data.hashes import assembly_sha256, file_sha256, sequence_sha256
+from asdfviz.data.truth import fitting_errors
 from asdfviz.datatypes import (
     Assembly,
     Frame,
@@ -175,11 +176,7 @@ def _initial(sequence: Sequence, assembly: Assembly) -> FramePrediction:
 def _true_state(truth: FrameTruth, assembly: Assembly) -> StateEstimate | None:
     if truth.state is None:
         return None
-    index = truth.state
-    if truth.is_error:
-        fitting = [s for s in assembly.errors if s.completed == truth.state]
-        same_parts = [s for s in fitting if set(s.attached) == set(truth.attached or ())]
-        index = next((s.index for s in (*same_parts, *fitting)), index)
+    index = next((error.index for error in fitting_errors(truth, assembly)), truth.state)
     probabilities = np.zeros(len(assembly.states))
     probabilities[index] = 1.0
     return StateEstimate(probabilities)

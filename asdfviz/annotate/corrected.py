@@ -6,13 +6,14 @@ Evaluation and export read truth in this form, whether people or a renderer made
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from asdfviz.annotate.identity import open_annotation, own_annotation_file
 from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, label_of
 from asdfviz.annotate.store import AnnotationStore
-from asdfviz.data.run_files import RUNS, load_run
+from asdfviz.data.result_csv import load_run_or_csv
+from asdfviz.data.run_files import RUNS
 from asdfviz.datatypes import Assembly, FrameTruth, Run, Sequence
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
@@ -105,30 +106,31 @@ def annotation_truth(
         annotations: the folder; None for the default one.
 
     Raises:
-        AnnotationError: there is no file, it cannot be used, or the assembly is not known.
+        AnnotationError: there is no file or nothing in it, it cannot be used, or the assembly is
+            not known.
         InputError: what the corrections started from cannot be read.
     """
     assembly = _known(sequence.assembly)
     file = own_annotation_file(sequence, folder=annotations)
     if not file.is_file():
-        raise AnnotationError(
-            f"nothing is annotated in '{sequence.name}': there is no {file}; correct it in "
-            "`asdfviz view` first, or name the folder of the corrections with --annotations"
-        )
+        raise _nothing_annotated(sequence, f"there is no {file}")
     with open_annotation(sequence, assembly, folder=annotations) as store:
-        return corrected_truth(
+        truth = corrected_truth(
             store,
             seed_truth(store.seed(), sequence, assembly),
             assembly=assembly,
             frames=sequence.frame_indices,
         )
+    if not any(frame.T_camera_part or frame.state is not None for frame in truth.values()):
+        raise _nothing_annotated(sequence, f"{file} has neither poses nor states")
+    return truth
 
 
 def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, FrameTruth]:
     """Return what the corrections start from, by frame number.
 
     Raises:
-        AnnotationError: they started from a run that was never saved.
+        AnnotationError: they started from a run that was never saved, or from truth that is gone.
         RunError: the run that they started from cannot be read.
         SequenceError: the sequence's truth cannot be read.
     """
@@ -138,10 +140,19 @@ def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, 
                 f"the run of '{seed.method}' that the corrections of '{sequence.name}' started "
                 "from was not saved: run the method again and start from that"
             )
-        return truth_from_run(load_run(run_of_seed(seed.run, sequence)), assembly)
+        folder = run_of_seed(seed.run, sequence)
+        return truth_from_run(
+            load_run_or_csv(folder, sequence=sequence, assembly=assembly), assembly
+        )
     if seed.kind == "none":
         return {}
-    return _truth_of(sequence)
+    truth = _truth_of(sequence)
+    if not any(frame.T_camera_part for frame in truth.values()):
+        raise AnnotationError(
+            f"the corrections of '{sequence.name}' started from its own truth, which is no longer "
+            "there: bring it back, or begin the corrections anew"
+        )
+    return truth
 
 
 def run_of_seed(folder: str, sequence: Sequence) -> Path:
@@ -188,14 +199,7 @@ def _corrected_frame(
     changed = any(not edit.verified for edit in edits.values()) or set(poses) != set(
         base.T_camera_part
     )
-    frame = FrameTruth(
-        frame_index=base.frame_index,
-        T_camera_part=in_order,
-        state=base.state,
-        is_error=base.is_error,
-        attached=base.attached,
-        visible={} if changed else base.visible,
-    )
+    frame = replace(base, T_camera_part=in_order, visible={} if changed else base.visible)
     return _with_label(frame, label, assembly)
 
 
@@ -205,13 +209,12 @@ def _with_label(frame: FrameTruth, label: StateLabel | None, assembly: Assembly)
     attached = label.attached
     if attached is None and not label.is_error:
         attached = assembly.states[label.state].attached
-    return FrameTruth(
-        frame_index=frame.frame_index,
-        T_camera_part=frame.T_camera_part,
+    return replace(
+        frame,
         state=label.state,
         is_error=label.is_error,
         attached=attached,
-        visible=frame.visible,
+        error=label.name if label.is_error else None,
     )
 
 
@@ -253,6 +256,13 @@ def _labels_by_frame(
 def _truth_of(sequence: Sequence) -> dict[int, FrameTruth]:
     found = (sequence.truth(place) for place in range(len(sequence)))
     return {frame.frame_index: frame for frame in found if frame is not None}
+
+
+def _nothing_annotated(sequence: Sequence, why: str) -> AnnotationError:
+    return AnnotationError(
+        f"nothing is annotated in '{sequence.name}': {why}; correct it in "
+        "`asdfviz view` first, or name the folder of the corrections with --annotations"
+    )
 
 
 def _known(assembly: Assembly | None) -> Assembly:

@@ -1,4 +1,4 @@
-"""The SQLite file behind an annotation: made, recognised and opened here, used by the store.
+"""The SQLite file behind an annotation: made, recognised, opened and written here, for the store.
 
 An existing file is looked over read-only before anything may write to it, so a file that is damaged,
 newer or belongs to something else stays as it is.
@@ -6,13 +6,18 @@ newer or belongs to something else stays as it is.
 
 from __future__ import annotations
 
+import json
 import os
 import secrets
 import sqlite3
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any, TypeAlias
 
+from asdfviz.annotate.records import EditKind
 from asdfviz.errors import AnnotationError
 
 APPLICATION_ID = 0x41534446
@@ -20,6 +25,9 @@ APPLICATION_ID = 0x41534446
 SCHEMA_VERSION = 1
 BUSY_SECONDS = 10.0
 """How long a write waits for another process's write."""
+
+Row: TypeAlias = tuple[EditKind, int | None, int | None, str | None, Mapping[str, Any]]
+"""Kind, first frame, last frame, part and payload of an edit to come."""
 
 COLUMNS = "id, time, author, kind, step, frame, last_frame, part, payload, undone"
 POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify', 'drop_pose') AND undone = 0"
@@ -67,8 +75,8 @@ def open_edit_file(path: Path, about: About) -> sqlite3.Connection:
     """Open the file, making it if it is not there, ready for use by several threads under a lock.
 
     Raises:
-        AnnotationError: the file is damaged, no annotation, newer, or of another sequence or
-            assembly; it is left untouched.
+        AnnotationError: the file is damaged, no annotation, newer, or of another sequence, or holds
+            edits of another assembly; it is left untouched.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -97,6 +105,50 @@ def read_identity(path: Path) -> str | None:
     return _about(path).get("identity")
 
 
+def file_id(path: Path) -> tuple[int, int] | None:
+    """What tells the file from another one in its place; None where there is none."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def open_step(connection: sqlite3.Connection, author: str, group: str | None) -> int | None:
+    """The step that a drag goes on with: the author's last one, if it is of the same group."""
+    if group is None:
+        return None
+    found = connection.execute(
+        "SELECT kind, drag, step FROM edits WHERE author = ? ORDER BY id DESC LIMIT 1", (author,)
+    ).fetchone()
+    if found is None or found[0] in ("undo", "redo") or found[1] != group:
+        return None
+    return int(found[2])
+
+
+def insert_edit(
+    connection: sqlite3.Connection,
+    row: Row,
+    *,
+    author: str,
+    step: int | None,
+    group: str | None = None,
+) -> int:
+    """Write an edit as part of a step, or as a step of its own; returns its id."""
+    kind, frame, last_frame, part, payload = row
+    now = datetime.now(UTC).isoformat(timespec="microseconds")
+    text = json.dumps(payload, allow_nan=False)
+    cursor = connection.execute(
+        "INSERT INTO edits (time, author, kind, step, frame, last_frame, part, payload, drag) "
+        "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        (now, author, kind, step or 0, frame, last_frame, part, text, group),
+    )
+    number = int(cursor.lastrowid or 0)
+    if step is None:
+        connection.execute("UPDATE edits SET step = id WHERE id = ?", (number,))
+    return number
+
+
 def _create(path: Path, about: About) -> None:
     """Make the whole file under another name first: a killed process leaves none or a good one."""
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}")
@@ -122,17 +174,30 @@ def _create(path: Path, about: About) -> None:
 
 def _look_over(path: Path, about: About) -> None:
     found = _about(path)
-    for what, expected in (("sequence", about.sequence), ("assembly", about.assembly)):
-        if found.get(what) != expected:
-            raise AnnotationError(
-                f"annotation {path} is of {what} '{found.get(what)}', not '{expected}'; "
-                "use another annotations folder for this one"
-            )
+    if found.get("sequence") != about.sequence:
+        raise _of_another(path, "sequence", found.get("sequence"), about.sequence)
     if about.identity not in (None, found.get("identity", about.identity)):
         raise AnnotationError(
             f"annotation {path} is of another sequence called '{about.sequence}': its pictures "
             "differ; use another file for this one"
         )
+    if found.get("assembly") != about.assembly and not _is_taken_over(path, about.assembly):
+        raise _of_another(path, "assembly", found.get("assembly"), about.assembly)
+
+
+def _of_another(path: Path, what: str, found: str | None, expected: str) -> AnnotationError:
+    return AnnotationError(
+        f"annotation {path} is of {what} '{found}', not '{expected}'; "
+        "use another annotations folder for this one"
+    )
+
+
+def _is_taken_over(path: Path, assembly: str) -> bool:
+    """Give a file that nobody has edited yet to another assembly; False where there are edits."""
+    with closing(sqlite3.connect(path, timeout=BUSY_SECONDS, isolation_level=None)) as connection:
+        free = "key = 'assembly' AND NOT EXISTS (SELECT 1 FROM edits)"
+        done = connection.execute(f"UPDATE about SET value = ? WHERE {free}", (assembly,))
+        return done.rowcount == 1
 
 
 def _about(path: Path) -> dict[str, str]:

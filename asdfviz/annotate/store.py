@@ -7,17 +7,15 @@ tells when there are new ones.
 
 from __future__ import annotations
 
-import json
 import sqlite3
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from threading import RLock
-from typing import Any, TypeAlias
+from typing import Any
 
 from asdfviz.annotate import edit_file
-from asdfviz.annotate.edit_file import About, open_edit_file
+from asdfviz.annotate.edit_file import About, Row, file_id, insert_edit, open_edit_file, open_step
 from asdfviz.annotate.records import (
     Edit,
     EditKind,
@@ -32,9 +30,6 @@ from asdfviz.annotate.records import (
 )
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
-
-_Row: TypeAlias = tuple[EditKind, int | None, int | None, str | None, Mapping[str, Any]]
-"""Kind, first frame, last frame, part and payload of an edit to come."""
 
 
 class AnnotationStore:
@@ -65,6 +60,7 @@ class AnnotationStore:
         self.author = author
         self._lock = RLock()
         self._connection = open_edit_file(path, About(sequence_name, assembly_name, identity))
+        self._file_id = file_id(path)
 
     def __enter__(self) -> AnnotationStore:
         return self
@@ -116,7 +112,7 @@ class AnnotationStore:
         group: str | None = None,
     ) -> int:
         """Move parts of several frames as one step, all of it or nothing; returns the last id."""
-        rows: list[_Row] = [
+        rows: list[Row] = [
             ("pose", frame, frame, part, pose_payload(T_camera_part, provenance))
             for frame, Ts_camera_part in Ts_by_frame.items()
             for part, T_camera_part in Ts_camera_part.items()
@@ -225,55 +221,23 @@ class AnnotationStore:
             step = None if found is None else found[0]
             if step is None:
                 return ()
-            self._insert(connection, (kind, None, None, None, {}), step, None)
+            insert_edit(connection, (kind, None, None, None, {}), author=self.author, step=step)
             connection.execute(
                 "UPDATE edits SET undone = ? WHERE step = ? AND kind NOT IN ('undo', 'redo')",
                 (int(kind == "undo"), step),
             )
         return self._edits("step = ? AND kind NOT IN ('undo', 'redo') ORDER BY id", (step,))
 
-    def _add(self, rows: Sequence[_Row], group: str | None) -> int:
+    def _add(self, rows: Sequence[Row], group: str | None) -> int:
         if not rows:
             raise AnnotationError("an edit without any part changes nothing")
         last = 0
         with self._transaction() as connection:
-            step = self._open_step(connection, group)
+            step = open_step(connection, self.author, group)
             for row in rows:
-                last = self._insert(connection, row, step, group)
+                last = insert_edit(connection, row, author=self.author, step=step, group=group)
                 step = last if step is None else step
         return last
-
-    def _open_step(self, connection: sqlite3.Connection, group: str | None) -> int | None:
-        """The step that a drag goes on with: this author's last one, if it is of the same group."""
-        if group is None:
-            return None
-        found = connection.execute(
-            "SELECT kind, drag, step FROM edits WHERE author = ? ORDER BY id DESC LIMIT 1",
-            (self.author,),
-        ).fetchone()
-        if found is None or found[0] in ("undo", "redo") or found[1] != group:
-            return None
-        return int(found[2])
-
-    def _insert(
-        self,
-        connection: sqlite3.Connection,
-        row: _Row,
-        step: int | None,
-        group: str | None,
-    ) -> int:
-        kind, frame, last_frame, part, payload = row
-        now = datetime.now(UTC).isoformat(timespec="microseconds")
-        text = json.dumps(payload, allow_nan=False)
-        cursor = connection.execute(
-            "INSERT INTO edits (time, author, kind, step, frame, last_frame, part, payload, drag) "
-            "VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            (now, self.author, kind, step or 0, frame, last_frame, part, text, group),
-        )
-        number = int(cursor.lastrowid or 0)
-        if step is None:
-            connection.execute("UPDATE edits SET step = id WHERE id = ?", (number,))
-        return number
 
     def _edits(self, where: str, values: tuple[Any, ...]) -> tuple[Edit, ...]:
         rows = self._query(f"SELECT {edit_file.COLUMNS} FROM edits WHERE {where}", values)
@@ -290,6 +254,12 @@ class AnnotationStore:
     def _transaction(self) -> Generator[sqlite3.Connection]:
         """All of it or nothing, on disk when the block ends."""
         with self._lock:
+            # What has no name any more could still be written to, but nobody would find it again.
+            if file_id(self.path) != self._file_id:
+                raise AnnotationError(
+                    f"annotation {self.path} has gone or was replaced while it was open; the edit "
+                    "was not kept: move the file back, or close the app and open it again"
+                )
             try:
                 self._connection.execute("BEGIN IMMEDIATE")
                 with self._connection:

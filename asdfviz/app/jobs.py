@@ -8,12 +8,13 @@ from collections.abc import Callable
 from asdfviz.app.carrying import Carry, CarryJob
 from asdfviz.app.items import Message
 from asdfviz.app.method_job import MethodJob
-from asdfviz.app.truths import drawn_truth, truth_of
+from asdfviz.app.truths import exported_truth, truth_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AsdfvizError, MethodError
 from asdfviz.evaluate.evaluate import evaluate_run
 from asdfviz.evaluate.health import check_sequence
 from asdfviz.export.bop import export_bop
+from asdfviz.export.readable import told_left_out
 from asdfviz.methods.spec import MethodSpec
 
 
@@ -126,8 +127,11 @@ def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
     """Write what is drawn, corrections included, as a BOP scene."""
 
     def work() -> None:
-        export_bop(workspace.frames.source, drawn_truth(workspace, base), workspace.export_folder)
+        truth = exported_truth(workspace, base)
+        left_out = export_bop(workspace.frames.source, truth, workspace.export_folder)
         workspace.say(Message("Exported", str(workspace.export_folder)))
+        if left_out:
+            workspace.say(Message("Not all exported", told_left_out(left_out), is_problem=True))
 
     return _start(workspace, work, "export")
 

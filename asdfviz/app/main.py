@@ -11,15 +11,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from asdfviz.annotate.corrected import run_of_seed
 from asdfviz.annotate.identity import open_annotation
 from asdfviz.annotate.paths import annotation_file, annotations_folder
 from asdfviz.app.controller import Controller
 from asdfviz.app.items import Message
 from asdfviz.app.jobs import Background, start_check
 from asdfviz.app.server import start_server, stop_server
+from asdfviz.app.truths import lost_base
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import bundled_assemblies, models_folder
+from asdfviz.data.result_csv import load_run_or_csv
 from asdfviz.data.run_files import RUN, RUNS, load_run
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly
@@ -40,7 +43,7 @@ class ViewConfig:
     format: str | None = None
     """folder, bop, gbot, asdf or asdf-rgbd; None recognises it by content."""
     runs: tuple[Path, ...] = ()
-    """Saved runs to show beside those in the sequence's own runs folder."""
+    """Saved runs, or csv files of BOP or GBOT, to show beside those in the sequence's own runs folder."""
     annotations: Path | None = None
     """Where corrections are kept; None for annotations/ of the clone or of the working folder."""
     author: str | None = None
@@ -163,6 +166,12 @@ def open_workspace(config: ViewConfig) -> Workspace:
             f"{sequence.path} does not say what is being assembled: "
             f"give --assembly PATH or a bundled name ({known})"
         )
+    named = [
+        (run.resolve(), load_run_or_csv(run, sequence=sequence, assembly=assembly))
+        for run in config.runs
+    ]
+    # Truth is read here: where it does not fit the assembly, no annotation file is made for that.
+    sequence.truth(0)
     folder = annotations_folder() if config.annotations is None else config.annotations
     store = open_annotation(
         sequence, assembly, folder=folder, author=config.author or _login_name()
@@ -182,14 +191,10 @@ def open_workspace(config: ViewConfig) -> Workspace:
     if store.path != first:
         said = f"{first.name} holds those of another sequence called '{sequence.name}'."
         workspace.say(Message("Corrections go to " + store.path.name, said))
-    try:
-        for run in config.runs:
-            home = run.resolve()
-            workspace.put_run(load_run(run, assembly=assembly), str(home), folder=home)
-    except InputError:
-        workspace.close()
-        raise
+    for home, run in named:
+        workspace.put_run(run, str(home), folder=home)
     _load_earlier_runs(workspace, (scene / RUNS, runs))
+    _load_run_of_seed(workspace)
     return workspace
 
 
@@ -206,6 +211,22 @@ def _load_earlier_runs(workspace: Workspace, folders: tuple[Path, ...]) -> None:
             workspace.say(Message("A run was left out", str(error), is_problem=True))
             continue
         workspace.put_run(run, str(folder), folder=folder)
+
+
+def _load_run_of_seed(workspace: Workspace) -> None:
+    """Load the run that corrections started from, wherever it lies; one that is lost is told."""
+    seed, why = workspace.store.seed(), ""
+    if seed.run is not None and workspace.base_of_seed() is None:
+        sequence = workspace.frames.source
+        folder = run_of_seed(seed.run, sequence)
+        try:
+            run = load_run_or_csv(folder, sequence=sequence, assembly=workspace.assembly)
+            workspace.put_run(run, str(folder), folder=folder)
+        except InputError as error:
+            why = f" ({error})"
+    lost = lost_base(workspace)
+    if lost is not None:
+        workspace.say(Message("Not what was corrected", lost + why, is_problem=True))
 
 
 def _is_ours_to_write(scene: Path) -> bool:

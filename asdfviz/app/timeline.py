@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from asdfviz.annotate.records import StateLabel
 from asdfviz.app import theme
 from asdfviz.app.markup import text
+from asdfviz.data.truth import fitting_errors
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
 from asdfviz.render.state_ramp import state_color
 
@@ -66,10 +67,9 @@ def mark_of_truth(assembly: Assembly, truth: FrameTruth | None) -> Mark | None:
         return None
     if not truth.is_error:
         return Mark(truth.state, name=_name(assembly, truth.state))
-    fitting = [e for e in assembly.errors if e.completed == truth.state]
-    same = [e for e in fitting if set(e.attached) == set(truth.attached or ())]
-    name = next((e.name for e in same or fitting), f"{_name(assembly, truth.state)}, with an error")
-    return Mark(truth.state, is_error=True, name=name)
+    names = [error.name for error in fitting_errors(truth, assembly)]
+    unheard = f"{_name(assembly, truth.state)}, with an error"
+    return Mark(truth.state, is_error=True, name=next(iter(names), unheard))
 
 
 def mark_of_label(assembly: Assembly, label: StateLabel | None) -> Mark | None:

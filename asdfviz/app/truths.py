@@ -44,6 +44,31 @@ def drawn_truth(workspace: Workspace, base: str | None) -> dict[int, FrameTruth]
     )
 
 
+def exported_truth(workspace: Workspace, base: str | None) -> dict[int, FrameTruth]:
+    """What is drawn, where that is what corrections started from.
+
+    Raises:
+        AnnotationError: that is not here.
+    """
+    lost = lost_base(workspace)
+    if lost is not None:
+        raise AnnotationError(lost)
+    return drawn_truth(workspace, base)
+
+
+def lost_base(workspace: Workspace) -> str | None:
+    """What to say where corrections started from something that is not here; None where it is."""
+    seed = workspace.store.seed()
+    if seed.kind == "none" or workspace.base_of_seed() is not None:
+        return None
+    what = "its own truth" if seed.kind == "truth" else f"the run {seed.run or seed.method}"
+    return (
+        f"the corrections of {workspace.frames.name} started from {what}, which cannot be read: "
+        "bring it back and open the sequence again, or choose another run or the truth to go on "
+        "from it; nothing is exported before"
+    )
+
+
 def _own_truth(workspace: Workspace) -> dict[int, FrameTruth]:
     """What the dataset itself says, by frame number."""
     return {t.frame_index: t for t in workspace.truths if t is not None}

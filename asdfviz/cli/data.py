@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -92,6 +93,7 @@ class Export:
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
         from asdfviz.export.bop import export_bop
+        from asdfviz.export.readable import told_left_out
         from asdfviz.export.yolo import export_yolo
 
         assembly = load_assembly(self.assembly) if self.assembly else None
@@ -103,5 +105,9 @@ class Export:
                 if self.layout == "bop"
                 else partial(export_yolo, with_depth=self.layout == "yolo-depth")
             )
-            export(sequence, truth, self.out, progress=lambda done, total: report(done, total, ""))
+            left_out = export(
+                sequence, truth, self.out, progress=lambda done, total: report(done, total, "")
+            )
+        if left_out:
+            print(f"warning: {told_left_out(left_out)}", file=sys.stderr)
         print(self.out)

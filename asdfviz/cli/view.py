@@ -23,7 +23,7 @@ class View:
     format: str | None = None
     """folder, bop, gbot, asdf or asdf-rgbd. Default: recognised by content."""
     runs: tuple[Path, ...] = ()
-    """Saved runs to show beside those in the sequence's own runs folder."""
+    """Saved runs, or csv files of BOP or GBOT, to show beside those in the sequence's own runs folder."""
     annotations: Path | None = None
     """Where corrections are kept. Default: annotations/ of the clone, or of the working folder."""
     author: str | None = None

@@ -105,11 +105,13 @@ def read_raw_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
     states = _states_of_boxes(folder, assembly)
     blank = {i: FrameTruth(i, {}, None) for i in states}
     return {
-        i: replace(frame, state=states[i].state, is_error=states[i].is_error)
-        if i in states
-        else frame
+        i: _with_state(frame, states[i]) if i in states else frame
         for i, frame in sorted({**blank, **truth}.items())
     }
+
+
+def _with_state(frame: FrameTruth, said: StateTruth) -> FrameTruth:
+    return replace(frame, state=said.state, is_error=said.is_error, error=said.error)
 
 
 def _states_of_boxes(folder: Path, assembly: Assembly) -> dict[int, StateTruth]:

@@ -91,7 +91,7 @@ def read_rgbd_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
     truth: dict[int, FrameTruth] = {}
     for index, path in labels.items():
         state = _state_of_rows(path, names, assembly)
-        truth[index] = FrameTruth(index, {}, state.state, is_error=state.is_error)
+        truth[index] = FrameTruth(index, {}, state.state, state.is_error, error=state.error)
     return truth
 
 

@@ -27,7 +27,8 @@ def state_truth(label: str, assembly: Assembly, *, where: str) -> StateTruth:
     """
     for state in assembly.states:
         if label in (state.detector_class, state.name):
-            return StateTruth(state=state.completed, is_error=state.is_error, attached=None)
+            error = state.name if state.is_error else None
+            return StateTruth(state.completed, state.is_error, attached=None, error=error)
     match = STATE_LABEL.fullmatch(label)
     if match is None or int(match[1]) >= len(assembly.steps):
         raise SequenceError(

@@ -242,9 +242,8 @@ def _mistake(
 
 
 def _half_turn(mesh: Mesh, axis: str) -> Transform:
-    middle = (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0)) / 2
     R = rotation_about(_AXES[axis], np.pi)
-    return transform_from(R, middle - R @ middle)
+    return transform_from(R, mesh.middle - R @ mesh.middle)
 
 
 def _last_completed(poses: Mapping[str, Transform], steps: Sequence[State]) -> int:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from asdfviz.data.hashes import file_sha256
+from asdfviz.data.run_files import load_run
 from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run, Sequence
 from asdfviz.errors import RunError
 from asdfviz.geometry.shapes import Scores, Transform
@@ -37,6 +38,17 @@ class _Row:
     T_camera_part: Transform | None
     """None where the part was not found."""
     seconds: float | None
+
+
+def load_run_or_csv(path: Path, *, sequence: Sequence, assembly: Assembly) -> Run:
+    """Load the folder of a saved run, or a csv with results for the sequence.
+
+    Raises:
+        RunError: it cannot be read, or does not fit the assembly or the sequence.
+    """
+    if path.is_file() or (path.suffix.lower() == ".csv" and not path.exists()):
+        return read_result_csv(path, sequence=sequence, assembly=assembly)
+    return load_run(path, assembly=assembly)
 
 
 def read_result_csv(
@@ -69,6 +81,8 @@ def read_result_csv(
     lines = _read_lines(path)
     is_bop = [cell.strip().lower() for cell in lines[0]] == [name.lower() for name in _HEADER]
     first = 1 if is_bop else 0
+    if not lines[first:]:
+        raise RunError(f"{path} has a header, but no rows with results")
     known = _parts_by_id(assembly)
     wanted = _wanted_scene(path, lines[first:], scene, folder=Path(sequence.path).name)
     rows: list[_Row] = []

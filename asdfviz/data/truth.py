@@ -8,7 +8,7 @@ from pathlib import Path
 
 from asdfviz.data.json_files import Json, read_json
 from asdfviz.data.scene_objects import SceneObject, assign_parts, read_scene_objects
-from asdfviz.datatypes import Assembly, FrameTruth
+from asdfviz.datatypes import Assembly, FrameTruth, State
 from asdfviz.errors import SequenceError
 
 STATES = "states.json"
@@ -21,6 +21,7 @@ class StateTruth:
     state: int | None
     is_error: bool | None
     attached: tuple[str, ...] | None
+    error: str | None = None
 
 
 def read_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
@@ -39,11 +40,24 @@ def read_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
     }
 
 
+def fitting_errors(truth: FrameTruth, assembly: Assembly) -> tuple[State, ...]:
+    """The error states that a truth may mean, by all that it says; none where there is no error."""
+    if not truth.is_error:
+        return ()
+    return tuple(
+        error
+        for error in assembly.errors
+        if error.completed == truth.state
+        and (truth.attached is None or set(error.attached) == set(truth.attached))
+        and truth.error in (None, error.name)
+    )
+
+
 def read_states(folder: Path, assembly: Assembly) -> dict[int, StateTruth]:
-    """Read states.json: a list of {"frame", "state", "is_error", "attached"}; other keys are ignored.
+    """Read states.json: a list of {"frame", "state", "is_error", "attached", "name"}, the last three optional.
 
     `state` is the index of the last correctly completed state, also while `is_error` is true; null
-    where nobody knows it.
+    where nobody knows it. `name` tells errors apart. Other keys are ignored.
 
     Raises:
         SequenceError: a frame twice, a state or a part that the assembly does not have.
@@ -62,10 +76,12 @@ def read_states(folder: Path, assembly: Assembly) -> dict[int, StateTruth]:
 
 def _parse_state(entry: Json, assembly: Assembly) -> StateTruth:
     is_error, attached = entry.find("is_error"), entry.find("attached")
+    name = entry.find("name")
     return StateTruth(
         state=_state_index(entry, assembly),
         is_error=None if is_error is None else is_error.boolean(),
         attached=None if attached is None else _parse_attached(attached, assembly.parts),
+        error=name.text() if name is not None and is_error is not None and is_error.value else None,
     )
 
 
@@ -102,5 +118,6 @@ def _frame_truth(
         state=None if state is None else state.state,
         is_error=None if state is None else state.is_error,
         attached=None if state is None else state.attached,
+        error=None if state is None else state.error,
         visible={name: item.visible for name, item in found.items() if item.visible is not None},
     )

@@ -32,6 +32,7 @@ from asdfviz.export.bop_content import (
     scene_gt_info,
     states,
 )
+from asdfviz.export.readable import readable_frames
 
 _GENERATOR = "asdfviz export"
 _SEQUENCE = "sequence.json"
@@ -43,11 +44,12 @@ def export_bop(
     folder: Path,
     *,
     progress: Callable[[int, int], None] | None = None,
-) -> None:
+) -> dict[int, str]:
     """Write every frame of the sequence and the truth, by frame number, into a folder.
 
     Images are copied byte by byte, but a colour image whose lens was undone is written as a PNG
-    of the undistorted one. An earlier export of the same sequence is replaced.
+    of the undistorted one. An earlier export of the same sequence is replaced. A frame whose images
+    cannot be read is left out, and so is its truth.
 
     Args:
         sequence: what to export; its own truth is not used.
@@ -55,35 +57,44 @@ def export_bop(
         folder: a new or empty folder, or an earlier export of this sequence.
         progress: called with frames done and frames in all.
 
+    Returns:
+        Numbers of the frames that were left out, and why.
+
     Raises:
-        SequenceError: the folder is in use by something else, an image cannot be read, or truth
-            is of a frame or a part that does not exist.
+        SequenceError: the folder is in use by something else, no frame can be read, or truth is of
+            a frame or a part that does not exist.
     """
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     folder = folder.expanduser().resolve()
     check_target(folder, source)
-    poses, info = scene_gt(truth, source), scene_gt_info(truth)
-    # Named first, so that an export that was cut off can be repeated in its folder.
-    _write_json(folder / _SEQUENCE, about_export(source))
+    scene_gt(truth, source)  # refuses what does not fit before anything is written
     cameras: dict[str, object] = {}
+    left_out: dict[int, str] = {}
     first: Camera | None = None
     scale = 1.0
-    for place, index in enumerate(source.frame_indices):
-        camera, scale = _write_images(source, place, folder)
-        cameras[str(index)] = scene_camera_entry(camera, scale)
+    for frame in readable_frames(source, range(len(source)), left_out, progress=progress):
+        if first is None:
+            # Named first, so that an export that was cut off can be repeated in its folder.
+            _write_json(folder / _SEQUENCE, about_export(source))
+        camera, scale = _write_images(source, frame, folder)
+        cameras[str(frame.index)] = scene_camera_entry(camera, scale)
         first = first or camera
-        if progress is not None:
-            progress(place + 1, len(source))
     for room in ("rgb", "depth"):
         remove_others(folder / room, cameras)
     _write_json(folder / "camera.json", camera_content(first or source.camera, scale))
     _write_json(folder / "scene_camera.json", cameras)
-    _write_json(folder / "scene_gt.json", poses)
+    _write_truth({i: t for i, t in truth.items() if i not in left_out}, source, folder)
+    return left_out
+
+
+def _write_truth(truth: Mapping[int, FrameTruth], source: Sequence, folder: Path) -> None:
+    _write_json(folder / "scene_gt.json", scene_gt(truth, source))
+    info = scene_gt_info(truth)
     if info is None:
         (folder / "scene_gt_info.json").unlink(missing_ok=True)
     else:
         _write_json(folder / "scene_gt_info.json", info)
-    _write_json(folder / "states.json", states(truth))
+    _write_json(folder / "states.json", states(truth, source.assembly))
     if source.assembly is not None:
         _write_json(folder / "models_info.json", models_info(source.assembly))
 
@@ -153,10 +164,9 @@ def _assembly_reference(assembly: Assembly) -> str:
     return assembly.path
 
 
-def _write_images(source: Sequence, place: int, folder: Path) -> tuple[Camera, float]:
+def _write_images(source: Sequence, frame: Frame, folder: Path) -> tuple[Camera, float]:
     """Write one frame's images; return its camera and the millimetres per unit of its depth."""
-    index = source.frame_indices[place]
-    frame = source[place]  # decoded before it is copied: what is broken is told here
+    index = frame.index
     if not isinstance(source, FolderSequence) or not source.has_plain_files:
         return _write_decoded(frame, folder)
     rgb = source.files.rgb[index]

@@ -79,8 +79,8 @@ def scene_gt_info(truth: Mapping[int, FrameTruth]) -> dict[str, object] | None:
     }
 
 
-def states(truth: Mapping[int, FrameTruth]) -> list[dict[str, object]]:
-    """states.json: an entry for every frame whose state is known."""
+def states(truth: Mapping[int, FrameTruth], assembly: Assembly | None) -> list[dict[str, object]]:
+    """states.json: an entry for every frame whose state is known, with the name that synth gives it."""
     entries: list[dict[str, object]] = []
     for index, of_frame in sorted(truth.items()):
         if of_frame.state is None:
@@ -90,6 +90,11 @@ def states(truth: Mapping[int, FrameTruth]) -> list[dict[str, object]]:
             entry["is_error"] = of_frame.is_error
         if of_frame.attached is not None:
             entry["attached"] = list(of_frame.attached)
+        name = of_frame.error
+        if assembly is not None and not of_frame.is_error:
+            name = assembly.steps[of_frame.state].name
+        if name is not None:
+            entry["name"] = name
         entries.append(entry)
     return entries
 

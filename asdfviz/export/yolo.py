@@ -20,10 +20,12 @@ from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.data.encoding import encoded
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.scene_objects import SceneObject
-from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence
+from asdfviz.data.truth import fitting_errors
+from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence, State
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop import about_export, check_target, remove_others
 from asdfviz.export.bop_content import camera_content
+from asdfviz.export.readable import readable_frames
 from asdfviz.pose.labels import SMALLEST_VISIBLE, Group, Labeller, Subject
 from asdfviz.pose.yolo_rows import yolo_rows
 
@@ -35,11 +37,12 @@ def export_yolo(
     *,
     with_depth: bool = False,
     progress: Callable[[int, int], None] | None = None,
-) -> None:
+) -> dict[int, str]:
     """Write every frame that has truth, with its labels, into a folder.
 
     Classes are the assembly's detector classes. Symmetric parts have the keypoints of their
-    canonical pose, as in training. An error is not labelled as the state that it hides.
+    canonical pose, as in training. A frame whose images cannot be read is left out. An error has its
+    own class where it is known which one it is, never that of the state that it hides.
 
     Args:
         sequence: what to export; its own truth is not used.
@@ -48,9 +51,12 @@ def export_yolo(
         with_depth: write the ASDF authors' images with depth in the fourth channel.
         progress: called with frames done and frames in all.
 
+    Returns:
+        Numbers of the frames that were left out, and why.
+
     Raises:
         SequenceError: the folder is in use by something else, nobody said what the assembly is, no
-            frame has truth, or an image cannot be read.
+            frame has truth, or none of them can be read.
     """
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     if source.assembly is None:
@@ -60,20 +66,26 @@ def export_yolo(
         raise SequenceError(f"no frame of {source.name} has truth to make labels from")
     folder = folder.expanduser().resolve()
     check_target(folder, source)
-    # Named first, so that an export that was cut off can be repeated in its folder.
-    write_text(folder / "sequence.json", json.dumps(about_export(source), indent=1) + "\n")
-    write_text(folder / "camera.json", json.dumps(camera_content(source.camera, 1.0)) + "\n")
-    write_text(folder / "data.yaml", _classes(source.assembly))
-    for room in ("images", "labels"):
-        remove_others(folder / room, {str(source.frame_indices[place]) for place in places})
     subject = Subject.of(source.assembly)
-    for done, place in enumerate(places):
-        frame = source[place]
+    kept: set[str] = set()
+    left_out: dict[int, str] = {}
+    for frame in readable_frames(source, places, left_out, progress=progress):
+        if not kept:
+            _write_about(source, source.assembly, folder)
         write_bytes(folder / "images" / f"{frame.index:06d}.png", _image(frame, with_depth))
         text = label_file(frame, truth[frame.index], subject)
         write_text(folder / "labels" / f"{frame.index:06d}.txt", text)
-        if progress is not None:
-            progress(done + 1, len(places))
+        kept.add(str(frame.index))
+    for room in ("images", "labels"):
+        remove_others(folder / room, kept)
+    return left_out
+
+
+def _write_about(source: Sequence, assembly: Assembly, folder: Path) -> None:
+    # Named first, so that an export that was cut off can be repeated in its folder.
+    write_text(folder / "sequence.json", json.dumps(about_export(source), indent=1) + "\n")
+    write_text(folder / "camera.json", json.dumps(camera_content(source.camera, 1.0)) + "\n")
+    write_text(folder / "data.yaml", _classes(assembly))
 
 
 def label_file(frame: Frame, truth: FrameTruth, subject: Subject) -> str:
@@ -82,12 +94,21 @@ def label_file(frame: Frame, truth: FrameTruth, subject: Subject) -> str:
         SceneObject(name, T_camera_part, truth.visible.get(name))
         for name, T_camera_part in truth.T_camera_part.items()
     )
-    groups: tuple[Group, ...] = ()
-    if truth.state is not None and not truth.is_error:
-        groups = (Group(subject.assembly.steps[truth.state].name, None),)
+    state = _state_of(truth, subject.assembly)
+    groups = () if state is None else (Group(state.name, None),)
     size = (frame.camera.width, frame.camera.height)
     labeller = Labeller(subject, frame.camera.K, size, frame.depth, SMALLEST_VISIBLE)
     return yolo_rows(labeller.labels(objects, groups), width=size[0], height=size[1])
+
+
+def _state_of(truth: FrameTruth, assembly: Assembly) -> State | None:
+    """The state to label; None where it is not known, or several errors may be meant."""
+    if truth.state is None:
+        return None
+    if not truth.is_error:
+        return assembly.steps[truth.state]
+    errors = fitting_errors(truth, assembly)
+    return errors[0] if len(errors) == 1 else None
 
 
 def _classes(assembly: Assembly) -> str:

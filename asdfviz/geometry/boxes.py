@@ -1,11 +1,11 @@
-"""Boxes in the picture: x0 y0 x1 y1, whether in pixels or in a plane of the camera."""
+"""Boxes in the picture: x0 y0 x1 y1, whether in pixels or in a plane of the camera; boxes in space."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Box, Pixels
+from asdfviz.geometry.shapes import Box, Pixels, Points, Vector
 
 
 def box_around(pixels: Pixels) -> Box:
@@ -16,6 +16,13 @@ def box_around(pixels: Pixels) -> Box:
 def box_middle(box_xyxy: Box) -> Float64[np.ndarray, "2"]:
     """The point in the box's middle."""
     return (box_xyxy[:2] + box_xyxy[2:]) / 2
+
+
+def middle_of_points(points: Points) -> Vector:
+    """The middle of the smallest box about points in space; read-only."""
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    middle.flags.writeable = False
+    return middle
 
 
 def is_in_view(box_xyxy: Box, size_wh: tuple[int, int]) -> bool:

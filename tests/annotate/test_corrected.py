@@ -59,8 +59,9 @@ class Clip:
     path = "/clip"
     frame_indices = (0, 5, 10)
 
-    def __init__(self, assembly: Assembly | None) -> None:
+    def __init__(self, assembly: Assembly | None, *, with_truth: bool = True) -> None:
         self.assembly = assembly
+        self._with_truth = with_truth
         self.camera = Camera(np.eye(3), 10, 10)
 
     def __len__(self) -> int:
@@ -70,15 +71,18 @@ class Clip:
         raise NotImplementedError
 
     def truth(self, place: int) -> FrameTruth | None:
-        return FrameTruth(5 * place, {"base": pose(place)}, place) if place < 2 else None
+        if place == 2 or not self._with_truth:
+            return None
+        return FrameTruth(5 * place, {"base": pose(place)}, place)
 
 
 def test_without_edits_the_base_stands(store: AnnotationStore, boxes: Assembly) -> None:
-    truth = {4: FrameTruth(4, {"lid": pose(0)}, 1, False, ("base",), {"lid": 0.7})}
+    truth = {4: FrameTruth(4, {"lid": pose(0)}, 1, False, ("base",), {"lid": 0.7}, "odd")}
     found = corrected_truth(store, truth, assembly=boxes)
     assert set(found) == {4}
     assert found[4].visible == {"lid": 0.7}
     assert (found[4].state, found[4].is_error, found[4].attached) == (1, False, ("base",))
+    assert found[4].error == "odd"
     np.testing.assert_array_equal(found[4].T_camera_part["lid"], pose(0))
     assert corrected_truth(store, {}, assembly=boxes) == {}
 
@@ -112,6 +116,7 @@ def test_state_labels_go_over_truth(store: AnnotationStore, boxes: Assembly) -> 
     assert [(t.state, t.is_error) for t in found.values()] == [
         *((0, False), (0, True), (2, False), (0, True), (0, False))
     ]
+    assert [t.error for t in found.values()] == [None, "lid wrong", None, "lid wrong", None]
     assert found[1].attached == ("base", "lid")
     assert found[2].attached == ("base", "lid", "pin")
     assert found[4].attached == ("base",)
@@ -132,6 +137,7 @@ def test_a_run_as_base(store: AnnotationStore, boxes: Assembly) -> None:
     store.set_pose(1, "base", pose(5), provenance="gizmo")
     found = corrected_truth(store, run, assembly=boxes)
     assert [(t.state, t.is_error) for t in found.values()] == [(2, False), (0, True)]
+    assert [t.error for t in found.values()] == [None, "lid wrong"]
     assert list(found[1].T_camera_part) == ["base", "lid"]
     np.testing.assert_array_equal(found[0].T_camera_part["base"], pose(0))
     with pytest.raises(AnnotationError, match="assembly"):
@@ -199,3 +205,26 @@ def test_the_annotation_of_a_sequence(tmp_path: Path, boxes: Assembly) -> None:
     }
     with pytest.raises(AnnotationError, match="assembly"):
         annotation_truth(Clip(None), annotations=tmp_path)
+
+
+def test_a_file_that_nobody_corrected_anything_in(tmp_path: Path, boxes: Assembly) -> None:
+    clip = Clip(boxes)
+    file = annotation_file("clip", folder=tmp_path)
+    with AnnotationStore(file, sequence_name="clip", assembly_name="boxes") as store:
+        with pytest.raises(AnnotationError, match="nothing is annotated in 'clip'"):
+            annotation_truth(clip, annotations=tmp_path)
+        store.remove_pose(0, "lid")
+        with pytest.raises(AnnotationError, match=r"clip\.db has neither poses nor states"):
+            annotation_truth(clip, annotations=tmp_path)
+        store.set_state(0, StateLabel(0))
+        assert list(annotation_truth(clip, annotations=tmp_path)) == [0]
+
+
+def test_truth_that_corrections_started_from_and_is_gone(tmp_path: Path, boxes: Assembly) -> None:
+    clip = Clip(boxes, with_truth=False)
+    file = annotation_file("clip", folder=tmp_path)
+    with AnnotationStore(file, sequence_name="clip", assembly_name="boxes") as store:
+        store.set_seed(Seed("truth"))
+        store.set_pose(0, "lid", pose(0))
+    with pytest.raises(AnnotationError, match="its own truth, which is no longer there"):
+        annotation_truth(clip, annotations=tmp_path)

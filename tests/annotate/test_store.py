@@ -306,6 +306,17 @@ def test_the_wrong_sequence_or_assembly_is_refused(open_store: OpenStore) -> Non
     assert store.path.read_bytes() == before
 
 
+def test_another_assembly_may_have_a_file_without_edits(open_store: OpenStore) -> None:
+    open_store(assembly="vise").close()
+    store = open_store()
+    store.set_pose(0, "lid", pose(0))
+    store.undo()
+    store.close()
+    with pytest.raises(AnnotationError, match="of assembly 'boxes', not 'vise'"):
+        open_store(assembly="vise")
+    assert open_store().redo() != ()
+
+
 def damaged(content: bytes, case: str) -> bytes:
     if case == "cut":
         return content[: len(content) // 2]
@@ -368,3 +379,18 @@ def test_a_closed_store_says_so(store: AnnotationStore) -> None:
         store.set_pose(0, "lid", pose(0))
     with pytest.raises(AnnotationError, match="cannot be read"):
         store.version()
+
+
+@pytest.mark.parametrize("case", ["deleted", "replaced"])
+def test_a_file_that_goes_while_it_is_open_keeps_no_edit(store: AnnotationStore, case: str) -> None:
+    store.set_pose(0, "lid", pose(0))
+    aside = store.path.with_name("aside.db")
+    store.path.rename(aside)
+    if case == "replaced":
+        store.path.write_bytes(aside.read_bytes())
+    for write in (store.undo, lambda: store.set_pose(1, "lid", pose(1))):
+        with pytest.raises(AnnotationError, match=r"clip\.db has gone .* the edit was not kept"):
+            write()
+    aside.replace(store.path)
+    store.set_pose(2, "lid", pose(2))
+    assert [frame for frame, _ in store.poses()] == [0, 2]

@@ -10,10 +10,15 @@ import cv2
 import numpy as np
 import pytest
 
+from asdfviz.annotate.corrected import annotation_truth
+from asdfviz.app.jobs import start_export
 from asdfviz.app.main import ViewConfig, open_app, open_workspace
+from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import save_run
-from asdfviz.datatypes import Assembly, Run
+from asdfviz.data.sequences import read_folder_truth
+from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run
 from asdfviz.errors import InputError
+from asdfviz.geometry.transforms import transform_from
 
 
 @pytest.fixture
@@ -32,6 +37,14 @@ def scene(tmp_path: Path) -> Path:
     }
     (folder / "camera.json").write_text(json.dumps(camera))
     return folder
+
+
+def run_of(scene: Path, assembly: Assembly, *, x: float) -> Run:
+    """The jaw at x metres to the right of the middle."""
+    T_camera_jaw = transform_from(np.eye(3), np.array([x, 0.0, 0.5]))
+    pose = PoseEstimate("jaw", T_camera_jaw, 0.9, "refined")
+    prediction = FramePrediction(0, {"jaw": pose}, None)
+    return Run("mine", {}, str(scene), assembly.path, "0", (prediction,))
 
 
 def config(scene: Path, **changes: object) -> ViewConfig:
@@ -74,6 +87,64 @@ def test_earlier_runs_are_there_and_a_broken_one_is_told(scene: Path, clamp: Ass
         assert "bad" in workspace.messages[0].body
 
 
+def correct(workspace: Workspace, run_id: str) -> None:
+    """Say that the base part lies elsewhere than the run has it."""
+    workspace.store.set_seed(workspace.seed_of(run_id))
+    T_camera_base = np.eye(4)
+    T_camera_base[2, 3] = 0.4
+    workspace.store.set_pose(0, "base", T_camera_base)
+
+
+def test_a_restart_draws_and_exports_the_run_that_was_corrected(
+    scene: Path, clamp: Assembly
+) -> None:
+    elsewhere = scene.parent / "elsewhere"
+    save_run(run_of(scene, clamp, x=0.1), elsewhere)
+    save_run(run_of(scene, clamp, x=0.2), scene / "runs" / "other")
+    with contextlib.closing(open_workspace(config(scene, runs=(elsewhere,)))) as workspace:
+        correct(workspace, str(elsewhere))
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        assert workspace.base_of_seed() == str(elsewhere)
+        assert workspace.messages == ()
+        start_export(workspace, str(scene / "runs" / "other")).join(60)
+        written = read_folder_truth(workspace.export_folder, clamp)
+        assert written[0].T_camera_part["jaw"][0, 3] == pytest.approx(0.1)
+
+
+def test_results_in_a_csv_are_shown_and_corrected(scene: Path, clamp: Assembly) -> None:
+    results = scene.parent / "results.csv"
+    results.write_text("desk,0,jaw,-1,1 0 0 0 1 0 0 0 1,100 0 500,20\n")
+    with contextlib.closing(open_workspace(config(scene, runs=(results,)))) as workspace:
+        assert [run.label for run in workspace.runs] == ["results"]
+        shown = workspace.poses(0, str(results))["jaw"].T_camera_part
+        assert shown[:3, 3] == pytest.approx([0.1, 0.0, 0.5])
+        correct(workspace, str(results))
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        assert workspace.base_of_seed() == str(results)
+        truth = annotation_truth(workspace.frames.source, annotations=scene.parent / "notes")
+        assert set(truth[0].T_camera_part) == {"base", "jaw"}
+
+
+def test_a_restart_without_the_run_that_was_corrected_says_so(scene: Path, clamp: Assembly) -> None:
+    elsewhere, other = scene.parent / "elsewhere", scene / "runs" / "other"
+    for folder in (elsewhere, other):
+        save_run(run_of(scene, clamp, x=0.1), folder)
+    with contextlib.closing(open_workspace(config(scene, runs=(elsewhere,)))) as workspace:
+        correct(workspace, str(elsewhere))
+    (elsewhere / "run.json").unlink()
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        told = workspace.messages[0]
+        assert told.is_problem
+        assert str(elsewhere) in told.body
+        assert "it has no run.json" in told.body
+        start_export(workspace, str(other)).join(60)
+        assert workspace.messages[1].title == "Could not export"
+        assert not workspace.export_folder.exists()
+        workspace.store.set_seed(workspace.seed_of(str(other)))
+        start_export(workspace, str(other)).join(60)
+        assert (workspace.export_folder / "scene_gt.json").is_file()
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -81,6 +152,7 @@ def test_earlier_runs_are_there_and_a_broken_one_is_told(scene: Path, clamp: Ass
         ({"assembly": "no_such"}, "no assembly at 'no_such'"),
         ({"format": "gbot", "sequence": "/no/such/folder"}, "no scene folder"),
         ({"runs": (Path("/no/such/run"),)}, "/no/such/run"),
+        ({"runs": (Path("/no/such.csv"),)}, r"/no/such\.csv cannot be read as csv"),
     ],
 )
 def test_what_cannot_be_opened_says_why(
@@ -90,6 +162,31 @@ def test_what_cannot_be_opened_says_why(
     sequence = Path(str(wanted.pop("sequence")))
     with pytest.raises(InputError, match=words):
         open_app(config(sequence, **wanted) if sequence == scene else config(sequence))
+
+
+def test_an_export_in_the_app_says_which_frames_it_lacks(scene: Path, clamp: Assembly) -> None:
+    cv2.imwrite(str(scene / "rgb" / "000001.png"), np.full((48, 64, 3), 90, np.uint8))
+    (scene / "rgb" / "000000.png").write_bytes(b"")
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        start_export(workspace, None).join(60)
+        done, lacking = workspace.messages
+        assert (done.title, done.is_problem) == ("Exported", False)
+        assert lacking.is_problem
+        assert "cannot be read: 0 (" in lacking.body
+
+
+@pytest.mark.parametrize("case", ["truth", "run"])
+def test_a_start_that_fails_makes_no_annotation_file(
+    scene: Path, clamp: Assembly, case: str
+) -> None:
+    save_run(run_of(scene, clamp, x=0.1), scene.parent / "run")
+    if case == "truth":
+        state = {"frame": 0, "state": 1, "attached": ["base", "jaw"]}
+        (scene / "states.json").write_text(json.dumps([state]))
+    runs = (scene.parent / "run",) if case == "run" else ()
+    with pytest.raises(InputError, match=r"jaw|base"):
+        open_workspace(config(scene, assembly="geared_caliper", runs=runs))
+    assert not (scene.parent / "notes").exists()
 
 
 def test_a_token_is_in_the_address(scene: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,11 @@ def test_marks_of_the_truth_name_the_error(clamp: Assembly) -> None:
     last = len(clamp.steps) - 1
     unheard = timeline.mark_of_truth(clamp, FrameTruth(0, {}, last, is_error=True))
     assert unheard == Mark(last, True, f"{clamp.states[last].name}, with an error")
+    alike = replace(error, index=len(clamp.states), name="alike")
+    known = replace(clamp, states=(*clamp.states, alike))
+    for name in (error.name, "alike"):
+        mark = timeline.mark_of_truth(known, replace(wrong, error=name))
+        assert mark == Mark(error.completed, True, name)
     assert timeline.mark_of_truth(clamp, FrameTruth(0, {}, None)) is None
     assert timeline.mark_of_truth(clamp, None) is None
 

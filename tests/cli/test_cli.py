@@ -12,10 +12,13 @@ from pathlib import Path
 import pytest
 from exits import exit_code
 
+from asdfviz.annotate.identity import open_annotation
+from asdfviz.annotate.records import Seed
 from asdfviz.cli.run import method_apart
 from asdfviz.cli.synth import SynthPacks
 from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import check_run_folder, load_run
+from asdfviz.data.sequences import open_sequence
 from asdfviz.errors import RenderError
 from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.icg import IcgConfig
@@ -290,3 +293,24 @@ def test_recordings_of_one_name_keep_their_runs_and_longer_parts_stay(
         assert exit_code("run", "--method", "tired.py", "one/take", "--lasts", lasts) == 2
     kept = [len(load_run(folder).predictions) for folder in sorted((tmp_path / "runs").iterdir())]
     assert sorted(kept) == [2, 5, 95, 95]
+
+
+def test_export_names_what_it_leaves_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, notes, out = tmp_path / "scene", tmp_path / "notes", tmp_path / "out"
+    shutil.copytree(sample_folder(), scene, ignore=shutil.ignore_patterns("0000[1-9]*"))
+    sequence = open_sequence(scene)
+    assert sequence.assembly is not None
+    image = sequence.files.rgb[4]
+    image.write_bytes(image.read_bytes()[:40])
+    with open_annotation(sequence, sequence.assembly, folder=notes) as store:
+        store.set_seed(Seed("truth"))
+    line = ("export", str(scene), "--annotations", str(notes))
+    assert exit_code(*line, "--out", str(out)) == 0
+    said = capsys.readouterr()
+    assert said.out == f"{out}\n"
+    warnings = [words for words in said.err.splitlines() if words.startswith("warning: ")]
+    assert len(warnings) == 1
+    assert "cannot be read: 4 (" in warnings[0]
+    assert 4 not in open_sequence(out).frame_indices

@@ -82,7 +82,7 @@ def test_a_scene_is_picked_from_many(read: Read) -> None:
     ("text", "message"),
     [
         ("", r"is empty"),
-        (f"{HEADER}\n", r"say which scene is meant; scenes: none"),
+        (f"{HEADER}\n", r"normal\.csv has a header, but no rows with results"),
         ("a,3,base\n", r"line 1: 3 columns"),
         (f"a,x,base,-1,{EYE},0 0 1,1\n", r"line 1: the frame is 'x'"),
         ("a,3,base,-1,1 2,0 0 1,1\n", r"line 1: R is '1 2', expected 9"),

@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from asdfviz.data.sequences import open_sequence
-from asdfviz.data.truth import read_truth
+from asdfviz.data.truth import fitting_errors, read_truth
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import SequenceError
 
@@ -76,6 +77,25 @@ def test_a_state_may_be_unknown(write_scene: WriteScene, tiny: Assembly) -> None
     scene.write("states.json", [{"frame": 4, "state": None, "is_error": None, "attached": []}])
     of_frame = read_truth(scene.folder, tiny)[4]
     assert (of_frame.state, of_frame.is_error, of_frame.attached) == (None, None, ())
+
+
+def test_the_name_of_an_error_is_read(write_scene: WriteScene, tiny: Assembly) -> None:
+    scene = write_scene("gbot")
+    error = tiny.errors[0]
+    entry = {"state": error.completed, "attached": list(error.attached)}
+    wrong = {**entry, "is_error": True}
+    entries = [
+        {"frame": 3, **entry, "is_error": False, "name": "of no error"},
+        {"frame": 4, **wrong, "name": error.name},
+        {"frame": 7, **wrong, "name": "unlisted"},
+    ]
+    scene.write("states.json", entries)
+    truth = read_truth(scene.folder, tiny)
+    assert [truth[i].error for i in (3, 4, 7)] == [None, error.name, "unlisted"]
+    assert [fitting_errors(truth[i], tiny) for i in (3, 4, 7)] == [(), (error,), ()]
+    assert fitting_errors(replace(truth[7], error=None), tiny) == (error,)
+    assert fitting_errors(replace(truth[4], attached=("pin",)), tiny) == ()
+    assert fitting_errors(replace(truth[4], attached=None), tiny) == (error,)
 
 
 def test_repeated_numbers_go_to_the_parts_that_carry_them(

@@ -14,6 +14,7 @@ from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Frame, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop import export_bop
+from asdfviz.export.readable import told_left_out
 from asdfviz.geometry.transforms import rotation_angle
 
 Truth = dict[int, FrameTruth]
@@ -23,10 +24,11 @@ def assert_same_truth(read: Mapping[int, FrameTruth], written: Truth) -> None:
     assert set(read) == set(written)
     for index, expected in written.items():
         found = read[index]
-        assert (found.state, found.is_error, found.attached) == (
+        assert (found.state, found.is_error, found.attached, found.error) == (
             expected.state,
             expected.is_error,
             expected.attached,
+            expected.error,
         )
         assert dict(found.visible) == dict(expected.visible)
         assert set(found.T_camera_part) == set(expected.T_camera_part)
@@ -196,12 +198,52 @@ def test_exporting_again_leaves_nothing_of_frames_that_are_gone(
     assert open_sequence(tmp_path / "out", assembly=assembly).frame_indices == fewer.frame_indices
 
 
-def test_a_broken_image_is_not_copied(
+def test_a_broken_image_is_left_out_with_its_truth(
     memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
 ) -> None:
     export_bop(memory, truth, tmp_path / "scene")
-    broken = next(iter(sorted((tmp_path / "scene" / "depth").iterdir())))
-    broken.write_bytes(broken.read_bytes()[:20])
     source = open_sequence(tmp_path / "scene", assembly=assembly)
-    with pytest.raises(SequenceError, match=broken.name):
+    export_bop(source, truth, tmp_path / "out")
+    broken = tmp_path / "scene" / "depth" / "000005.png"
+    broken.write_bytes(broken.read_bytes()[:20])
+    steps: list[tuple[int, int]] = []
+    left_out = export_bop(source, truth, tmp_path / "out", progress=lambda *n: steps.append(n))
+    assert list(left_out) == [5]
+    assert broken.name in left_out[5]
+    assert steps == [(1, 3), (2, 3), (3, 3)]
+    assert not list((tmp_path / "out").rglob("000005.*"))
+    frames, found = read_back(tmp_path / "out", assembly)
+    assert [frame.index for frame in frames] == [0, 1]
+    assert_same_truth(found, {0: truth[0]})
+
+
+def test_where_no_image_can_be_read_nothing_is_written(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    export_bop(memory, truth, tmp_path / "scene")
+    for image in (tmp_path / "scene" / "rgb").iterdir():
+        image.write_bytes(image.read_bytes()[:20])
+    source = open_sequence(tmp_path / "scene", assembly=assembly)
+    with pytest.raises(SequenceError, match=r"no frame of scene can be read.*000000\.png"):
         export_bop(source, truth, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_which_error_it_is_is_kept(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    truth[5] = replace(truth[5], error="jaw lost")
+    export_bop(memory, truth, tmp_path / "out")
+    _, found = read_back(tmp_path / "out", assembly)
+    assert_same_truth(found, truth)
+    entries = json.loads((tmp_path / "out" / "states.json").read_text())
+    assert [entry["name"] for entry in entries] == ["bare", "jaw lost"]
+
+
+def test_frames_that_are_left_out_are_told_in_one_line() -> None:
+    assert told_left_out({3: "3.png is broken"}) == (
+        "1 frame left out with images that cannot be read: 3 (3.png is broken)"
+    )
+    assert "0, 1, 2, 3, 4, 5, 6, 7, 8, 9 and 2 more (x" in told_left_out(
+        dict.fromkeys(range(12), "x")
+    )

@@ -13,6 +13,7 @@ import yaml
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import KEYPOINTS, Assembly, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
+from asdfviz.export.bop import export_bop
 from asdfviz.export.yolo import export_yolo
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.transforms import apply, transform_from
@@ -110,3 +111,47 @@ def test_truth_that_was_taken_back_leaves_no_label(sequence: Sequence, tmp_path:
     export_yolo(sequence, {0: truth()[0]}, tmp_path / "out")
     for room in ("labels", "images"):
         assert [f.stem for f in (tmp_path / "out" / room).iterdir()] == ["000000"]
+
+
+def test_a_frame_that_cannot_be_read_is_left_out(
+    sequence: Sequence, classed: Assembly, tmp_path: Path
+) -> None:
+    export_bop(sequence, truth(), tmp_path / "scene")
+    source = open_sequence(tmp_path / "scene", assembly=classed)
+    export_yolo(source, truth(), tmp_path / "out")
+    (tmp_path / "scene" / "rgb" / "000000.png").write_bytes(b"")
+    assert list(export_yolo(source, truth(), tmp_path / "out")) == [0]
+    for room in ("labels", "images"):
+        assert [f.stem for f in (tmp_path / "out" / room).iterdir()] == ["000005"]
+    with pytest.raises(SequenceError, match="no frame of scene can be read"):
+        export_yolo(source, {0: truth()[0]}, tmp_path / "other")
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize(
+    ("errors", "said", "expected"),
+    [
+        (("lost", "gone"), "gone", [0, 4]),
+        (("lost", "gone"), None, [0]),
+        (("lost",), None, [0, 3]),
+        (("lost",), "another one", [0]),
+    ],
+)
+def test_an_error_has_its_own_class_where_it_is_known(
+    tmp_path: Path,
+    memory: Sequence,
+    classed: Assembly,
+    errors: tuple[str, ...],
+    said: str | None,
+    expected: list[int],
+) -> None:
+    alike = tuple(
+        replace(classed.errors[0], index=2 + i, name=name, detector_class=f"two_{name}")
+        for i, name in enumerate(errors)
+    )
+    classes = (*classed.detector_classes, *(f"two_{name}" for name in errors))
+    known = replace(classed, states=(*classed.steps, *alike), detector_classes=classes)
+    wrong = replace(truth()[5], attached=("base <1>",), error=said)
+    sequence = replace(memory, assembly=known)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    export_yolo(sequence, {5: wrong}, tmp_path)
+    assert [row[0] for row in rows(tmp_path / "labels" / "000005.txt")] == expected
