@@ -270,9 +270,9 @@ class Controller:
         now = time.monotonic()
         if self._pace.wait_seconds(now) > 0:
             return
-        last = len(self._workspace.indices) - 1
-        self.view = replace(self.view, place=min(self.view.place + 1, last))
-        if self.view.place == last:
+        facts = self._workspace.facts()
+        self.view = update(self.view, act.Seek(self.view.place + 1), facts)
+        if self.view.place == facts.count - 1:
             self.view = replace(self.view, playing=False)
         self._pace.advance(now, 1.0 / (self._workspace.fps * self.view.speed))
 

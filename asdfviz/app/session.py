@@ -67,7 +67,7 @@ def _toggle_play(view: View, action: act.TogglePlay, facts: Facts) -> View:
     if facts.count < 2:
         return view
     at_end = view.place == facts.count - 1 and not view.playing
-    return replace(view, playing=not view.playing, place=0 if at_end else view.place)
+    return _at(replace(view, playing=not view.playing), 0 if at_end else view.place, facts)
 
 
 def _set_speed(view: View, action: act.SetSpeed, facts: Facts) -> View:
@@ -188,11 +188,11 @@ def _set_range(view: View, action: act.SetRange, facts: Facts) -> View:
 
 
 def _mark_range(view: View, action: act.MarkRange, facts: Facts) -> View:
-    del action, facts
+    del action
     if view.marking is None:
         place = view.place
         return replace(view, marking=place, marked=(place, place), tab="annotate")
-    return replace(view, marking=None)
+    return replace(_at(view, view.place, facts), marking=None)
 
 
 def _cancel(view: View, action: act.Cancel, facts: Facts) -> View:

@@ -152,6 +152,13 @@ def test_a_range_follows_the_frame_until_it_is_ended() -> None:
     assert after(ended, act.Cancel()).frames == (9, 9)
 
 
+def test_a_range_reaches_to_the_frame_where_it_is_ended() -> None:
+    view = replace(after(View(place=5), act.MarkRange()), place=7)  # an undo went there
+    assert after(view, act.MarkRange()).marked == (5, 7)
+    again = after(View(place=9, marking=9, marked=(9, 9)), act.TogglePlay())
+    assert again.marked == (0, 9)
+
+
 def test_a_dragged_range_is_put_in_order_and_in_bounds() -> None:
     view = after(View(), act.SetRange(8, -3))
     assert view.frames == (0, 8)
