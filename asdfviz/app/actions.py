@@ -209,7 +209,7 @@ class SetState:
 
 @dataclass(frozen=True, slots=True)
 class SetRange:
-    """Mark frames, first to last."""
+    """Mark frames, first to last, and show one of them."""
 
     first: int
     last: int

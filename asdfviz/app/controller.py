@@ -24,7 +24,7 @@ from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
 from asdfviz.app.playback import Pace, wait_until_shown
-from asdfviz.app.session import settled, update
+from asdfviz.app.session import edited, settled, update
 from asdfviz.app.snapshot import take
 from asdfviz.app.view import View
 from asdfviz.app.welcome import is_first_visit, remember_visit
@@ -240,7 +240,7 @@ class Controller:
         )
         self._burst = done.burst
         self._status = f"{done.message}, saved"
-        self.view = replace(self.view, place=done.place)
+        self.view = edited(self.view, action, done.place, self._workspace.facts())
         self._follow_seed()
         self._workspace.changed()
 

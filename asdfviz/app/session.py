@@ -21,6 +21,13 @@ def update(view: View, action: act.Action, facts: Facts) -> View:
     return view if rule is None else rule(view, action, facts)
 
 
+def edited(view: View, action: act.Action, place: int, facts: Facts) -> View:
+    """The view after an edit was kept: at the frame that it leads to, its range used up."""
+    if isinstance(action, act.SetState):
+        view = replace(view, marked=None, marking=None)
+    return _at(view, place, facts)
+
+
 def settled(view: View, facts: Facts) -> View:
     """The view after the workspace changed: what is gone is no longer shown."""
     base = view.base
@@ -184,7 +191,8 @@ def _cycle_step(view: View, action: act.CycleStep, facts: Facts) -> View:
 def _set_range(view: View, action: act.SetRange, facts: Facts) -> View:
     first, last = sorted((action.first, action.last))
     first, last = (min(max(place, 0), facts.count - 1) for place in (first, last))
-    return replace(view, marked=(first, last), marking=None, tab="annotate")
+    place = min(max(view.place, first), last)
+    return replace(view, place=place, marked=(first, last), marking=None, tab="annotate")
 
 
 def _mark_range(view: View, action: act.MarkRange, facts: Facts) -> View:

@@ -154,7 +154,7 @@ def test_what_is_joined_moves_along_if_it_is_to(with_run: Workspace, do: Do) -> 
 
 def test_a_state_for_a_range(with_run: Workspace, do: Do) -> None:
     error = with_run.assembly.errors[0]
-    do(act.SetState(error.index), View(marked=(2, 4), base="first"))
+    do(act.SetState(error.index), View(place=3, marked=(2, 4), base="first"))
     marks = with_run.rows()[0].marks
     assert [mark is not None for mark in marks] == [i in (2, 3, 4) for i in range(8)]
     mark = marks[3]
@@ -162,6 +162,11 @@ def test_a_state_for_a_range(with_run: Workspace, do: Do) -> None:
     assert (mark.state, mark.is_error, mark.name) == (error.completed, True, error.name)
     do(act.Undo())
     assert not any(with_run.rows()[0].marks)
+
+
+def test_a_range_is_left_alone_from_a_frame_outside_of_it(with_run: Workspace, do: Do) -> None:
+    do(act.SetState(1), View(place=6, marked=(2, 4), base="first"))
+    assert [mark is not None for mark in with_run.rows()[0].marks] == [i == 6 for i in range(8)]
 
 
 @pytest.mark.parametrize(

@@ -222,7 +222,7 @@ def _state(snap: Snapshot) -> str:
         button(
             "Only this frame", act("Cancel"), title="Drop the range", key="Esc", classes="ax-tiny"
         )
-        if view.marked
+        if view.range_here
         else button(
             "Begin a range",
             act("MarkRange"),
