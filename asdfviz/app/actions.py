@@ -179,6 +179,8 @@ class MovePart:
 
     part: str
     T_camera_part: Transform
+    place: int
+    """Of the frame in which the drag was begun."""
     done: bool
 
 
@@ -191,8 +193,8 @@ class CopyPrevious:
 class PlacePart:
     """Put the selected part into the frame: where a pixel says, or in the middle of the view."""
 
-    u: float = -1.0
-    v: float = -1.0
+    u: float | None = None
+    v: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

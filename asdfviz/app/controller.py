@@ -283,7 +283,7 @@ class Controller:
             self._pace.reset()
         frame = self._display.frame(view.place)
         snap = take(self._workspace, view, frame=frame, status=self._status)
-        if self._drag is not None:
+        if self._drag is not None and self._drag.place == view.place:
             moved = carried(
                 self._workspace, view, part=self._drag.part, T_camera_part=self._drag.T_camera_part
             )

@@ -23,7 +23,9 @@ from asdfviz.geometry.shapes import Depth, Rotation, Transform, Vector
 from asdfviz.geometry.transforms import transform_from
 
 BURST = 0.8
-"""Seconds: nudges that follow each other faster are undone as one."""
+"""Seconds: nudges that follow each other faster are undone as one ..."""
+LONGEST_BURST = 1.5
+"""... up to so many seconds after the first: nobody wants to lose a minute's work at once."""
 FALLBACK_DEPTH = 0.5
 """Metres at which a part is put where nothing was measured."""
 Edits = (
@@ -38,7 +40,6 @@ Edits = (
     | act.Redo
 )
 
-
 _DEEDS = {"gizmo": "dragged", "keys": "moved", "copied": "copied", "placed": "placed"}
 
 
@@ -50,10 +51,14 @@ class Burst:
     until: float = 0.0
     """Time (monotonic) up to which the next nudge still belongs to it."""
 
+    end: float = 0.0
+    """Time (monotonic) at which it is over however fast nudges come."""
+
     def joined(self, name: str, now: float) -> Burst:
         """This burst prolonged, or a new one where the last is over or was of something else."""
-        kept = now < self.until and self.name.split("@")[0] == name
-        return Burst(self.name if kept else f"{name}@{now:.6f}", now + BURST)
+        if now < self.until and self.name.split("@")[0] == name:
+            return replace(self, until=min(now + BURST, self.end))
+        return Burst(f"{name}@{now:.6f}", now + BURST, now + LONGEST_BURST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +166,7 @@ def _dispatch(action: Edits, desk: _Desk) -> Done:
         case act.SetState():
             return _set_state(action, desk)
         case act.MovePart():
-            return desk.move(action.part, action.T_camera_part, "gizmo")
+            return _drag(action, desk)
         case act.Nudge() | act.Turn():
             return _move(action, desk)
         case act.CopyPrevious():
@@ -170,6 +175,13 @@ def _dispatch(action: Edits, desk: _Desk) -> Done:
             return _place(action, desk)
         case act.RevertPart():
             return _revert(desk)
+
+
+def _drag(action: act.MovePart, desk: _Desk) -> Done:
+    """A drag belongs to the frame in which it was begun, whichever is shown when it ends."""
+    begun = replace(desk, view=replace(desk.view, place=action.place))
+    done = begun.move(action.part, action.T_camera_part, "gizmo")
+    return replace(done, place=desk.view.place)
 
 
 def _move(action: act.Nudge | act.Turn, desk: _Desk) -> Done:
@@ -198,14 +210,24 @@ def _copy(desk: _Desk) -> Done:
 def _place(action: act.PlacePart, desk: _Desk) -> Done:
     """Put the part's middle where a pixel's depth says, turned as it was last."""
     frame = desk.workspace.frames[desk.view.place]
-    pixel = (action.u, action.v)
-    if min(pixel) < 0:
-        pixel = centre_of(desk.view, desk.workspace.facts())
+    pixel = _pixel_of(action, desk)
     depth = _depth_near(frame.depth, pixel) or FALLBACK_DEPTH
     ray = look_direction(frame.camera.K, pixel)
     R = _last_rotation(desk)
     T_camera_part = transform_from(R, ray / ray[2] * depth - R @ desk.centre())
     return desk.keep(T_camera_part, "placed")
+
+
+def _pixel_of(action: act.PlacePart, desk: _Desk) -> tuple[float, float]:
+    facts = desk.workspace.facts()
+    if action.u is None or action.v is None:
+        return centre_of(desk.view, facts)
+    width, height = facts.size_wh
+    if not (-0.5 <= action.u <= width - 0.5 and -0.5 <= action.v <= height - 0.5):
+        raise AnnotationError(
+            f"{desk.part} was not placed: the click lies beside the picture; click into it"
+        )
+    return action.u, action.v
 
 
 def _depth_near(depth: Depth | None, pixel: tuple[float, float]) -> float | None:

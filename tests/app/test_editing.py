@@ -79,10 +79,28 @@ def test_nudges_in_a_row_are_one_step_of_undo(with_run: Workspace, do: Do) -> No
 def test_a_drag_is_kept_to_the_last_bit(with_run: Workspace, do: Do) -> None:
     T = jaw(with_run).copy()
     T[:3, 3] = [0.0123456789, -0.2, 0.7]
-    done = do(act.MovePart("jaw", T, done=True))
+    done = do(act.MovePart("jaw", T, 1, done=True))
     assert np.array_equal(jaw(with_run), T)
     assert "jaw" in done.message
     assert "101" in done.message
+
+
+def test_a_drag_belongs_to_the_frame_where_it_was_begun(with_run: Workspace, do: Do) -> None:
+    T = jaw(with_run).copy()
+    T[0, 3] += 0.04
+    done = do(act.MovePart("jaw", T, 1, done=True), replace(JAW, place=3))
+    assert np.array_equal(jaw(with_run, 1), T)
+    assert with_run.store.pose(103, "jaw") is None
+    assert (done.message, done.place) == ("jaw dragged in frame 101", 3)
+
+
+def test_nudges_that_do_not_end_are_several_steps(with_run: Workspace, do: Do) -> None:
+    before = jaw(with_run)
+    burst = Burst()
+    for k in range(12):
+        burst = do(act.Nudge(0, 1), burst=burst, now=10 + 0.5 * k).burst
+    do(act.Undo())
+    assert jaw(with_run)[:3, 3] - before[:3, 3] == pytest.approx([0.009, 0, 0], abs=1e-12)
 
 
 def test_undo_goes_to_the_frame_it_changes(do: Do) -> None:
@@ -101,7 +119,7 @@ def test_the_first_edit_notes_what_it_started_from(with_run: Workspace, do: Do) 
 def test_copying_takes_the_nearest_pose_before(with_run: Workspace, do: Do) -> None:
     T = jaw(with_run).copy()
     T[0, 3] += 0.03
-    do(act.MovePart("jaw", T, done=True), View(place=2, base="first", selected="jaw"))
+    do(act.MovePart("jaw", T, 2, done=True), View(place=2, base="first", selected="jaw"))
     done = do(act.CopyPrevious(), View(place=3, base="first", selected="jaw"))
     assert np.array_equal(jaw(with_run, 3), T)
     assert "frame 102" in done.message
@@ -167,6 +185,15 @@ def test_a_state_for_a_range(with_run: Workspace, do: Do) -> None:
 def test_a_range_is_left_alone_from_a_frame_outside_of_it(with_run: Workspace, do: Do) -> None:
     do(act.SetState(1), View(place=6, marked=(2, 4), base="first"))
     assert [mark is not None for mark in with_run.rows()[0].marks] == [i == 6 for i in range(8)]
+
+
+@pytest.mark.parametrize("pixel", [(-3.0, 200.0), (200.0, -0.6), (640.0, 200.0), (200.0, 480.0)])
+def test_a_click_beside_the_picture_places_nothing(
+    with_run: Workspace, do: Do, pixel: tuple[float, float]
+) -> None:
+    with pytest.raises(AnnotationError, match="beside the picture"):
+        do(act.PlacePart(*pixel))
+    assert with_run.store.poses() == {}
 
 
 @pytest.mark.parametrize(
