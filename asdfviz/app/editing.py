@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from asdfviz.annotate.edits import moved_group, nudged, previous_pose, rotated
-from asdfviz.annotate.records import Edit, label_of
+from asdfviz.annotate.records import label_of
 from asdfviz.app import actions as act
 from asdfviz.app.ar import look_direction
+from asdfviz.app.history import frames_of, in_words, place_to_show
 from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import STEPS_MM, View, centre_of
 from asdfviz.app.workspace import Workspace
@@ -277,24 +278,7 @@ def _switch(action: act.Undo | act.Redo, desk: _Desk) -> Done:
     edits = store.undo() if undo else store.redo()
     if not edits:
         raise AnnotationError(f"nothing left to {'undo' if undo else 'redo'}")
-    last = edits[-1]
-    frame = None if last.frame is None else desk.workspace.place_of.get(last.frame)
-    return Done(
-        f"{'undid' if undo else 'redid'}: {in_words(last)}", view.place if frame is None else frame
-    )
-
-
-def in_words(edit: Edit) -> str:
-    """An edit as the history tells it."""
-    where = f"frame {edit.frame}"
-    if edit.last_frame is not None and edit.last_frame != edit.frame:
-        where = f"frames {edit.frame} to {edit.last_frame}"
-    if edit.kind == "state":
-        name = edit.payload.get("name") or edit.payload.get("state")
-        return f"state {name} in {where}"
-    if edit.kind == "seed":
-        return "what corrections start from"
-    if edit.kind == "drop_pose":
-        return f"drop of the correction of {edit.part} in {where}"
-    verb = {"remove_pose": "removed", "verify": "verified"}.get(edit.kind, "moved")
-    return f"{verb} {edit.part} in {where}"
+    changed = frames_of(edits)
+    places = [place for place, frame in enumerate(desk.workspace.indices) if frame in changed]
+    said = f"{'undid' if undo else 'redid'}: {in_words(edits)}"
+    return Done(said, place_to_show(places, view.place))

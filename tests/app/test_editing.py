@@ -108,6 +108,29 @@ def test_undo_goes_to_the_frame_it_changes(do: Do) -> None:
     assert do(act.Undo(), View(place=6)).place == 1
 
 
+@pytest.mark.parametrize(("place", "then"), [(1, 1), (3, 3), (5, 5), (7, 4), (0, 2)])
+def test_undo_of_tracking_tells_it_and_stays_where_it_is_seen(
+    with_run: Workspace, do: Do, place: int, then: int
+) -> None:
+    T = jaw(with_run)
+    tracked = {102 + k: {"jaw": T} for k in range(3)}
+    with_run.store.set_frames(tracked, provenance="tracked", group="track@1")
+    undone = do(act.Undo(), View(place=place))
+    assert (undone.message, undone.place) == ("undid: tracking of jaw in 3 frames", then)
+    again = do(act.Redo(), View(place=place))
+    assert (again.message, again.place) == ("redid: tracking of jaw in 3 frames", then)
+
+
+def test_undo_tells_a_whole_step(with_run: Workspace, do: Do) -> None:
+    view = View(place=3, base="first", selected="jaw", together=True)
+    do(act.Nudge(0, 1), view)
+    assert do(act.Undo(), view).message == "undid: moved jaw and base in frame 103"
+    do(act.SetState(1), replace(view, marked=(2, 4)), now=5.0)
+    undone = do(act.Undo(), view)
+    name = with_run.assembly.states[1].name
+    assert (undone.message, undone.place) == (f"undid: state {name} in frames 102 to 104", 3)
+
+
 def test_the_first_edit_notes_what_it_started_from(with_run: Workspace, do: Do) -> None:
     assert with_run.base_of_seed() is None
     do(act.Nudge(0, 1), View(place=1, base=TRUTH, selected="jaw"))
