@@ -220,7 +220,7 @@ class AnnotationStore:
         return self._switch("redo", edit_file.LAST_UNDONE_STEP)
 
     def _switch(self, kind: EditKind, query: str) -> tuple[Edit, ...]:
-        with self._transaction() as connection:
+        with self.transaction() as connection:
             found = connection.execute(query, (self.author,)).fetchone()
             step = None if found is None else found[0]
             if step is None:
@@ -236,7 +236,7 @@ class AnnotationStore:
         if not rows:
             raise AnnotationError("an edit without any part changes nothing")
         last = 0
-        with self._transaction() as connection:
+        with self.transaction() as connection:
             step = self._open_step(connection, group)
             for row in rows:
                 last = self._insert(connection, row, step, group)
@@ -256,11 +256,7 @@ class AnnotationStore:
         return int(found[2])
 
     def _insert(
-        self,
-        connection: sqlite3.Connection,
-        row: _Row,
-        step: int | None,
-        group: str | None,
+        self, connection: sqlite3.Connection, row: _Row, step: int | None, group: str | None
     ) -> int:
         kind, frame, last_frame, part, payload = row
         now = datetime.now(UTC).isoformat(timespec="microseconds")
@@ -287,10 +283,13 @@ class AnnotationStore:
                 raise AnnotationError(f"annotation {self.path} cannot be read: {error}") from error
 
     @contextmanager
-    def _transaction(self) -> Generator[sqlite3.Connection]:
-        """All of it or nothing, on disk when the block ends."""
+    def transaction(self) -> Generator[sqlite3.Connection]:
+        """All edits of the block or none, on disk when the outermost block ends."""
         with self._lock:
             try:
+                if self._connection.in_transaction:
+                    yield self._connection
+                    return
                 self._connection.execute("BEGIN IMMEDIATE")
                 with self._connection:
                     yield self._connection

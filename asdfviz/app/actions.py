@@ -203,6 +203,21 @@ class RevertPart:
 
 
 @dataclass(frozen=True, slots=True)
+class RemovePart:
+    """Say that the selected part is not in the frame or the marked range."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyPart:
+    """Say that the selected part's pose in the frame or the marked range was looked at and is right."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClearState:
+    """Take the state label of the frame or the marked range away."""
+
+
+@dataclass(frozen=True, slots=True)
 class SetState:
     """Set the state (an index of the assembly, errors included) of the frame or the marked range."""
 
@@ -274,7 +289,7 @@ class Changed:
 Action: TypeAlias = (
     Seek | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
-    | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | SetState | SetRange | MarkRange | Cancel
+    | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | SetState | ClearState | SetRange | MarkRange | Cancel
     | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | StopTracking | ToggleKeys | DismissWelcome
     | Resized | Drifted | Changed
 )  # fmt: skip

@@ -14,7 +14,7 @@ import numpy as np
 
 from asdfviz.annotate.records import TRACKED
 from asdfviz.app.background_job import BackgroundJob
-from asdfviz.app.editing import carried
+from asdfviz.app.desk import carried
 from asdfviz.app.items import JobStatus, Message
 from asdfviz.app.job_actions import Direction
 from asdfviz.app.view import View

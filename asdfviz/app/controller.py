@@ -18,8 +18,9 @@ from asdfviz.app import actions as act
 from asdfviz.app import camera
 from asdfviz.app.bridge import parse
 from asdfviz.app.carrying import plan
+from asdfviz.app.desk import Burst, carried
 from asdfviz.app.display import Display
-from asdfviz.app.editing import Burst, Edits, apply_edit, carried
+from asdfviz.app.editing import Edits, apply_edit
 from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
@@ -235,9 +236,8 @@ class Controller:
 
     def _edit(self, action: Edits) -> None:
         self._drag = None
-        done = apply_edit(
-            action, self.view, self._workspace, burst=self._burst, now=time.monotonic()
-        )
+        now = time.monotonic()
+        done = apply_edit(action, self.view, self._workspace, burst=self._burst, now=now)
         self._burst = done.burst
         self._status = f"{done.message}, saved"
         self.view = edited(self.view, action, done.place, self._workspace.facts())

@@ -25,7 +25,7 @@ def in_words(step: Sequence[Edit]) -> str:
     where = _where(told)
     if last.kind == "state":
         name = last.payload.get("name") or last.payload.get("state")
-        return f"no state in {where}" if name is None else f"state {name} in {where}"
+        return f"state label taken from {where}" if name is None else f"state {name} in {where}"
     parts = list(dict.fromkeys(str(edit.part) for edit in told))
     who = " and ".join(parts) if len(parts) <= NAMED else f"{len(parts)} parts"
     if last.kind == "pose" and last.payload.get("provenance") == TRACKED:

@@ -23,7 +23,7 @@ def update(view: View, action: act.Action, facts: Facts) -> View:
 
 def edited(view: View, action: act.Action, place: int, facts: Facts) -> View:
     """The view after an edit was kept: at the frame that it leads to, its range used up."""
-    if isinstance(action, act.SetState):
+    if isinstance(action, act.SetState | act.ClearState | act.RemovePart | act.VerifyPart):
         view = replace(view, marked=None, marking=None)
     return _at(view, place, facts)
 
@@ -271,5 +271,7 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.Nudge: _pause,
     act.Turn: _pause,
     act.MovePart: _pause,
+    act.RemovePart: _pause,
+    act.VerifyPart: _pause,
     act.TrackPart: _pause,
 }

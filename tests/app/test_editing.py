@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from asdfviz.app import actions as act
-from asdfviz.app.editing import Burst, Done, Edits, apply_edit
+from asdfviz.app.desk import Burst, Done
+from asdfviz.app.editing import Edits, apply_edit
 from asdfviz.app.items import ANNOTATION
 from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import Workspace

@@ -171,9 +171,10 @@ def test_a_dragged_range_is_gone_to() -> None:
     assert [after(View(place=k), act.SetRange(3, 5)).place for k in (0, 4, 9)] == [3, 4, 5]
 
 
-def test_a_state_uses_its_range_up() -> None:
+def test_a_statement_uses_its_range_up() -> None:
     view = View(place=4, marked=(3, 5))
-    assert edited(view, act.SetState(1), 4, FACTS).marked is None
+    for action in (act.SetState(1), act.ClearState(), act.VerifyPart(), act.RemovePart()):
+        assert edited(view, action, 4, FACTS).marked is None
     assert edited(view, act.Nudge(0, 1), 4, FACTS).marked == (3, 5)
 
 
