@@ -93,6 +93,13 @@ def test_the_parts_say_where_they_are_from(with_run: Workspace) -> None:
     assert "90<small> %" in html
 
 
+def test_a_frame_has_one_number_everywhere(with_run: Workspace) -> None:
+    snap = snapshot(with_run, place=1)
+    assert ">101</b><span> / 107</span>" in chrome.controls(snap)
+    assert f'data-numbers="{list(range(100, 108))}"' in chrome.timeline_rows(snap)
+    assert "for <em>frame 101</em>" in annotate.content(snap)
+
+
 def test_verdicts_are_shown_and_offered(with_run: Workspace) -> None:
     html = annotate.content(snapshot(with_run, place=1, selected="jaw"))
     assert ">Verified<" in html
