@@ -216,7 +216,7 @@ class AnnotationStore:
         return self._switch("redo", edit_file.LAST_UNDONE_STEP)
 
     def _switch(self, kind: EditKind, query: str) -> tuple[Edit, ...]:
-        with self._transaction() as connection:
+        with self.transaction() as connection:
             found = connection.execute(query, (self.author,)).fetchone()
             step = None if found is None else found[0]
             if step is None:
@@ -232,7 +232,7 @@ class AnnotationStore:
         if not rows:
             raise AnnotationError("an edit without any part changes nothing")
         last = 0
-        with self._transaction() as connection:
+        with self.transaction() as connection:
             step = open_step(connection, self.author, group)
             for row in rows:
                 last = insert_edit(connection, row, author=self.author, step=step, group=group)
@@ -251,8 +251,8 @@ class AnnotationStore:
                 raise AnnotationError(f"annotation {self.path} cannot be read: {error}") from error
 
     @contextmanager
-    def _transaction(self) -> Generator[sqlite3.Connection]:
-        """All of it or nothing, on disk when the block ends."""
+    def transaction(self) -> Generator[sqlite3.Connection]:
+        """All edits of the block or none, on disk when the outermost block ends."""
         with self._lock:
             # What has no name any more could still be written to, but nobody would find it again.
             if file_id(self.path) != self._file_id:
@@ -261,6 +261,9 @@ class AnnotationStore:
                     "was not kept: move the file back, or close the app and open it again"
                 )
             try:
+                if self._connection.in_transaction:
+                    yield self._connection
+                    return
                 self._connection.execute("BEGIN IMMEDIATE")
                 with self._connection:
                     yield self._connection

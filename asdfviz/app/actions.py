@@ -179,6 +179,8 @@ class MovePart:
 
     part: str
     T_camera_part: Transform
+    place: int
+    """Of the frame in which the drag was begun."""
     done: bool
 
 
@@ -191,13 +193,28 @@ class CopyPrevious:
 class PlacePart:
     """Put the selected part into the frame: where a pixel says, or in the middle of the view."""
 
-    u: float = -1.0
-    v: float = -1.0
+    u: float | None = None
+    v: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class RevertPart:
     """Drop the selected part's correction in this frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class RemovePart:
+    """Say that the selected part is not in the frame or the marked range."""
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyPart:
+    """Say that the selected part's pose in the frame or the marked range was looked at and is right."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClearState:
+    """Take the state label of the frame or the marked range away."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +226,7 @@ class SetState:
 
 @dataclass(frozen=True, slots=True)
 class SetRange:
-    """Mark frames, first to last."""
+    """Mark frames, first to last, and show one of them."""
 
     first: int
     last: int
@@ -272,7 +289,7 @@ class Changed:
 Action: TypeAlias = (
     Seek | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
-    | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | SetState | SetRange | MarkRange | Cancel
+    | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | SetState | ClearState | SetRange | MarkRange | Cancel
     | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | StopTracking | ToggleKeys | DismissWelcome
     | Resized | Drifted | Changed
 )  # fmt: skip

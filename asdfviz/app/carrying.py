@@ -14,7 +14,7 @@ import numpy as np
 
 from asdfviz.annotate.records import TRACKED
 from asdfviz.app.background_job import BackgroundJob
-from asdfviz.app.editing import carried
+from asdfviz.app.desk import carried
 from asdfviz.app.items import JobStatus, Message
 from asdfviz.app.job_actions import Direction
 from asdfviz.app.view import View
@@ -69,8 +69,8 @@ def plan(workspace: Workspace, view: View, direction: Direction) -> Carry:
         frame = workspace.indices[place]
         raise AnnotationError(f"{part} has no pose in frame {frame} to track from: place it first")
     first, last = 0, len(workspace.indices) - 1
-    if view.marked is not None and view.marked[0] <= place <= view.marked[1]:
-        first, last = view.marked
+    if view.range_here is not None:
+        first, last = view.range_here
     first = place if direction == "forward" else first
     last = place if direction == "back" else last
     if first == last:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 from asdfviz.app import theme, timeline
 from asdfviz.app.actions import TABS
 from asdfviz.app.hotkeys import sheet
@@ -43,7 +45,7 @@ def tabs(view: View) -> str:
 def controls(snap: Snapshot) -> str:
     """Play, step and speed at the left; what is drawn at the right."""
     view, count = snap.view, snap.facts.count
-    digits = len(str(count))
+    last = snap.workspace.indices[-1]
     play = button(
         _PAUSE if view.playing else _PLAY,
         act("TogglePlay"),
@@ -61,9 +63,8 @@ def controls(snap: Snapshot) -> str:
         + button(_LAST, act("Seek", place=count - 1), title="Last frame", key="End", testid="last")
     )
     number = (
-        f'<span class="ax-frame"><b data-testid="frame" data-place="{view.place}">'
-        f"{view.place + 1:0{digits}d}</b><span> / {count}</span>"
-        f'<small title="number in the file name">#{snap.index}</small></span>'
+        f'<span class="ax-frame" title="Number in the file name; {count} frames"><b data-testid="frame" data-place="{view.place}">'
+        f"{snap.index:0{len(str(last))}d}</b><span> / {last}</span></span>"
     )
     speeds = "".join(
         button(
@@ -83,9 +84,10 @@ def controls(snap: Snapshot) -> str:
 
 
 def timeline_rows(snap: Snapshot) -> str:
-    """The strips."""
+    """The strips, and the frames' numbers for the page's script."""
     steps = len(snap.workspace.assembly.steps)
-    return timeline.build(snap.rows, count=snap.facts.count, steps=steps)
+    rows = timeline.build(snap.rows, count=snap.facts.count, steps=steps)
+    return f'<div data-numbers="{text(json.dumps(snap.workspace.indices))}">{rows}</div>'
 
 
 def keys_sheet() -> str:

@@ -18,13 +18,14 @@ from asdfviz.app import actions as act
 from asdfviz.app import camera
 from asdfviz.app.bridge import parse
 from asdfviz.app.carrying import plan
+from asdfviz.app.desk import Burst, carried
 from asdfviz.app.display import Display
-from asdfviz.app.editing import Burst, Edits, apply_edit, carried
+from asdfviz.app.editing import Edits, apply_edit
 from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
 from asdfviz.app.playback import Pace, wait_until_shown
-from asdfviz.app.session import settled, update
+from asdfviz.app.session import edited, settled, update
 from asdfviz.app.snapshot import take
 from asdfviz.app.view import View
 from asdfviz.app.welcome import is_first_visit, remember_visit
@@ -235,12 +236,11 @@ class Controller:
 
     def _edit(self, action: Edits) -> None:
         self._drag = None
-        done = apply_edit(
-            action, self.view, self._workspace, burst=self._burst, now=time.monotonic()
-        )
+        now = time.monotonic()
+        done = apply_edit(action, self.view, self._workspace, burst=self._burst, now=now)
         self._burst = done.burst
         self._status = f"{done.message}, saved"
-        self.view = replace(self.view, place=done.place)
+        self.view = edited(self.view, action, done.place, self._workspace.facts())
         self._follow_seed()
         self._workspace.changed()
 
@@ -270,9 +270,9 @@ class Controller:
         now = time.monotonic()
         if self._pace.wait_seconds(now) > 0:
             return
-        last = len(self._workspace.indices) - 1
-        self.view = replace(self.view, place=min(self.view.place + 1, last))
-        if self.view.place == last:
+        facts = self._workspace.facts()
+        self.view = update(self.view, act.Seek(self.view.place + 1), facts)
+        if self.view.place == facts.count - 1:
             self.view = replace(self.view, playing=False)
         self._pace.advance(now, 1.0 / (self._workspace.fps * self.view.speed))
 
@@ -283,7 +283,7 @@ class Controller:
             self._pace.reset()
         frame = self._display.frame(view.place)
         snap = take(self._workspace, view, frame=frame, status=self._status)
-        if self._drag is not None:
+        if self._drag is not None and self._drag.place == view.place:
             moved = carried(
                 self._workspace, view, part=self._drag.part, T_camera_part=self._drag.T_camera_part
             )

@@ -51,7 +51,7 @@ class Display:
     @property
     def is_dragging(self) -> bool:
         """Whether a gizmo is held."""
-        return self._scene.dragged is not None
+        return self._scene.gizmo.dragged is not None
 
     def show(self, snap: Snapshot, worst: tuple[WorstFrame, ...]) -> bool:
         """Show a snapshot; True where the page has answered meanwhile, so that it keeps up."""

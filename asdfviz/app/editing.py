@@ -6,24 +6,23 @@ raises InputError with what to do instead.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from asdfviz.annotate.edits import moved_group, nudged, previous_pose, rotated
-from asdfviz.annotate.records import Edit, label_of
+from asdfviz.annotate.edits import nudged, rotated
+from asdfviz.annotate.records import label_of
 from asdfviz.app import actions as act
+from asdfviz.app import verdicts
 from asdfviz.app.ar import look_direction
-from asdfviz.app.truths import drawn_truth
+from asdfviz.app.desk import Burst, Desk, Done
+from asdfviz.app.history import frames_of, in_words, place_to_show
 from asdfviz.app.view import STEPS_MM, View, centre_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
-from asdfviz.geometry.shapes import Depth, Rotation, Transform, Vector
+from asdfviz.geometry.shapes import Depth, Rotation
 from asdfviz.geometry.transforms import transform_from
 
-BURST = 0.8
-"""Seconds: nudges that follow each other faster are undone as one."""
 FALLBACK_DEPTH = 0.5
 """Metres at which a part is put where nothing was measured."""
 Edits = (
@@ -33,36 +32,13 @@ Edits = (
     | act.CopyPrevious
     | act.PlacePart
     | act.RevertPart
+    | act.RemovePart
+    | act.VerifyPart
     | act.SetState
+    | act.ClearState
     | act.Undo
     | act.Redo
 )
-
-
-_DEEDS = {"gizmo": "dragged", "keys": "moved", "copied": "copied", "placed": "placed"}
-
-
-@dataclass(frozen=True, slots=True)
-class Burst:
-    """Nudges in a row, which are one step for undo."""
-
-    name: str = ""
-    until: float = 0.0
-    """Time (monotonic) up to which the next nudge still belongs to it."""
-
-    def joined(self, name: str, now: float) -> Burst:
-        """This burst prolonged, or a new one where the last is over or was of something else."""
-        kept = now < self.until and self.name.split("@")[0] == name
-        return Burst(self.name if kept else f"{name}@{now:.6f}", now + BURST)
-
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """What an edit did."""
-
-    message: str
-    place: int
-    burst: Burst = Burst()
 
 
 def apply_edit(
@@ -78,90 +54,19 @@ def apply_edit(
         group = burst.name
     else:
         burst, group = Burst(), f"edit@{now:.6f}"
-    desk = _Desk(workspace, view, group)
+    desk = Desk(workspace, view, group)
     done = _dispatch(action, desk)
     return replace(done, burst=burst)
 
 
-@dataclass(frozen=True, slots=True)
-class _Desk:
-    """Where an edit happens."""
-
-    workspace: Workspace
-    view: View
-    group: str
-    """What belongs to one step of undo."""
-
-    @property
-    def frame(self) -> int:
-        return self.workspace.indices[self.view.place]
-
-    @property
-    def part(self) -> str:
-        if self.view.selected is None:
-            raise AnnotationError("no part is selected: click one in the picture or in the list")
-        return self.view.selected
-
-    def pose(self) -> Transform:
-        found = self.workspace.poses(self.view.place, self.view.base).get(self.part)
-        if found is None:
-            raise AnnotationError(
-                f"{self.part} has no pose in frame {self.frame}: "
-                "place it, or copy it from the frame before"
-            )
-        return found.T_camera_part
-
-    def begin(self) -> None:
-        """Note what the corrections start from, once, as part of the first edit's step."""
-        store = self.workspace.store
-        if store.seed().kind == "none" and self.view.base is not None:
-            store.set_seed(self.workspace.seed_of(self.view.base), group=self.group)
-
-    def keep(self, T_camera_part: Transform, provenance: str) -> Done:
-        """Say where the selected part is."""
-        return self._keep({self.part: T_camera_part}, self.part, provenance)
-
-    def move(self, part: str, T_camera_part: Transform, provenance: str) -> Done:
-        """Move a part, and what is joined with it if it is to come along."""
-        moved = carried(self.workspace, self.view, part=part, T_camera_part=T_camera_part)
-        return self._keep(moved, part, provenance)
-
-    def _keep(self, moved: Mapping[str, Transform], part: str, provenance: str) -> Done:
-        self.begin()
-        store = self.workspace.store
-        store.set_poses(self.frame, moved, provenance=provenance, group=self.group)
-        along = f" and {len(moved) - 1} joined with it" if len(moved) > 1 else ""
-        said = f"{part}{along} {_DEEDS[provenance]} in frame {self.frame}"
-        return Done(said, self.view.place)
-
-    def earlier(self) -> tuple[int, Transform] | None:
-        """The nearest frame before in which the selected part has a pose, and the pose."""
-        return previous_pose(drawn_truth(self.workspace, self.view.base), self.frame, self.part)
-
-    def centre(self) -> Vector:
-        return self.workspace.assembly.parts[self.part].middle
-
-
-def carried(
-    workspace: Workspace, view: View, *, part: str, T_camera_part: Transform
-) -> dict[str, Transform]:
-    """The new poses where a part is moved: its own, and those of what is joined if all move as one."""
-    shown = workspace.poses(view.place, view.base)
-    if not view.together or part not in shown:
-        return {part: T_camera_part}
-    poses = {name: pose.T_camera_part for name, pose in shown.items()}
-    attached = workspace.attached(view.place, view.base)
-    return moved_group(poses, part, T_camera_part, attached=attached)
-
-
-def _dispatch(action: Edits, desk: _Desk) -> Done:
+def _dispatch(action: Edits, desk: Desk) -> Done:
     match action:
         case act.Undo() | act.Redo():
             return _switch(action, desk)
         case act.SetState():
             return _set_state(action, desk)
         case act.MovePart():
-            return desk.move(action.part, action.T_camera_part, "gizmo")
+            return _drag(action, desk)
         case act.Nudge() | act.Turn():
             return _move(action, desk)
         case act.CopyPrevious():
@@ -170,9 +75,18 @@ def _dispatch(action: Edits, desk: _Desk) -> Done:
             return _place(action, desk)
         case act.RevertPart():
             return _revert(desk)
+        case act.RemovePart() | act.VerifyPart() | act.ClearState():
+            return verdicts.give(action, desk)
 
 
-def _move(action: act.Nudge | act.Turn, desk: _Desk) -> Done:
+def _drag(action: act.MovePart, desk: Desk) -> Done:
+    """A drag belongs to the frame in which it was begun, whichever is shown when it ends."""
+    begun = replace(desk, view=replace(desk.view, place=action.place))
+    done = begun.move(action.part, action.T_camera_part, "gizmo")
+    return replace(done, place=desk.view.place)
+
+
+def _move(action: act.Nudge | act.Turn, desk: Desk) -> Done:
     T_camera_part = desk.pose()
     step = STEPS_MM[desk.view.step]
     axis = action.sign * np.eye(3)[action.axis]
@@ -184,7 +98,7 @@ def _move(action: act.Nudge | act.Turn, desk: _Desk) -> Done:
     return desk.move(desk.part, T_moved, "keys")
 
 
-def _copy(desk: _Desk) -> Done:
+def _copy(desk: Desk) -> Done:
     before = desk.earlier()
     if before is None:
         raise AnnotationError(
@@ -195,17 +109,27 @@ def _copy(desk: _Desk) -> Done:
     return replace(done, message=f"{desk.part} copied from frame {frame}")
 
 
-def _place(action: act.PlacePart, desk: _Desk) -> Done:
+def _place(action: act.PlacePart, desk: Desk) -> Done:
     """Put the part's middle where a pixel's depth says, turned as it was last."""
     frame = desk.workspace.frames[desk.view.place]
-    pixel = (action.u, action.v)
-    if min(pixel) < 0:
-        pixel = centre_of(desk.view, desk.workspace.facts())
+    pixel = _pixel_of(action, desk)
     depth = _depth_near(frame.depth, pixel) or FALLBACK_DEPTH
     ray = look_direction(frame.camera.K, pixel)
     R = _last_rotation(desk)
     T_camera_part = transform_from(R, ray / ray[2] * depth - R @ desk.centre())
     return desk.keep(T_camera_part, "placed")
+
+
+def _pixel_of(action: act.PlacePart, desk: Desk) -> tuple[float, float]:
+    facts = desk.workspace.facts()
+    if action.u is None or action.v is None:
+        return centre_of(desk.view, facts)
+    width, height = facts.size_wh
+    if not (-0.5 <= action.u <= width - 0.5 and -0.5 <= action.v <= height - 0.5):
+        raise AnnotationError(
+            f"{desk.part} was not placed: the click lies beside the picture; click into it"
+        )
+    return action.u, action.v
 
 
 def _depth_near(depth: Depth | None, pixel: tuple[float, float]) -> float | None:
@@ -218,7 +142,7 @@ def _depth_near(depth: Depth | None, pixel: tuple[float, float]) -> float | None
     return float(np.median(known)) if known.size else None
 
 
-def _last_rotation(desk: _Desk) -> Rotation:
+def _last_rotation(desk: Desk) -> Rotation:
     """The rotation in this frame or the nearest before that has the part; upright CAD axes otherwise."""
     now = desk.workspace.poses(desk.view.place, desk.view.base).get(desk.part)
     if now is not None:
@@ -227,7 +151,7 @@ def _last_rotation(desk: _Desk) -> Rotation:
     return np.diag([1.0, -1.0, -1.0]) if before is None else before[1][:3, :3]
 
 
-def _revert(desk: _Desk) -> Done:
+def _revert(desk: Desk) -> Done:
     """Let the base speak again, as before the correction."""
     store = desk.workspace.store
     if store.pose(desk.frame, desk.part) is None:
@@ -237,42 +161,24 @@ def _revert(desk: _Desk) -> Done:
     return Done(said, desk.view.place)
 
 
-def _set_state(action: act.SetState, desk: _Desk) -> Done:
+def _set_state(action: act.SetState, desk: Desk) -> Done:
     states = desk.workspace.assembly.states
     if not 0 <= action.state < len(states):
         raise AnnotationError(f"there is no state {action.state}; states: 0 to {len(states) - 1}")
     desk.begin()
-    first, last = (desk.workspace.indices[place] for place in desk.view.frames)
+    first, last = desk.span
     label = label_of(states[action.state])
     desk.workspace.store.set_state(first, label, last_frame=last, group=desk.group)
-    where = f"frame {first}" if first == last else f"frames {first} to {last}"
-    return Done(f"state of {where}: {states[action.state].name}", desk.view.place)
+    return Done(f"state of {desk.where}: {states[action.state].name}", desk.view.place)
 
 
-def _switch(action: act.Undo | act.Redo, desk: _Desk) -> Done:
+def _switch(action: act.Undo | act.Redo, desk: Desk) -> Done:
     undo = isinstance(action, act.Undo)
     store, view = desk.workspace.store, desk.view
     edits = store.undo() if undo else store.redo()
     if not edits:
         raise AnnotationError(f"nothing left to {'undo' if undo else 'redo'}")
-    last = edits[-1]
-    frame = None if last.frame is None else desk.workspace.place_of.get(last.frame)
-    return Done(
-        f"{'undid' if undo else 'redid'}: {in_words(last)}", view.place if frame is None else frame
-    )
-
-
-def in_words(edit: Edit) -> str:
-    """An edit as the history tells it."""
-    where = f"frame {edit.frame}"
-    if edit.last_frame is not None and edit.last_frame != edit.frame:
-        where = f"frames {edit.frame} to {edit.last_frame}"
-    if edit.kind == "state":
-        name = edit.payload.get("name") or edit.payload.get("state")
-        return f"state {name} in {where}"
-    if edit.kind == "seed":
-        return "what corrections start from"
-    if edit.kind == "drop_pose":
-        return f"drop of the correction of {edit.part} in {where}"
-    verb = {"remove_pose": "removed", "verify": "verified"}.get(edit.kind, "moved")
-    return f"{verb} {edit.part} in {where}"
+    changed = frames_of(edits)
+    places = [place for place, frame in enumerate(desk.workspace.indices) if frame in changed]
+    said = f"{'undid' if undo else 'redid'}: {in_words(edits)}"
+    return Done(said, place_to_show(places, view.place))

@@ -84,6 +84,9 @@ HOTKEYS: tuple[Hotkey, ...] = (
     Hotkey("Correct", "Copy the pose from the frame before", act.CopyPrevious(), "C"),
     Hotkey("Correct", "Place the part in the frame", act.PlacePart(), "enter", "shift"),
     Hotkey("Correct", "Drop the correction", act.RevertPart(), "backspace", "shift"),
+    Hotkey("Correct", "The pose is right: verified", act.VerifyPart(), "V"),
+    Hotkey("Correct", "The part is not in the frame", act.RemovePart(), "delete"),
+    Hotkey("Correct", "Take the state label away", act.ClearState(), "delete", "shift"),
     Hotkey("Correct", "Track the part from here on", act.TrackPart("forward"), "R"),
     Hotkey("Correct", "Track the part from here back", act.TrackPart("back"), "R", "shift"),
     Hotkey("Correct", "Begin, end a range of frames", act.MarkRange(), "M"),
@@ -110,6 +113,7 @@ _NAMES = {
     "enter": "Enter",
     "escape": "Esc",
     "backspace": "⌫",
+    "delete": "Del",
 }
 
 

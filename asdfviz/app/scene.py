@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from asdfviz.annotate.edits import gizmo_pose, pose_from_gizmo
 from asdfviz.app import actions as act
 from asdfviz.app.ar import image_plane
-from asdfviz.app.drawings import T_from_wxyz, box_segments, depth_cloud, keypoint_dots, wxyz_of
+from asdfviz.app.drawings import box_segments, depth_cloud, keypoint_dots
+from asdfviz.app.gizmo import Gizmo
+from asdfviz.app.handles import move, put
 from asdfviz.app.outlines import feature_edges
 from asdfviz.app.playback import Ring
 from asdfviz.app.snapshot import Snapshot
@@ -21,13 +22,9 @@ from asdfviz.app.theme import TRUTH, Rgb3, lighter
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame
-from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.shapes import Vector
 from asdfviz.geometry.transforms import apply_to_point
 
-GIZMO_PX = 90.0
-GIZMO_REACH = 0.2
-"""In AR the gizmo hangs at this share of the part's distance, before every mesh that could catch its
-drags. Scaling about the camera's centre changes nothing of what is seen."""
 _SELECTED: Rgb3 = (255, 255, 255)
 _CLOUD_STRIDE = 2
 
@@ -54,12 +51,8 @@ class Scene:
         self._marks: dict[str, Any] = {}
         self._cloud: Any = None
         self._cloud_place = -1
-        self._gizmo: Any = None
-        self._reach = 1.0
-        self._held: str | None = None
         self._mode = "ar"
-        self.dragged: tuple[str, Transform] | None = None
-        """Part and pose while a gizmo is held."""
+        self.gizmo = Gizmo(self._scene, workspace, emit, self._frames)
         self.ring = Ring(self._scene, "/picture")
         self._prepare()
 
@@ -77,7 +70,7 @@ class Scene:
         self._apply_layers(snap)
         self._apply_marks(snap)
         self._apply_cloud(snap)
-        self._apply_gizmo(snap)
+        self.gizmo.apply(snap)
 
     def middle(self, snap: Snapshot) -> Vector:
         """What the free camera looks at: the parts, or the depth, or half a metre ahead."""
@@ -114,9 +107,9 @@ class Scene:
             if name not in self._frames:
                 continue
             if visible and shown is not None:
-                self._move(self._frames[name], shown.T_camera_part)
+                move(self._frames[name], shown.T_camera_part)
                 self._style(name, snap.view)
-            _set(self._frames[name], "visible", visible)
+            put(self._frames[name], "visible", visible)
 
     def _make_part(self, name: str, view: View) -> None:
         part = self._workspace.assembly.parts[name]
@@ -150,12 +143,12 @@ class Scene:
 
     def _style(self, name: str, view: View) -> None:
         mesh, lines = self._meshes[name], self._lines[name]
-        _set(mesh, "visible", not view.xray)
-        _set(mesh, "opacity", view.opacity)
+        put(mesh, "visible", not view.xray)
+        put(mesh, "opacity", view.opacity)
         selected = view.selected == name
         color = _SELECTED if selected else lighter(self._workspace.colors[name])
         self._paint(name, color)
-        _set(lines, "thickness", 2.4 if selected else 1.3)
+        put(lines, "thickness", 2.4 if selected else 1.3)
 
     def _paint(self, name: str, color: Rgb3) -> None:
         if self._inks.get(name) != color:
@@ -172,11 +165,11 @@ class Scene:
                     continue
                 wanted.add((layer, name))
                 handle = self._layer(layer, name, color)
-                self._move(handle, T_camera_part)
-                _set(handle, "visible", True)
+                move(handle, T_camera_part)
+                put(handle, "visible", True)
         for key, handle in self._layers.items():
             if key not in wanted:
-                _set(handle, "visible", False)
+                put(handle, "visible", False)
 
     def _layer(self, layer: str, name: str, color: Rgb3) -> Any:
         key = (layer, name)
@@ -200,7 +193,7 @@ class Scene:
 
     def _shown(self, key: str, *, wanted: bool) -> bool:
         if not wanted and key in self._marks:
-            _set(self._marks[key], "visible", False)
+            put(self._marks[key], "visible", False)
         return wanted
 
     def _put_lines(self, key: str, segments: np.ndarray, colors: np.ndarray) -> None:
@@ -219,7 +212,7 @@ class Scene:
             )
             self._cloud_place = -1 if snap.view.playing else snap.view.place
         if self._cloud is not None:
-            _set(self._cloud, "visible", wanted)
+            put(self._cloud, "visible", wanted)
 
     def _put_cloud(self, frame: Frame, *, stride: int) -> None:
         points, colors = depth_cloud(frame, stride=stride)
@@ -240,61 +233,3 @@ class Scene:
             point_shading="flat",
             precision="float32",
         )
-
-    def _apply_gizmo(self, snap: Snapshot) -> None:
-        part = snap.view.selected
-        shown = snap.poses.get(part) if part else None
-        mode = snap.view.gizmo
-        wanted = shown is not None and mode != "off" and not snap.view.playing
-        if self.dragged is not None:
-            return
-        if wanted and self._gizmo is None:
-            self._make_gizmo()
-        if self._gizmo is None:
-            return
-        self._held = part if wanted else None
-        if part is not None and shown is not None and wanted:
-            centre = self._workspace.assembly.parts[part].middle
-            self._reach = GIZMO_REACH if snap.view.mode == "ar" else 1.0
-            T_camera_gizmo = gizmo_pose(shown.T_camera_part, centre)
-            T_camera_gizmo[:3, 3] *= self._reach
-            self._move(self._gizmo, T_camera_gizmo)
-            # Not both: from straight ahead an arc lies edge-on over an arrow and would catch its drag.
-            _set(self._gizmo, "disable_axes", mode != "move")
-            _set(self._gizmo, "disable_sliders", mode != "move")
-            _set(self._gizmo, "disable_rotations", mode != "turn")
-        _set(self._gizmo, "visible", wanted)
-
-    def _make_gizmo(self) -> None:
-        self._gizmo = self._scene.add_transform_controls(
-            "/gizmo", scale=GIZMO_PX, fixed=True, depth_test=False, line_width=3.0
-        )
-
-        async def drag(event: Any) -> None:
-            part = self._held
-            if part is None or part not in self._frames:
-                return
-            centre = self._workspace.assembly.parts[part].middle
-            T_camera_gizmo = T_from_wxyz(event.target.wxyz, event.target.position / self._reach)
-            T_camera_part = pose_from_gizmo(T_camera_gizmo, centre)
-            done = event.phase == "end"
-            self.dragged = None if done else (part, T_camera_part)
-            self._move(self._frames[part], T_camera_part)
-            if event.phase != "start":
-                self._emit(act.MovePart(part, T_camera_part, done))
-
-        self._gizmo.on_update(drag)
-
-    def _move(self, handle: Any, T: Transform) -> None:
-        position = T[:3, 3]
-        wxyz = wxyz_of(T[:3, :3])
-        if not np.array_equal(handle.position, position):
-            handle.position = position
-        if not np.array_equal(handle.wxyz, wxyz):
-            handle.wxyz = wxyz
-
-
-def _set(handle: Any, name: str, value: object) -> None:
-    """Set a property only where it differs: every assignment is a message to the page."""
-    if getattr(handle, name) != value:
-        setattr(handle, name, value)

@@ -21,6 +21,13 @@ def update(view: View, action: act.Action, facts: Facts) -> View:
     return view if rule is None else rule(view, action, facts)
 
 
+def edited(view: View, action: act.Action, place: int, facts: Facts) -> View:
+    """The view after an edit was kept: at the frame that it leads to, its range used up."""
+    if isinstance(action, act.SetState | act.ClearState | act.RemovePart | act.VerifyPart):
+        view = replace(view, marked=None, marking=None)
+    return _at(view, place, facts)
+
+
 def settled(view: View, facts: Facts) -> View:
     """The view after the workspace changed: what is gone is no longer shown."""
     base = view.base
@@ -67,7 +74,7 @@ def _toggle_play(view: View, action: act.TogglePlay, facts: Facts) -> View:
     if facts.count < 2:
         return view
     at_end = view.place == facts.count - 1 and not view.playing
-    return replace(view, playing=not view.playing, place=0 if at_end else view.place)
+    return _at(replace(view, playing=not view.playing), 0 if at_end else view.place, facts)
 
 
 def _set_speed(view: View, action: act.SetSpeed, facts: Facts) -> View:
@@ -184,15 +191,16 @@ def _cycle_step(view: View, action: act.CycleStep, facts: Facts) -> View:
 def _set_range(view: View, action: act.SetRange, facts: Facts) -> View:
     first, last = sorted((action.first, action.last))
     first, last = (min(max(place, 0), facts.count - 1) for place in (first, last))
-    return replace(view, marked=(first, last), marking=None, tab="annotate")
+    place = min(max(view.place, first), last)
+    return replace(view, place=place, marked=(first, last), marking=None, tab="annotate")
 
 
 def _mark_range(view: View, action: act.MarkRange, facts: Facts) -> View:
-    del action, facts
+    del action
     if view.marking is None:
         place = view.place
         return replace(view, marking=place, marked=(place, place), tab="annotate")
-    return replace(view, marking=None)
+    return replace(_at(view, view.place, facts), marking=None)
 
 
 def _cancel(view: View, action: act.Cancel, facts: Facts) -> View:
@@ -263,5 +271,7 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.Nudge: _pause,
     act.Turn: _pause,
     act.MovePart: _pause,
+    act.RemovePart: _pause,
+    act.VerifyPart: _pause,
     act.TrackPart: _pause,
 }

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from asdfviz.annotate.records import PoseAnnotation
 from asdfviz.app import theme, timeline
 from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.view import Facts, View
@@ -24,6 +26,8 @@ class Snapshot:
     prediction: FramePrediction | None
     """What the base run says of this frame."""
     rows: tuple[timeline.Row, ...]
+    said: Mapping[str, PoseAnnotation]
+    """What was said by hand of parts in this frame."""
     status: str = ""
     """What the last edit did."""
 
@@ -53,6 +57,7 @@ class Snapshot:
 def take(workspace: Workspace, view: View, *, frame: Frame | None, status: str = "") -> Snapshot:
     """Gather what a refresh needs."""
     run = workspace.run(view.base)
+    index = workspace.indices[view.place]
     return Snapshot(
         view=view,
         facts=workspace.facts(),
@@ -61,5 +66,6 @@ def take(workspace: Workspace, view: View, *, frame: Frame | None, status: str =
         poses=workspace.poses(view.place, view.base),
         prediction=run.by_place[view.place] if run else None,
         rows=workspace.rows(),
+        said={part: said for (_, part), said in workspace.store.poses(index).items()},
         status=status,
     )

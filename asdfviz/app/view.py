@@ -73,7 +73,7 @@ class View:
     selected: str | None = None
     step: int = 1
     marked: tuple[int, int] | None = None
-    """Frames that a state is set for, first to last; None for the frame shown."""
+    """Places that a state is set for while one of them is shown, first to last."""
     marking: int | None = None
     """Where a range was begun by key."""
     tab: act.Tab = "sequence"
@@ -87,9 +87,15 @@ class View:
     """What was changed of methods' options, by method and dotted name."""
 
     @property
+    def range_here(self) -> tuple[int, int] | None:
+        """The marked range while the frame shown is in it: elsewhere nobody thinks of it."""
+        inside = self.marked is not None and self.marked[0] <= self.place <= self.marked[1]
+        return self.marked if inside else None
+
+    @property
     def frames(self) -> tuple[int, int]:
         """First and last place that a state would be set for."""
-        return self.marked or (self.place, self.place)
+        return self.range_here or (self.place, self.place)
 
 
 def window_of(view: View, facts: Facts) -> Window:

@@ -44,6 +44,23 @@ def test_an_empty_store_knows_nothing(store: AnnotationStore) -> None:
     assert store.undo() == store.redo() == ()
 
 
+def test_a_block_of_edits_is_kept_whole_or_not_at_all(store: AnnotationStore) -> None:
+    with store.transaction():
+        store.set_pose(0, "lid", pose(1), group="one")
+        store.remove_pose(1, "lid", group="one")
+
+    def broken() -> None:
+        with store.transaction():
+            store.remove_pose(2, "lid", group="two")
+            store.set_pose(3, "lid", np.zeros((4, 4)), group="two")
+
+    with pytest.raises(AnnotationError, match="rigid"):
+        broken()
+    assert {frame for frame, _ in store.poses()} == {0, 1}
+    assert len(store.undo()) == 2
+    assert store.poses() == {}
+
+
 def test_a_pose_comes_back_to_the_last_bit(open_store: OpenStore) -> None:
     first = open_store()
     for seed in range(50):

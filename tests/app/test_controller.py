@@ -82,6 +82,34 @@ def test_edits_that_wait_when_the_tab_goes_are_kept(opened: Open, with_run: Work
     assert {part for _, part in with_run.store.poses()} == {"jaw", "bolt"}
 
 
+def test_a_range_grows_while_it_plays(opened: Open) -> None:
+    tab, _ = opened(base="first", speed=4.0)
+    tab.emit(act.MarkRange())
+    tab.emit(act.TogglePlay())
+    until(lambda: tab.view.place > 3)
+    tab.emit(act.TogglePlay())
+    until(lambda: not tab.view.playing)
+    assert tab.view.marked == (2, tab.view.place)
+    tab.emit(act.MarkRange())
+    until(lambda: tab.view.marking is None)
+    assert tab.view.marked == (2, tab.view.place)
+    tab.close()
+    tab.wait(30.0)
+
+
+def test_a_range_serves_for_one_state(opened: Open, with_run: Workspace) -> None:
+    tab, _ = opened(base="first", marked=(1, 3))
+    tab.emit(act.SetState(1))
+    tab.emit(act.Seek(6))
+    tab.emit(act.SetState(2))
+    until(lambda: with_run.store.state(106))
+    labels = [with_run.store.state(100 + place) for place in range(8)]
+    assert [label and label.state for label in labels] == [None, 1, 1, 1, None, None, 2, None]
+    assert tab.view.marked is None
+    tab.close()
+    tab.wait(30.0)
+
+
 def test_what_corrections_start_from_is_drawn_in_every_tab(
     opened: Open, with_run: Workspace
 ) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from asdfviz.app import actions as act
-from asdfviz.app.editing import Burst, Done, Edits, apply_edit
+from asdfviz.app.desk import Burst, Done
+from asdfviz.app.editing import Edits, apply_edit
 from asdfviz.app.items import ANNOTATION
 from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import Workspace
@@ -79,15 +80,56 @@ def test_nudges_in_a_row_are_one_step_of_undo(with_run: Workspace, do: Do) -> No
 def test_a_drag_is_kept_to_the_last_bit(with_run: Workspace, do: Do) -> None:
     T = jaw(with_run).copy()
     T[:3, 3] = [0.0123456789, -0.2, 0.7]
-    done = do(act.MovePart("jaw", T, done=True))
+    done = do(act.MovePart("jaw", T, 1, done=True))
     assert np.array_equal(jaw(with_run), T)
     assert "jaw" in done.message
     assert "101" in done.message
 
 
+def test_a_drag_belongs_to_the_frame_where_it_was_begun(with_run: Workspace, do: Do) -> None:
+    T = jaw(with_run).copy()
+    T[0, 3] += 0.04
+    done = do(act.MovePart("jaw", T, 1, done=True), replace(JAW, place=3))
+    assert np.array_equal(jaw(with_run, 1), T)
+    assert with_run.store.pose(103, "jaw") is None
+    assert (done.message, done.place) == ("jaw dragged in frame 101", 3)
+
+
+def test_nudges_that_do_not_end_are_several_steps(with_run: Workspace, do: Do) -> None:
+    before = jaw(with_run)
+    burst = Burst()
+    for k in range(12):
+        burst = do(act.Nudge(0, 1), burst=burst, now=10 + 0.5 * k).burst
+    do(act.Undo())
+    assert jaw(with_run)[:3, 3] - before[:3, 3] == pytest.approx([0.009, 0, 0], abs=1e-12)
+
+
 def test_undo_goes_to_the_frame_it_changes(do: Do) -> None:
     do(act.Nudge(0, 1))
     assert do(act.Undo(), View(place=6)).place == 1
+
+
+@pytest.mark.parametrize(("place", "then"), [(1, 1), (3, 3), (5, 5), (7, 4), (0, 2)])
+def test_undo_of_tracking_tells_it_and_stays_where_it_is_seen(
+    with_run: Workspace, do: Do, place: int, then: int
+) -> None:
+    T = jaw(with_run)
+    tracked = {102 + k: {"jaw": T} for k in range(3)}
+    with_run.store.set_frames(tracked, provenance="tracked", group="track@1")
+    undone = do(act.Undo(), View(place=place))
+    assert (undone.message, undone.place) == ("undid: tracking of jaw in 3 frames", then)
+    again = do(act.Redo(), View(place=place))
+    assert (again.message, again.place) == ("redid: tracking of jaw in 3 frames", then)
+
+
+def test_undo_tells_a_whole_step(with_run: Workspace, do: Do) -> None:
+    view = View(place=3, base="first", selected="jaw", together=True)
+    do(act.Nudge(0, 1), view)
+    assert do(act.Undo(), view).message == "undid: moved jaw and base in frame 103"
+    do(act.SetState(1), replace(view, marked=(2, 4)), now=5.0)
+    undone = do(act.Undo(), view)
+    name = with_run.assembly.states[1].name
+    assert (undone.message, undone.place) == (f"undid: state {name} in frames 102 to 104", 3)
 
 
 def test_the_first_edit_notes_what_it_started_from(with_run: Workspace, do: Do) -> None:
@@ -101,7 +143,7 @@ def test_the_first_edit_notes_what_it_started_from(with_run: Workspace, do: Do) 
 def test_copying_takes_the_nearest_pose_before(with_run: Workspace, do: Do) -> None:
     T = jaw(with_run).copy()
     T[0, 3] += 0.03
-    do(act.MovePart("jaw", T, done=True), View(place=2, base="first", selected="jaw"))
+    do(act.MovePart("jaw", T, 2, done=True), View(place=2, base="first", selected="jaw"))
     done = do(act.CopyPrevious(), View(place=3, base="first", selected="jaw"))
     assert np.array_equal(jaw(with_run, 3), T)
     assert "frame 102" in done.message
@@ -154,7 +196,7 @@ def test_what_is_joined_moves_along_if_it_is_to(with_run: Workspace, do: Do) -> 
 
 def test_a_state_for_a_range(with_run: Workspace, do: Do) -> None:
     error = with_run.assembly.errors[0]
-    do(act.SetState(error.index), View(marked=(2, 4), base="first"))
+    do(act.SetState(error.index), View(place=3, marked=(2, 4), base="first"))
     marks = with_run.rows()[0].marks
     assert [mark is not None for mark in marks] == [i in (2, 3, 4) for i in range(8)]
     mark = marks[3]
@@ -162,6 +204,20 @@ def test_a_state_for_a_range(with_run: Workspace, do: Do) -> None:
     assert (mark.state, mark.is_error, mark.name) == (error.completed, True, error.name)
     do(act.Undo())
     assert not any(with_run.rows()[0].marks)
+
+
+def test_a_range_is_left_alone_from_a_frame_outside_of_it(with_run: Workspace, do: Do) -> None:
+    do(act.SetState(1), View(place=6, marked=(2, 4), base="first"))
+    assert [mark is not None for mark in with_run.rows()[0].marks] == [i == 6 for i in range(8)]
+
+
+@pytest.mark.parametrize("pixel", [(-3.0, 200.0), (200.0, -0.6), (640.0, 200.0), (200.0, 480.0)])
+def test_a_click_beside_the_picture_places_nothing(
+    with_run: Workspace, do: Do, pixel: tuple[float, float]
+) -> None:
+    with pytest.raises(AnnotationError, match="beside the picture"):
+        do(act.PlacePart(*pixel))
+    assert with_run.store.poses() == {}
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from asdfviz.annotate.records import StateLabel
 from asdfviz.app import chrome, hotkeys, welcome
 from asdfviz.app.items import JobStatus
 from asdfviz.app.markup import number
@@ -90,6 +91,36 @@ def test_the_parts_say_where_they_are_from(with_run: Workspace) -> None:
     assert "Place here" in html
     assert "refined by depth" in html
     assert "90<small> %" in html
+
+
+def test_a_frame_has_one_number_everywhere(with_run: Workspace) -> None:
+    snap = snapshot(with_run, place=1)
+    assert ">101</b><span> / 107</span>" in chrome.controls(snap)
+    assert f'data-numbers="{list(range(100, 108))}"' in chrome.timeline_rows(snap)
+    assert "for <em>frame 101</em>" in annotate.content(snap)
+
+
+def test_verdicts_are_shown_and_offered(with_run: Workspace) -> None:
+    html = annotate.content(snapshot(with_run, place=1, selected="jaw"))
+    assert ">Verified<" in html
+    assert ">Not in this frame<" in html
+    assert "Drop correction" not in html
+    assert "Take label away" not in html
+    pose = with_run.poses(1, "first")["jaw"].T_camera_part
+    with_run.store.verify(101, "jaw", pose, provenance="tracked")
+    with_run.store.remove_pose(102, "jaw")
+    with_run.store.set_state(103, StateLabel(1), last_frame=104)
+    html = annotate.content(snapshot(with_run, place=1, selected="jaw"))
+    assert "verified<i>, tracked</i>" in html
+    assert "Drop correction" in html
+    html = annotate.content(snapshot(with_run, place=2, selected="jaw", marked=(2, 3)))
+    assert "not in this frame<i>, by hand</i>" in html
+    assert "jaw is marked as not in this frame." in html
+    assert ">Verified<" not in html
+    assert "Drop correction" in html
+    assert "Take label away" in html
+    html = annotate.content(snapshot(with_run, place=1, selected="jaw", marked=(1, 2)))
+    assert ">Not in these frames<" in html
 
 
 def test_poses_are_in_millimetres_and_degrees(with_run: Workspace) -> None:

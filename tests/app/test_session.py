@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from asdfviz.app import actions as act
-from asdfviz.app.session import settled, update
+from asdfviz.app.session import edited, settled, update
 from asdfviz.app.view import TRUTH, Facts, View
 
 FACTS = Facts(
@@ -148,13 +148,34 @@ def test_a_range_follows_the_frame_until_it_is_ended() -> None:
     view = after(View(place=5), act.MarkRange(), act.Step(-3))
     assert view.frames == (2, 5)
     ended = after(view, act.MarkRange(), act.Seek(9))
-    assert (ended.frames, ended.marking) == ((2, 5), None)
-    assert after(ended, act.Cancel()).frames == (9, 9)
+    assert (ended.marked, ended.marking) == ((2, 5), None)
+    assert ended.frames == (9, 9)  # a range counts only where one of its frames is shown
+    back = after(ended, act.Seek(4))
+    assert back.frames == (2, 5)
+    assert after(back, act.Cancel()).frames == (4, 4)
+
+
+def test_a_range_reaches_to_the_frame_where_it_is_ended() -> None:
+    view = replace(after(View(place=5), act.MarkRange()), place=7)  # an undo went there
+    assert after(view, act.MarkRange()).marked == (5, 7)
+    again = after(View(place=9, marking=9, marked=(9, 9)), act.TogglePlay())
+    assert again.marked == (0, 9)
 
 
 def test_a_dragged_range_is_put_in_order_and_in_bounds() -> None:
     view = after(View(), act.SetRange(8, -3))
     assert view.frames == (0, 8)
+
+
+def test_a_dragged_range_is_gone_to() -> None:
+    assert [after(View(place=k), act.SetRange(3, 5)).place for k in (0, 4, 9)] == [3, 4, 5]
+
+
+def test_a_statement_uses_its_range_up() -> None:
+    view = View(place=4, marked=(3, 5))
+    for action in (act.SetState(1), act.ClearState(), act.VerifyPart(), act.RemovePart()):
+        assert edited(view, action, 4, FACTS).marked is None
+    assert edited(view, act.Nudge(0, 1), 4, FACTS).marked == (3, 5)
 
 
 def test_cancel_takes_one_thing_at_a_time() -> None:

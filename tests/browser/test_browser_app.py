@@ -151,7 +151,7 @@ def test_no_control_covers_another(page: Page, size: tuple[int, int]) -> None:
     page.set_viewport_size({"width": size[0], "height": size[1]})
     boxes = page.evaluate(
         """() => [document.querySelector('.ax-bottom'),
-                  ...document.querySelectorAll('.ax-controls .ax-btn, .ax-opacity')].map(e => {
+                  ...document.querySelectorAll('.ax-controls .ax-btn, .ax-frame, .ax-opacity')].map(e => {
             const b = e.getBoundingClientRect();
             return [b.left, b.top, b.right, b.bottom];
         })"""

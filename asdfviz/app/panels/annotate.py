@@ -7,7 +7,7 @@ import numpy as np
 from asdfviz.app import theme
 from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.markup import EYE, act, bar, button, chip, empty, heading, number, table, text
-from asdfviz.app.panels import tracking
+from asdfviz.app.panels import tracking, verdicts
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import STEP_NAMES, STEPS_MM, View
 from asdfviz.datatypes import State
@@ -79,21 +79,24 @@ def _part(name: str, snap: Snapshot) -> str:
         f'<li class="ax-item ax-pick{chosen}" title="{text(name)}" data-testid="part-{text(name)}" '
         f'aria-selected="{str(bool(chosen)).lower()}" {act("SelectPart", part=name)}>'
         f'{chip(snap.workspace.colors[name])}<span class="ax-main"><b>{text(name)}</b>'
-        f"<small>{_provenance(shown, snap)}</small></span>"
+        f"<small>{_provenance(name, snap)}</small></span>"
         f'<span class="ax-num">{_score(shown)}</span>{eye}</li>'
     )
 
 
-def _provenance(shown: Shown | None, snap: Snapshot) -> str:
+def _provenance(name: str, snap: Snapshot) -> str:
+    shown, said = snap.poses.get(name), snap.said.get(name)
+    if shown is None and said is not None:
+        return f"{chip(theme.ANNOTATION, shape='dot')}not in this frame<i>, by hand</i>"
     if shown is None:
         return "not found<i> in this frame</i>"
     dot = chip(snap.source_color(shown.source), shape="dot")
     if shown.source == ANNOTATION:
         how = "<i>, tracked</i>" if shown.stage == "tracked" else ""
-        return f"{dot}corrected{how}"
+        return f"{dot}{'verified' if said is not None and said.verified else 'corrected'}{how}"
     stage = STAGES[shown.stage]
-    name = snap.source_name(shown.source)
-    return f"{dot}{text(name)}" + (f"<i>, {stage}</i>" if stage != name else "")
+    source = snap.source_name(shown.source)
+    return f"{dot}{text(source)}" + (f"<i>, {stage}</i>" if stage != source else "")
 
 
 def _score(shown: Shown | None) -> str:
@@ -116,16 +119,18 @@ def _selected(snap: Snapshot) -> str:
             classes="ax-primary",
             testid="place",
         )
-        copy = _copy_button()
+        found = "is marked as not in" if name in snap.said else "was not found in"
         return (
             heading(f"Pose of {name}")
-            + f'<p class="ax-empty">{text(name)} was not found in this frame.</p>'
-            + f'<div class="ax-row">{place}{copy}</div>'
+            + f'<p class="ax-empty">{text(name)} {found} this frame.</p>'
+            + f'<div class="ax-row">{place}{_copy_button()}</div>'
+            + verdicts.content(snap, name)
         )
     return (
         heading(f"Pose of {name}", _steps(snap.view))
         + _pose_table(shown)
         + _tools(snap, name)
+        + verdicts.content(snap, name)
         + tracking.content(snap)
     )
 
@@ -167,24 +172,12 @@ def _tools(snap: Snapshot, name: str) -> str:
             ("off", "Off", "Nothing to drag"),
         )
     )
-    corrected = snap.workspace.store.pose(snap.index, name) is not None
-    revert = (
-        button(
-            "Drop correction",
-            act("RevertPart"),
-            title="Back to what it started from",
-            key="Shift ⌫",
-            testid="revert",
-        )
-        if corrected
-        else ""
-    )
     hint = (
         '<p class="ax-note"><kbd>I</kbd><kbd>K</kbd><kbd>J</kbd><kbd>L</kbd> up, down, left, right; '
         "<kbd>U</kbd><kbd>O</kbd> nearer, farther; with <kbd>Shift</kbd> they turn.</p>"
     )
     segments = f'<div class="ax-group ax-segs">{gizmo}</div>{_together(snap, name)}'
-    return f'<div class="ax-row">{segments}{_copy_button()}{revert}</div>{hint}'
+    return f'<div class="ax-row">{segments}{_copy_button()}</div>{hint}'
 
 
 def _together(snap: Snapshot, name: str) -> str:
@@ -195,7 +188,7 @@ def _together(snap: Snapshot, name: str) -> str:
     return button(
         "Joined parts too",
         act("Toggle", what="together"),
-        title="Move and turn what is joined in this state as one",
+        title="Move, turn and verify what is joined in this state as one",
         classes="ax-switch",
         pressed=snap.view.together,
         testid="together",
@@ -222,7 +215,7 @@ def _state(snap: Snapshot) -> str:
         button(
             "Only this frame", act("Cancel"), title="Drop the range", key="Esc", classes="ax-tiny"
         )
-        if view.marked
+        if view.range_here
         else button(
             "Begin a range",
             act("MarkRange"),
@@ -236,7 +229,7 @@ def _state(snap: Snapshot) -> str:
     now = None if mark is None else (mark.state, mark.is_error, mark.name)
     items = "".join(_state_row(state, snap, now) for state in snap.workspace.assembly.states)
     return (
-        heading("State", clear)
+        heading("State", f'<span class="ax-group">{verdicts.clear_label(snap)}{clear}</span>')
         + f'<p class="ax-note" data-testid="range">Press a state to set it for <em>{text(where)}</em>.</p>'
         + f'<ul class="ax-list" data-testid="states">{items}</ul>'
     )

@@ -20,9 +20,7 @@ def content(snap: Snapshot) -> str:
     job = snap.workspace.carrying
     if job is not None and job.is_active:
         return heading("Track from here") + _progress(job)
-    marked = snap.view.marked
-    inside = marked is not None and marked[0] <= snap.view.place <= marked[1]
-    where = "within the range" if inside else "as far as it is seen"
+    where = "within the range" if snap.view.range_here else "as far as it is seen"
     buttons = "".join(
         button(label, act("TrackPart", direction=way), title=title, key=key, testid=f"track-{way}")
         for way, label, title, key in BUTTONS

@@ -270,7 +270,7 @@
     const frame = frameAt(event);
     const piece = event.target.closest("[data-say]");
     const sure = row.dataset.p ? JSON.parse(row.dataset.p)[frame] : null;
-    const words = [row.dataset.row, `frame ${frame + 1}`];
+    const words = [row.dataset.row, `frame ${JSON.parse(row.parentElement.dataset.numbers)[frame]}`];
     if (piece) words.push(piece.dataset.say);
     if (sure !== null && sure !== undefined) words.push(`${sure} %`);
     tip.textContent = words.join(" · ");

@@ -1,0 +1,133 @@
+"""What an edit needs to know and to leave behind: the frames, the selected part, the step of undo."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from asdfviz.annotate.edits import moved_group, previous_pose
+from asdfviz.app.truths import drawn_truth
+from asdfviz.app.view import View
+from asdfviz.app.workspace import Workspace
+from asdfviz.errors import AnnotationError
+from asdfviz.geometry.shapes import Transform, Vector
+
+BURST = 0.8
+"""Seconds: nudges that follow each other faster are undone as one ..."""
+LONGEST_BURST = 1.5
+"""... up to so many seconds after the first: nobody wants to lose a minute's work at once."""
+_DEEDS = {"gizmo": "dragged", "keys": "moved", "copied": "copied", "placed": "placed"}
+
+
+@dataclass(frozen=True, slots=True)
+class Burst:
+    """Nudges in a row, which are one step for undo."""
+
+    name: str = ""
+    until: float = 0.0
+    """Time (monotonic) up to which the next nudge still belongs to it."""
+
+    end: float = 0.0
+    """Time (monotonic) at which it is over however fast nudges come."""
+
+    def joined(self, name: str, now: float) -> Burst:
+        """This burst prolonged, or a new one where the last is over or was of something else."""
+        if now < self.until and self.name.split("@")[0] == name:
+            return replace(self, until=min(now + BURST, self.end))
+        return Burst(f"{name}@{now:.6f}", now + BURST, now + LONGEST_BURST)
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What an edit did."""
+
+    message: str
+    place: int
+    burst: Burst = Burst()
+
+
+@dataclass(frozen=True, slots=True)
+class Desk:
+    """Where an edit happens."""
+
+    workspace: Workspace
+    view: View
+    group: str
+    """What belongs to one step of undo."""
+
+    @property
+    def frame(self) -> int:
+        """Number of the frame shown."""
+        return self.workspace.indices[self.view.place]
+
+    @property
+    def span(self) -> tuple[int, int]:
+        """Numbers of the first and last frame that a statement is for."""
+        first, last = self.view.frames
+        return self.workspace.indices[first], self.workspace.indices[last]
+
+    @property
+    def where(self) -> str:
+        """The same in words."""
+        first, last = self.span
+        return f"frame {first}" if first == last else f"frames {first} to {last}"
+
+    @property
+    def part(self) -> str:
+        """The selected part."""
+        if self.view.selected is None:
+            raise AnnotationError("no part is selected: click one in the picture or in the list")
+        return self.view.selected
+
+    def pose(self) -> Transform:
+        """Where the selected part is."""
+        found = self.workspace.poses(self.view.place, self.view.base).get(self.part)
+        if found is None:
+            raise AnnotationError(
+                f"{self.part} has no pose in frame {self.frame}: "
+                "place it, or copy it from the frame before"
+            )
+        return found.T_camera_part
+
+    def begin(self) -> None:
+        """Note what the corrections start from, once, as part of the first edit's step."""
+        store = self.workspace.store
+        if store.seed().kind == "none" and self.view.base is not None:
+            store.set_seed(self.workspace.seed_of(self.view.base), group=self.group)
+
+    def keep(self, T_camera_part: Transform, provenance: str) -> Done:
+        """Say where the selected part is."""
+        return self._keep({self.part: T_camera_part}, self.part, provenance)
+
+    def move(self, part: str, T_camera_part: Transform, provenance: str) -> Done:
+        """Move a part, and what is joined with it if it is to come along."""
+        moved = carried(self.workspace, self.view, part=part, T_camera_part=T_camera_part)
+        return self._keep(moved, part, provenance)
+
+    def _keep(self, moved: Mapping[str, Transform], part: str, provenance: str) -> Done:
+        self.begin()
+        store = self.workspace.store
+        store.set_poses(self.frame, moved, provenance=provenance, group=self.group)
+        along = f" and {len(moved) - 1} joined with it" if len(moved) > 1 else ""
+        said = f"{part}{along} {_DEEDS[provenance]} in frame {self.frame}"
+        return Done(said, self.view.place)
+
+    def earlier(self) -> tuple[int, Transform] | None:
+        """The nearest frame before in which the selected part has a pose, and the pose."""
+        return previous_pose(drawn_truth(self.workspace, self.view.base), self.frame, self.part)
+
+    def centre(self) -> Vector:
+        """What of the selected part stays in place when it turns, part frame."""
+        return self.workspace.assembly.parts[self.part].middle
+
+
+def carried(
+    workspace: Workspace, view: View, *, part: str, T_camera_part: Transform
+) -> dict[str, Transform]:
+    """The new poses where a part is moved: its own, and those of what is joined if all move as one."""
+    shown = workspace.poses(view.place, view.base)
+    if not view.together or part not in shown:
+        return {part: T_camera_part}
+    poses = {name: pose.T_camera_part for name, pose in shown.items()}
+    attached = workspace.attached(view.place, view.base)
+    return moved_group(poses, part, T_camera_part, attached=attached)

@@ -1,0 +1,65 @@
+"""Steps that were undone or done again: in words, and which frame to look at afterwards. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from asdfviz.annotate.records import TRACKED, Edit
+
+_VERBS = {
+    "pose": "moved",
+    "remove_pose": "removed",
+    "verify": "verified",
+    "drop_pose": "drop of the correction of",
+}
+NAMED = 2
+"""Parts that a step calls by name; of more it says how many."""
+
+
+def in_words(step: Sequence[Edit]) -> str:
+    """The edits of one step (at least one) as the history tells them."""
+    told = [edit for edit in step if edit.kind != "seed"]
+    if not told:
+        return "what corrections start from"
+    last = told[-1]
+    where = _where(told)
+    if last.kind == "state":
+        name = last.payload.get("name") or last.payload.get("state")
+        return f"state label taken from {where}" if name is None else f"state {name} in {where}"
+    parts = list(dict.fromkeys(str(edit.part) for edit in told))
+    who = " and ".join(parts) if len(parts) <= NAMED else f"{len(parts)} parts"
+    if last.kind == "pose" and last.payload.get("provenance") == TRACKED:
+        return f"tracking of {who} in {where}"
+    return f"{_VERBS[last.kind]} {who} in {where}"
+
+
+def _where(step: Sequence[Edit]) -> str:
+    """The frames of a step: one or a range by number, several by how many they are."""
+    spans = sorted({(edit.frame, edit.last_frame or edit.frame) for edit in step})
+    if len(spans) > 1:
+        return f"{len(spans)} frames"
+    first, last = spans[0]
+    return f"frame {first}" if first == last else f"frames {first} to {last}"
+
+
+def frames_of(step: Sequence[Edit]) -> set[int]:
+    """The numbers of all frames that a step says something of."""
+    return {
+        frame
+        for edit in step
+        if edit.frame is not None
+        for frame in range(edit.frame, (edit.last_frame or edit.frame) + 1)
+    }
+
+
+def place_to_show(places: Sequence[int], place: int) -> int:
+    """The place to look at after a step that changed some: the nearest of them.
+
+    A step of several frames is seen from within and from next to it, so nobody is led away from there:
+    tracking begins beside the frames that it changes.
+    """
+    if not places:
+        return place
+    if len(places) > 1 and min(places) - 1 <= place <= max(places) + 1:
+        return place
+    return min(places, key=lambda other: abs(other - place))

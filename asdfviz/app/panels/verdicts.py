@@ -1,0 +1,59 @@
+"""Buttons of the Annotate tab for what is said without moving anything: right, not here, no label."""
+
+from __future__ import annotations
+
+from asdfviz.app.items import ANNOTATION
+from asdfviz.app.markup import act, button
+from asdfviz.app.snapshot import Snapshot
+
+
+def content(snap: Snapshot, name: str) -> str:
+    """What may be said of the selected part, as HTML."""
+    said = snap.said.get(name)
+    here = "these frames" if snap.view.range_here else "this frame"
+    verify = button(
+        "Verified",
+        act("VerifyPart"),
+        title=f"Its pose in {here} was looked at and is right",
+        key="V",
+        pressed=said is not None and said.verified,
+        classes="ax-switch",
+        testid="verify",
+    )
+    remove = button(
+        f"Not in {here}",
+        act("RemovePart"),
+        title=f"Say that the part is not in {here}",
+        key="Del",
+        testid="remove",
+    )
+    revert = button(
+        "Drop correction",
+        act("RevertPart"),
+        title="Back to what it started from",
+        key="Shift ⌫",
+        testid="revert",
+    )
+    shown = name in snap.poses
+    row = (
+        (verify if shown else "")
+        + (remove if shown or said is None or snap.view.range_here else "")
+        + (revert if said is not None else "")
+    )
+    return f'<div class="ax-row">{row}</div>'
+
+
+def clear_label(snap: Snapshot) -> str:
+    """Only where a label was set by hand."""
+    first, last = snap.view.frames
+    row = next(row for row in snap.rows if row.key == ANNOTATION)
+    if not any(row.marks[first : last + 1]):
+        return ""
+    return button(
+        "Take label away",
+        act("ClearState"),
+        title="The state as it was before anybody set one",
+        key="Shift Del",
+        classes="ax-tiny",
+        testid="clear-state",
+    )

@@ -1,0 +1,111 @@
+"""What a person says of frames without moving anything: not here, looked at and right, no state.
+
+A verdict holds for the frame shown, or for the marked range around it, as one step of undo.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+
+from asdfviz.annotate.records import PoseAnnotation
+from asdfviz.app import actions as act
+from asdfviz.app.desk import Desk, Done
+from asdfviz.app.items import Shown
+from asdfviz.errors import AnnotationError
+
+
+def give(action: act.RemovePart | act.VerifyPart | act.ClearState, desk: Desk) -> Done:
+    """Keep a verdict.
+
+    Raises:
+        AnnotationError: it would change nothing; the message says why.
+    """
+    match action:
+        case act.RemovePart():
+            return _remove(desk)
+        case act.VerifyPart():
+            return _verify(desk)
+        case act.ClearState():
+            return _clear_state(desk)
+
+
+def _remove(desk: Desk) -> Done:
+    """Say that the selected part is not in the frames, with what is joined if all go as one."""
+    store = desk.workspace.store
+    known = store.poses()
+    gone = [
+        (frame, name)
+        for frame, name, _ in _meant(desk)
+        if not _is_removed(known.get((frame, name)))
+    ]
+    if not gone:
+        raise AnnotationError(f"{desk.part} is said not to be in {desk.where} already")
+    with store.transaction():
+        desk.begin()
+        for frame, name in gone:
+            store.remove_pose(frame, name, group=desk.group)
+    return _done(desk, gone, "is not in")
+
+
+def _verify(desk: Desk) -> Done:
+    """Say that the selected part's poses are right, with those of what is joined if all go as one."""
+    store = desk.workspace.store
+    known = store.poses()
+    seen = [(frame, name, shown) for frame, name, shown in _meant(desk) if shown is not None]
+    if not any(name == desk.part for _, name, _ in seen):
+        raise AnnotationError(
+            f"{desk.part} has no pose in {desk.where} that could be right: place it first"
+        )
+    fresh = [pose for pose in seen if not _is_verified(known.get(pose[:2]))]
+    if not fresh:
+        raise AnnotationError(f"{desk.part} is verified in {desk.where} already")
+    with store.transaction():
+        desk.begin()
+        for frame, name, shown in fresh:
+            said = known.get((frame, name))
+            seed = desk.workspace.seed_of(shown.source)
+            store.verify(
+                frame,
+                name,
+                shown.T_camera_part,
+                provenance=said.provenance if said else seed.provenance,
+                group=desk.group,
+            )
+    return _done(desk, [pose[:2] for pose in fresh], "verified in")
+
+
+def _clear_state(desk: Desk) -> Done:
+    """Take the label of the frames away; what corrections started from counts again."""
+    first, last = desk.view.frames
+    if not any(desk.workspace.rows()[0].marks[first : last + 1]):
+        raise AnnotationError(f"no state was set by hand in {desk.where}")
+    first, last = desk.span
+    desk.workspace.store.set_state(first, None, last_frame=last, group=desk.group)
+    return Done(f"state label taken from {desk.where}", desk.view.place)
+
+
+def _meant(desk: Desk) -> Iterator[tuple[int, str, Shown | None]]:
+    """Frame number, part and its pose, if it has one, of all that a verdict is for."""
+    first, last = desk.view.frames
+    for place in range(first, last + 1):
+        shown = desk.workspace.poses(place, desk.view.base)
+        names = [desk.part]
+        attached = desk.workspace.attached(place, desk.view.base)
+        if desk.view.together and desk.part in attached:
+            names += [name for name in attached if name in shown and name != desk.part]
+        for name in names:
+            yield desk.workspace.indices[place], name, shown.get(name)
+
+
+def _is_removed(said: PoseAnnotation | None) -> bool:
+    return said is not None and said.T_camera_part is None
+
+
+def _is_verified(said: PoseAnnotation | None) -> bool:
+    return said is not None and said.verified
+
+
+def _done(desk: Desk, changed: Collection[tuple[int, str]], verdict: str) -> Done:
+    others = len({name for _, name in changed} - {desk.part})
+    along = f" and {others} joined with it" if others else ""
+    return Done(f"{desk.part}{along} {verdict} {desk.where}", desk.view.place)

@@ -1,0 +1,104 @@
+"""Verdicts: what is not in a frame, what was looked at, and labels that are taken away."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from asdfviz.app import actions as act
+from asdfviz.app.desk import Burst, Done
+from asdfviz.app.editing import Edits, apply_edit
+from asdfviz.app.view import TRUTH, View
+from asdfviz.app.workspace import Workspace
+from asdfviz.errors import AnnotationError
+
+JAW = View(place=1, base="first", selected="jaw")
+RANGE = View(place=3, base="first", selected="jaw", marked=(2, 4))
+Do = Callable[..., Done]
+
+
+@pytest.fixture
+def do(with_run: Workspace) -> Do:
+    def run(action: Edits, view: View = JAW, *, now: float = 0.0) -> Done:
+        return apply_edit(action, view, with_run, burst=Burst(), now=now)
+
+    return run
+
+
+def has_jaw(workspace: Workspace) -> list[bool]:
+    return ["jaw" in workspace.poses(place, TRUTH) for place in range(8)]
+
+
+def test_a_part_that_is_not_in_the_frame(with_run: Workspace, do: Do) -> None:
+    done = do(act.RemovePart())
+    assert (done.message, done.place) == ("jaw is not in frame 101", 1)
+    assert has_jaw(with_run) == [place != 1 for place in range(8)]
+    assert with_run.store.seed().kind == "run"
+    with pytest.raises(AnnotationError, match="said not to be in frame 101 already"):
+        do(act.RemovePart())
+    assert do(act.Undo()).message == "undid: removed jaw in frame 101"
+    assert all(has_jaw(with_run))
+    assert with_run.store.seed().kind == "none"
+
+
+def test_a_part_is_taken_out_of_a_range_in_one_step(with_run: Workspace, do: Do) -> None:
+    assert do(act.RemovePart(), RANGE).message == "jaw is not in frames 102 to 104"
+    assert has_jaw(with_run) == [place not in (2, 3, 4) for place in range(8)]
+    assert do(act.Undo(), RANGE).message == "undid: removed jaw in 3 frames"
+    assert all(has_jaw(with_run))
+
+
+def test_what_is_joined_goes_along_if_it_is_to(with_run: Workspace, do: Do) -> None:
+    together = View(place=3, base="first", selected="jaw", together=True)  # base and jaw
+    assert (
+        do(act.VerifyPart(), together).message == "jaw and 1 joined with it verified in frame 103"
+    )
+    assert set(with_run.store.poses()) == {(103, "base"), (103, "jaw")}
+    do(act.RemovePart(), together, now=1.0)
+    assert set(with_run.poses(3, "first")) == {"bolt"}
+
+
+def test_a_verified_pose_is_kept_as_it_came(with_run: Workspace, do: Do) -> None:
+    before = with_run.poses(1, "first")["jaw"].T_camera_part
+    assert do(act.VerifyPart()).message == "jaw verified in frame 101"
+    said = with_run.store.pose(101, "jaw")
+    assert said is not None
+    assert said.T_camera_part is not None
+    assert np.array_equal(said.T_camera_part, before)
+    assert (said.verified, said.provenance) == (True, "method:asdf")
+    with pytest.raises(AnnotationError, match="verified in frame 101 already"):
+        do(act.VerifyPart())
+    do(act.Nudge(0, 1), now=1.0)  # moved since: nobody has looked at that
+    do(act.VerifyPart(), now=2.0)
+    said = with_run.store.pose(101, "jaw")
+    assert said is not None
+    assert (said.verified, said.provenance) == (True, "keys")
+
+
+def test_verifying_a_range_passes_over_frames_without_the_part(with_run: Workspace, do: Do) -> None:
+    do(act.VerifyPart(), View(place=1, base="first", selected="jaw", marked=(0, 2)))
+    assert set(with_run.store.poses()) == {(101, "jaw"), (102, "jaw")}
+    with pytest.raises(AnnotationError, match="no pose in frame 100 that could be right"):
+        do(act.VerifyPart(), View(place=0, base="first", selected="jaw"))
+
+
+def test_a_label_is_taken_away(with_run: Workspace, do: Do) -> None:
+    do(act.SetState(1), RANGE)
+    assert do(act.ClearState(), View(place=3, base="first")).message == (
+        "state label taken from frame 103"
+    )
+    assert [m is not None for m in with_run.rows()[0].marks] == [i in (2, 4) for i in range(8)]
+    with pytest.raises(AnnotationError, match="no state was set by hand in frame 103"):
+        do(act.ClearState(), View(place=3, base="first"))
+    do(act.ClearState(), RANGE, now=1.0)
+    assert not any(with_run.rows()[0].marks)
+    assert do(act.Undo()).message == "undid: state label taken from frames 102 to 104"
+    assert [m is not None for m in with_run.rows()[0].marks] == [i in (2, 4) for i in range(8)]
+
+
+@pytest.mark.parametrize("action", [act.RemovePart(), act.VerifyPart()])
+def test_a_verdict_needs_a_part(do: Do, action: Edits) -> None:
+    with pytest.raises(AnnotationError, match="no part is selected"):
+        do(action, View(base="first"))
