@@ -90,7 +90,7 @@ class App:
         for tab in tabs:
             tab.close()
         for tab in tabs:
-            tab.wait(5.0)
+            tab.wait(20.0)  # a slow one still reads what is closed below
         stop_server(self._server)
         self.workspace.close()
 
