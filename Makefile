@@ -4,6 +4,8 @@
 PYTHON ?= python3
 BIN := .venv/bin
 ARGS ?=
+# One process more than there are cores, four at most: tests often wait for browsers and programs.
+WORKERS ?= $(shell n=$$(getconf _NPROCESSORS_ONLN); echo $$((n < 4 ? n + 1 : 4)))
 # Many tests start programs of their own, which load faster where bytecode is kept.
 test: export PYTHONDONTWRITEBYTECODE =
 
@@ -41,7 +43,7 @@ types:
 	@$(BIN)/pyright > .venv/types.log 2>&1; wrong=$$?; cat .venv/types.log; exit $$wrong
 
 tests:
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
 format: .venv/test.stamp
 	$(BIN)/ruff format .
