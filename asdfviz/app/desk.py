@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from asdfviz.annotate.edits import moved_group, previous_pose
+from asdfviz.app.history import range_in_words
 from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
@@ -69,8 +70,7 @@ class Desk:
     @property
     def where(self) -> str:
         """The same in words."""
-        first, last = self.span
-        return f"frame {first}" if first == last else f"frames {first} to {last}"
+        return range_in_words(*self.span)
 
     @property
     def part(self) -> str:

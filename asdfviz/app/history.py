@@ -1,4 +1,4 @@
-"""Steps that were undone or done again: in words, and which frame to look at afterwards. Pure."""
+"""Steps that were undone or done again, and ranges, in words; which frame to look at afterwards. Pure."""
 
 from __future__ import annotations
 
@@ -33,13 +33,18 @@ def in_words(step: Sequence[Edit]) -> str:
     return f"{_VERBS[last.kind]} {who} in {where}"
 
 
+def range_in_words(first: int | None, last: int | None) -> str:
+    """Frames from the first to the last, by number."""
+    return f"frame {first}" if first == last else f"frames {first} to {last}"
+
+
 def _where(step: Sequence[Edit]) -> str:
     """The frames of a step: one or a range by number, several by how many they are."""
     spans = sorted({(edit.frame, edit.last_frame or edit.frame) for edit in step})
     if len(spans) > 1:
         return f"{len(spans)} frames"
     first, last = spans[0]
-    return f"frame {first}" if first == last else f"frames {first} to {last}"
+    return range_in_words(first, last)
 
 
 def frames_of(step: Sequence[Edit]) -> set[int]:

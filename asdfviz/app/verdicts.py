@@ -76,8 +76,7 @@ def _verify(desk: Desk) -> Done:
 
 def _clear_state(desk: Desk) -> Done:
     """Take the label of the frames away; what corrections started from counts again."""
-    first, last = desk.view.frames
-    if not any(desk.workspace.rows()[0].marks[first : last + 1]):
+    if not desk.workspace.is_labelled(*desk.view.frames):
         raise AnnotationError(f"no state was set by hand in {desk.where}")
     first, last = desk.span
     desk.workspace.store.set_state(first, None, last_frame=last, group=desk.group)

@@ -162,6 +162,11 @@ class Workspace:
         """The timeline's rows: annotation, truth, runs."""
         return self._rows_and_boundaries()[0]
 
+    def is_labelled(self, first: int, last: int) -> bool:
+        """Whether a person set the state of any place from the first to the last."""
+        row = next(row for row in self.rows() if row.key == ANNOTATION)
+        return any(row.marks[first : last + 1])
+
     def mark(self, place: int, base: str | None) -> tuple[timeline.Mark | None, str]:
         """The state at a place and whose word it is: the annotation's, the base's, the truth's."""
         by_key = {row.key: row for row in self.rows()}

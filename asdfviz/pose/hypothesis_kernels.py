@@ -36,6 +36,35 @@ def splat(points, T, focal, near, owner):
 
 @kernel
 @no_type_check
+def _compare(points, T, focal, outline, measured, margin, near, owner):
+    """Draw a pose into `near` and `owner`, and compare it with what was seen.
+
+    Returns the overlap of silhouette and outline, how well readings on the silhouette agree, summed, and
+    their number; those in front are left out.
+    """
+    side = outline.shape[0]
+    splat(points, T, focal, near, owner)
+    both, either, hits, readings = 0.0, 1e-9, 0.0, 0
+    for row in range(side):
+        for column in range(side):
+            seen = outline[row, column]
+            if owner[row, column] < 0:
+                either += seen
+                continue
+            known = measured[row, column] > 0
+            gap = measured[row, column] - near[row, column]
+            if known and gap < -margin and seen < 0.5:
+                continue  # something else stands in front
+            both += seen
+            either += 1.0
+            if known and gap > -2 * margin:
+                readings += 1
+                hits += np.exp(-0.5 * (gap / margin) ** 2)
+    return both / either, hits, readings
+
+
+@kernel
+@no_type_check
 def agreement(points, Ts, focal, outline, measured, margin):
     """Compare poses (c, 4, 4) with what was seen.
 
@@ -49,28 +78,17 @@ def agreement(points, Ts, focal, outline, measured, margin):
     gaps = np.empty(side * side)
     result = np.zeros((len(Ts), 4))
     for c in range(len(Ts)):
-        splat(points, Ts[c], focal, near, owner)
-        both, either = 0.0, 1e-9
-        count, hits, readings = 0, 0.0, 0
+        overlap, hits, readings = _compare(
+            points, Ts[c], focal, outline, measured, margin, near, owner
+        )
+        count = 0
         for row in range(side):
             for column in range(side):
-                seen = outline[row, column]
-                if owner[row, column] < 0:
-                    either += seen
-                    continue
-                gap = measured[row, column] - near[row, column]
-                known = measured[row, column] > 0
-                if known and seen > 0.5:
-                    gaps[count] = gap
+                known = owner[row, column] >= 0 and measured[row, column] > 0
+                if known and outline[row, column] > 0.5:
+                    gaps[count] = measured[row, column] - near[row, column]
                     count += 1
-                if known and gap < -margin and seen < 0.5:
-                    continue  # something else stands in front
-                both += seen
-                either += 1.0
-                if known and gap > -2 * margin:
-                    readings += 1
-                    hits += np.exp(-0.5 * (gap / margin) ** 2)
-        result[c, 0] = both / either
+        result[c, 0] = overlap
         result[c, 1] = hits / max(readings, 1)
         result[c, 2] = readings
         result[c, 3] = np.median(gaps[:count]) if count > 0 else np.nan
@@ -221,25 +239,6 @@ def _in_plane(T, axis, size, middle, radius):
 @kernel
 @no_type_check
 def _rim(points, T, focal, outline, measured, margin, depth_weight, least, near, owner):
-    """Overlap and weighted depth agreement of one pose, as `agreement` has them."""
-    side = outline.shape[0]
-    splat(points, T, focal, near, owner)
-    both, either, hits, readings = 0.0, 1e-9, 0.0, 0
-    for row in range(side):
-        for column in range(side):
-            seen = outline[row, column]
-            if owner[row, column] < 0:
-                either += seen
-                continue
-            known = measured[row, column] > 0
-            gap = measured[row, column] - near[row, column]
-            if known and gap < -margin and seen < 0.5:
-                continue  # something else stands in front
-            both += seen
-            either += 1.0
-            if known and gap > -2 * margin:
-                readings += 1
-                hits += np.exp(-0.5 * (gap / margin) ** 2)
-    if readings < least:
-        return both / either
-    return both / either + depth_weight * hits / readings
+    """Overlap and weighted depth agreement of one pose."""
+    overlap, hits, readings = _compare(points, T, focal, outline, measured, margin, near, owner)
+    return overlap if readings < least else overlap + depth_weight * hits / readings

@@ -13,7 +13,7 @@ import pytest
 from asdfviz.annotate.records import TRACKED
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import carrying
-from asdfviz.app.carrying import plan
+from asdfviz.app.carrying import Carry, plan
 from asdfviz.app.jobs import Background
 from asdfviz.app.panels import tracking
 from asdfviz.app.snapshot import take
@@ -129,6 +129,12 @@ def ended(workspace: Workspace) -> Any:
     return workspace.carrying
 
 
+def tracked(workspace: Workspace, carry: Carry) -> Any:
+    """Track to the end; how it ended."""
+    Background(workspace).track(carry)
+    return ended(workspace)
+
+
 def annotate(workspace: Workspace, place: int, provenance: str = "keys") -> None:
     T = pose_of(workspace.assembly, place)
     workspace.store.set_pose(FIRST + place, "jaw", T, provenance=provenance)
@@ -140,8 +146,7 @@ def test_a_part_is_tracked_both_ways_and_undone_in_one_step(
 ) -> None:
     workspace = opened(with_depth=with_depth)
     annotate(workspace, 3)
-    Background(workspace).track(plan(workspace, View(place=3, selected="jaw"), "both"))
-    status = ended(workspace)
+    status = tracked(workspace, plan(workspace, View(place=3, selected="jaw"), "both"))
     assert (status.state, status.done) == ("done", COUNT - 1)
     shown = [workspace.poses(place, None)["jaw"] for place in range(COUNT)]
     assert [s.stage for s in shown] == [
@@ -159,8 +164,7 @@ def test_frames_without_depth_among_others_are_tracked_too(
 ) -> None:
     workspace = opened(without_depth=without_depth)
     annotate(workspace, 3)
-    Background(workspace).track(plan(workspace, View(place=3, selected="jaw"), "forward"))
-    status = ended(workspace)
+    status = tracked(workspace, plan(workspace, View(place=3, selected="jaw"), "forward"))
     assert (status.state, status.done) == ("done", COUNT - 4)
     assert max(off_mm(workspace, place) for place in range(3, COUNT)) < 5
 
@@ -177,8 +181,7 @@ def test_what_a_person_set_stays_and_is_started_from(opened: Open) -> None:
     assert list(carry.keyframes["jaw"]) == [0]
     far = plan(workspace, View(place=0, selected="jaw"), "forward")
     assert sorted(far.keyframes["jaw"]) == [0, 4]
-    Background(workspace).track(carry)
-    assert ended(workspace).done == 2
+    assert tracked(workspace, carry).done == 2
     assert off_mm(workspace, 1) < 3  # an earlier tracked pose is replaced
     assert workspace.store.pose(FIRST + 2, "jaw").T_camera_part is None  # pyright: ignore[reportOptionalMemberAccess]
     np.testing.assert_array_equal(workspace.poses(4, None)["jaw"].T_camera_part, wrong)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from asdfviz.app import theme
+from asdfviz.app.history import range_in_words
 from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.markup import EYE, act, bar, button, chip, empty, heading, number, table, text
 from asdfviz.app.panels import tracking, verdicts
@@ -207,8 +208,7 @@ def _copy_button() -> str:
 
 def _state(snap: Snapshot) -> str:
     view = snap.view
-    first, last = (snap.workspace.indices[place] for place in view.frames)
-    where = f"frame {first}" if first == last else f"frames {first} to {last}"
+    where = range_in_words(*(snap.workspace.indices[place] for place in view.frames))
     if view.marking is not None:
         where += ", M ends the range"
     clear = (

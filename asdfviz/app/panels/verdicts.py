@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from asdfviz.app.items import ANNOTATION
 from asdfviz.app.markup import act, button
 from asdfviz.app.snapshot import Snapshot
 
@@ -45,9 +44,7 @@ def content(snap: Snapshot, name: str) -> str:
 
 def clear_label(snap: Snapshot) -> str:
     """Only where a label was set by hand."""
-    first, last = snap.view.frames
-    row = next(row for row in snap.rows if row.key == ANNOTATION)
-    if not any(row.marks[first : last + 1]):
+    if not snap.workspace.is_labelled(*snap.view.frames):
         return ""
     return button(
         "Take label away",
