@@ -13,6 +13,7 @@ from jaxtyping import Float32, Float64, Int64
 from torch import Tensor
 
 from asdfviz.datatypes import Mesh
+from asdfviz.synth.memory import keep_freed_memory
 from asdfviz.synth.tensors import invert, to_tensor, transform_each, unit
 
 CREASE = np.deg2rad(34.0)
@@ -142,6 +143,7 @@ class MeshBank:
             device: where to.
             casters: simpler meshes, by index, that throw the shadows of those.
         """
+        keep_freed_memory()
         normals = [corner_normals(mesh) for mesh in meshes]
         bank = cls._upload(meshes, normals, device)
         if not casters:
