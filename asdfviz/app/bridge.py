@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
+import sys
 from collections.abc import Mapping
 from typing import Any, Literal, cast, get_args, get_origin, get_type_hints
 
@@ -103,7 +103,8 @@ def _fits(value: object, hint: Any) -> bool:
         return any(type(value) is type(known) and value == known for known in get_args(hint))
     if hint is float:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        return number and math.isfinite(cast(float, value))
+        # Not isfinite: an integer may have more digits than any float has room for.
+        return number and abs(cast(float, value)) <= sys.float_info.max
     if hint is int:
         return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**9
     if type(None) in get_args(hint):

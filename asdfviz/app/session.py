@@ -95,7 +95,7 @@ def _zoom(view: View, action: act.Zoom, facts: Facts) -> View:
         centre_of(view, facts),
         zoom=view.zoom,
         factor=action.factor,
-        ndc=(action.x, action.y),
+        ndc=(min(max(action.x, -1.0), 1.0), min(max(action.y, -1.0), 1.0)),
     )
     return replace(view, zoom=zoom, centre=centre, turns=view.turns + 1)
 

@@ -43,6 +43,8 @@ def test_known_requests(message: str, action: act.Action) -> None:
         '{"kind": "Seek", "place": 1e99}',
         '{"kind": "Seek", "place": 99999999999}',
         '{"kind": "Zoom", "factor": NaN}',
+        '{"kind": "Zoom", "factor": -Infinity}',
+        pytest.param('{"kind": "Zoom", "factor": 1' + "0" * 400 + "}", id="400 digits"),
         '{"kind": "ShowTab", "tab": "secrets"}',
         '{"kind": "MovePart", "part": "jaw"}',
         '{"kind": "Changed"}',

@@ -90,6 +90,8 @@ def test_zoom_and_fit() -> None:
     assert view.centre[0] > 320
     assert after(view, act.FitView()).centre is None
     assert after(view, act.Zoom(-1.0)) == view
+    # There is nothing beyond the window's edge.
+    assert after(View(), act.Zoom(2.0, 1e308, -1e308)) == after(View(), act.Zoom(2.0, 1.0, -1.0))
 
 
 def test_looking_around_counts_only_when_magnified() -> None:
