@@ -96,13 +96,31 @@ def open_edit_file(path: Path, about: About) -> sqlite3.Connection:
     return connection
 
 
-def read_identity(path: Path) -> str | None:
-    """Return what an annotation file says of its sequence besides the name; None if nothing.
+def read_about(path: Path) -> dict[str, str]:
+    """What a whole and known file says of itself and its sequence; it is read without being changed.
 
     Raises:
-        AnnotationError: it is no annotation file, or cannot be read.
+        AnnotationError: it is no annotation file, damaged or newer, or cannot be read.
     """
-    return _about(path).get("identity")
+    with path.open("rb") as file:
+        if file.read(16) != b"SQLite format 3\0":
+            raise AnnotationError(f"{path} is not an annotation file; move it away to begin anew")
+    # The path is escaped: '?' and '#' would end it in a URI.
+    uri = f"{path.resolve().as_uri()}?mode=ro"
+    try:
+        with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_SECONDS)) as connection:
+            _check_format(connection, path)
+            damage = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if damage != "ok":
+                raise sqlite3.DatabaseError(damage)
+            return dict(connection.execute("SELECT key, value FROM about"))
+    except sqlite3.OperationalError as error:
+        raise AnnotationError(f"annotation {path} cannot be read: {error}") from error
+    except sqlite3.DatabaseError as error:
+        raise AnnotationError(
+            f"annotation {path} is damaged ({error}) and was left as it is; "
+            "move it away or bring back a copy"
+        ) from error
 
 
 def file_id(path: Path) -> tuple[int, int] | None:
@@ -173,7 +191,7 @@ def _create(path: Path, about: About) -> None:
 
 
 def _look_over(path: Path, about: About) -> None:
-    found = _about(path)
+    found = read_about(path)
     if found.get("sequence") != about.sequence:
         raise _of_another(path, "sequence", found.get("sequence"), about.sequence)
     if about.identity not in (None, found.get("identity", about.identity)):
@@ -198,29 +216,6 @@ def _is_taken_over(path: Path, assembly: str) -> bool:
         free = "key = 'assembly' AND NOT EXISTS (SELECT 1 FROM edits)"
         done = connection.execute(f"UPDATE about SET value = ? WHERE {free}", (assembly,))
         return done.rowcount == 1
-
-
-def _about(path: Path) -> dict[str, str]:
-    """What a whole and known file says of itself; it is read without being changed."""
-    with path.open("rb") as file:
-        if file.read(16) != b"SQLite format 3\0":
-            raise AnnotationError(f"{path} is not an annotation file; move it away to begin anew")
-    # The path is escaped: '?' and '#' would end it in a URI.
-    uri = f"{path.resolve().as_uri()}?mode=ro"
-    try:
-        with closing(sqlite3.connect(uri, uri=True, timeout=BUSY_SECONDS)) as connection:
-            _check_format(connection, path)
-            damage = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
-            if damage != "ok":
-                raise sqlite3.DatabaseError(damage)
-            return dict(connection.execute("SELECT key, value FROM about"))
-    except sqlite3.OperationalError as error:
-        raise AnnotationError(f"annotation {path} cannot be read: {error}") from error
-    except sqlite3.DatabaseError as error:
-        raise AnnotationError(
-            f"annotation {path} is damaged ({error}) and was left as it is; "
-            "move it away or bring back a copy"
-        ) from error
 
 
 def _check_format(connection: sqlite3.Connection, path: Path) -> None:

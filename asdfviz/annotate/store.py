@@ -199,6 +199,11 @@ class AnnotationStore:
         found = self._edits("kind = 'seed' AND undone = 0 ORDER BY id DESC LIMIT 1", ())
         return Seed(**found[0].payload) if found else Seed()
 
+    def note(self, key: str, value: str) -> None:
+        """Keep something that the file says of its sequence; see `edit_file.read_about`."""
+        with self.transaction() as connection:
+            connection.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (key, value))
+
     def version(self) -> int:
         """A number that rises with every change by anybody, undo and redo included."""
         return self._query("SELECT coalesce(max(id), 0) FROM edits", ())[0][0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import sqlite3
@@ -156,3 +157,96 @@ def test_a_short_capture_that_goes_on_keeps_its_file(tmp_path: Path, boxes: Asse
         assert store.pose(0, "lid") is not None
     other = capture(tmp_path / "other", boxes, light=90)
     assert own_annotation_file(other, folder=notes).name == "take-2.db"
+
+
+def corrected(sequence: Sequence, assembly: Assembly, notes: Path) -> list[int]:
+    """The frames whose lid was corrected."""
+    with open_annotation(sequence, assembly, folder=notes) as store:
+        return [frame for frame, _ in store.poses()]
+
+
+def correct_lid(sequence: Sequence, assembly: Assembly, notes: Path) -> None:
+    with open_annotation(sequence, assembly, folder=notes) as store:
+        store.set_pose(0, "lid", np.eye(4))
+
+
+@pytest.mark.parametrize("numbers", [[0], [3], [7], [0, 1, 2, 4, 5, 6, 7]])
+@pytest.mark.parametrize("left", [0, 40])
+def test_damaged_pictures_hide_no_corrections(
+    tmp_path: Path, boxes: Assembly, numbers: list[int], left: int
+) -> None:
+    sequence, notes = capture(tmp_path / "one", boxes, light=10), tmp_path / "notes"
+    correct_lid(sequence, boxes, notes)
+    for number in numbers:
+        file = Path(sequence.path) / "rgb" / f"{number:06d}.png"
+        file.write_bytes(file.read_bytes()[:left])
+    assert corrected(sequence, boxes, notes) == [0]
+    assert names(notes) == ["take.db"]
+    # Another capture of the name is another, damaged or not.
+    other = capture(tmp_path / "other", boxes, light=90)
+    (Path(other.path) / "rgb" / "000003.png").write_bytes(b"")
+    assert corrected(other, boxes, notes) == []
+    assert names(notes) == ["take-2.db", "take.db"]
+
+
+def test_a_picture_that_is_whole_again_hides_no_corrections(
+    tmp_path: Path, boxes: Assembly
+) -> None:
+    sequence, notes = capture(tmp_path / "one", boxes, light=10), tmp_path / "notes"
+    file = Path(sequence.path) / "rgb" / "000003.png"
+    whole = file.read_bytes()
+    file.write_bytes(whole[:40])
+    correct_lid(sequence, boxes, notes)
+    for content in (whole, whole[:40], b"", whole):
+        file.write_bytes(content)
+        assert corrected(sequence, boxes, notes) == [0]
+    assert names(notes) == ["take.db"]
+
+
+def test_a_picture_that_the_disk_does_not_give_hides_no_corrections(
+    tmp_path: Path, boxes: Assembly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence, notes = capture(tmp_path / "one", boxes, light=10), tmp_path / "notes"
+    correct_lid(sequence, boxes, notes)
+    read = Path.read_bytes
+
+    def failing(path: Path) -> bytes:
+        if path.name == "000003.png":
+            raise OSError(5, "Input/output error")
+        return read(path)
+
+    monkeypatch.setattr(Path, "read_bytes", failing)
+    assert corrected(sequence, boxes, notes) == [0]
+
+
+def test_a_file_from_before_pictures_were_noted_is_found(tmp_path: Path, boxes: Assembly) -> None:
+    sequence, notes = capture(tmp_path / "one", boxes, light=10), tmp_path / "notes"
+    images = sorted((Path(sequence.path) / "rgb").iterdir())
+    named = b"".join(image.name.encode() + b"\0" + image.read_bytes() for image in images)
+    identity = hashlib.sha256(named).hexdigest()
+    assert sequence_identity(sequence) == identity
+    file = notes / "take.db"
+    with AnnotationStore(
+        file, sequence_name="take", assembly_name="boxes", identity=identity
+    ) as store:
+        store.set_pose(0, "lid", np.eye(4))
+    assert corrected(sequence, boxes, notes) == [0]
+    images[2].write_bytes(b"")  # opened once, it is known by its pictures
+    assert corrected(sequence, boxes, notes) == [0]
+
+
+def test_a_sequences_very_own_file_goes_before_one_that_is_like_it(
+    tmp_path: Path, boxes: Assembly
+) -> None:
+    """The first pictures of a capture alone, which once got a file of their own, keep it."""
+    long, notes = capture(tmp_path / "one", boxes, light=10), tmp_path / "notes"
+    correct_lid(long, boxes, notes)
+    short = capture(tmp_path / "short", boxes, light=10)
+    for number in range(3, 8):
+        (Path(short.path) / "rgb" / f"{number:06d}.png").unlink()
+    identity = sequence_identity(short)
+    AnnotationStore(
+        notes / "take-2.db", sequence_name="take", assembly_name="boxes", identity=identity
+    ).close()
+    assert own_annotation_file(short, folder=notes) == notes / "take-2.db"
+    assert own_annotation_file(long, folder=notes) == notes / "take.db"
