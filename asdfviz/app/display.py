@@ -8,6 +8,7 @@ from typing import Any
 
 from asdfviz.app import actions as act
 from asdfviz.app import camera, hotkeys
+from asdfviz.app.notes import Notes
 from asdfviz.app.page import Page
 from asdfviz.app.playback import DECODE_ROUNDS, SLOTS, wait_until_shown
 from asdfviz.app.scene import Scene
@@ -21,7 +22,6 @@ from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
 _AHEAD = 12
 """Frames that are decoded before they are needed."""
-_NOTE_SECONDS = 6.0
 
 
 class Display:
@@ -38,6 +38,7 @@ class Display:
         self._workspace = workspace
         self._turns = -1
         self._unreadable: int | None = None
+        self._notes = Notes(client)
         with client.atomic():
             self._page = Page(client.gui, methods)
             self._scene = Scene(client, workspace, emit)
@@ -82,14 +83,8 @@ class Display:
             return None
 
     def tell(self, title: str, body: str, *, color: Any) -> None:
-        """Show a notification; a long one about a problem stays until it is closed."""
-        self._client.add_notification(
-            title,
-            body,
-            with_close_button=True,
-            auto_close_seconds=None if color == "red" and len(body) > 140 else _NOTE_SECONDS,
-            color=color,
-        )
+        """Show a note; a red one, about a problem, stays until it is closed."""
+        self._notes.tell(title, body, color=color)
 
     def _send_ahead(self, view: View) -> None:
         coming = range(view.place + 1, min(view.place + SLOTS, len(self._workspace.indices)))
