@@ -14,6 +14,14 @@ from asdfviz.app.job_actions import (
     StopTracking,
     TrackPart,
 )
+from asdfviz.app.label_actions import (
+    ClearState,
+    MarkRange,
+    NextState,
+    RepeatState,
+    SetRange,
+    SetState,
+)
 from asdfviz.geometry.shapes import Transform
 
 Tab = Literal["sequence", "methods", "annotate", "results"]
@@ -29,6 +37,8 @@ class Seek:
     """Go to a frame's place."""
 
     place: int
+    part: str | None = None
+    """Select this part there as well, whichever tab is shown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,31 +223,6 @@ class VerifyPart:
 
 
 @dataclass(frozen=True, slots=True)
-class ClearState:
-    """Take the state label of the frame or the marked range away."""
-
-
-@dataclass(frozen=True, slots=True)
-class SetState:
-    """Set the state (an index of the assembly, errors included) of the frame or the marked range."""
-
-    state: int
-
-
-@dataclass(frozen=True, slots=True)
-class SetRange:
-    """Mark frames, first to last, and show one of them."""
-
-    first: int
-    last: int
-
-
-@dataclass(frozen=True, slots=True)
-class MarkRange:
-    """Begin a range at this frame, or end it here."""
-
-
-@dataclass(frozen=True, slots=True)
 class Cancel:
     """Close a card, drop the range, then the selection."""
 
@@ -289,7 +274,8 @@ class Changed:
 Action: TypeAlias = (
     Seek | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
-    | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | SetState | ClearState | SetRange | MarkRange | Cancel
+    | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | Cancel
+    | SetState | NextState | RepeatState | ClearState | SetRange | MarkRange
     | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | StopTracking | ToggleKeys | DismissWelcome
     | Resized | Drifted | Changed
 )  # fmt: skip

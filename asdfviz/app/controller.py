@@ -18,14 +18,14 @@ from asdfviz.app import actions as act
 from asdfviz.app import camera
 from asdfviz.app.bridge import parse
 from asdfviz.app.carrying import plan
-from asdfviz.app.desk import Burst, carried
+from asdfviz.app.desk import Burst, dragged
 from asdfviz.app.display import Display
 from asdfviz.app.editing import Edits, apply_edit
-from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
+from asdfviz.app.places import edited
 from asdfviz.app.playback import Pace, wait_until_shown
-from asdfviz.app.session import edited, settled, update
+from asdfviz.app.session import settled, update
 from asdfviz.app.snapshot import take
 from asdfviz.app.view import View
 from asdfviz.app.welcome import is_first_visit, remember_visit
@@ -240,7 +240,8 @@ class Controller:
         done = apply_edit(action, self.view, self._workspace, burst=self._burst, now=now)
         self._burst = done.burst
         self._status = f"{done.message}, saved"
-        self.view = edited(self.view, action, done.place, self._workspace.facts())
+        facts = self._workspace.facts()
+        self.view = edited(self.view, action, done.place, facts, state=done.state)
         self._follow_seed()
         self._workspace.changed()
 
@@ -284,11 +285,7 @@ class Controller:
         frame = self._display.frame(view.place)
         snap = take(self._workspace, view, frame=frame, status=self._status)
         if self._drag is not None and self._drag.place == view.place:
-            moved = carried(
-                self._workspace, view, part=self._drag.part, T_camera_part=self._drag.T_camera_part
-            )
-            for part, T_camera_part in moved.items():
-                snap.poses[part] = Shown(T_camera_part, ANNOTATION, "annotated")
+            snap.poses.update(dragged(self._workspace, view, self._drag))
         return self._display.show(snap, self._worst_now())
 
     def _worst_now(self) -> tuple[WorstFrame, ...]:

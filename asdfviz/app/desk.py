@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from asdfviz.annotate.edits import moved_group, previous_pose
+from asdfviz.app.actions import MovePart
 from asdfviz.app.history import range_in_words
+from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
@@ -45,6 +47,8 @@ class Done:
     message: str
     place: int
     burst: Burst = Burst()
+    state: int | None = None
+    """The state that was set, if one was."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,3 +135,11 @@ def carried(
     poses = {name: pose.T_camera_part for name, pose in shown.items()}
     attached = workspace.attached(view.place, view.base)
     return moved_group(poses, part, T_camera_part, attached=attached)
+
+
+def dragged(workspace: Workspace, view: View, drag: MovePart) -> dict[str, Shown]:
+    """The poses to draw while a part is held: nothing of them is kept yet."""
+    moved = carried(workspace, view, part=drag.part, T_camera_part=drag.T_camera_part)
+    return {
+        part: Shown(T_camera_part, ANNOTATION, "annotated") for part, T_camera_part in moved.items()
+    }

@@ -11,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from asdfviz.annotate.edits import nudged, rotated
-from asdfviz.annotate.records import label_of
 from asdfviz.app import actions as act
-from asdfviz.app import verdicts
+from asdfviz.app import labels, verdicts
 from asdfviz.app.ar import look_direction
 from asdfviz.app.desk import Burst, Desk, Done
 from asdfviz.app.history import frames_of, in_words, place_to_show
@@ -35,6 +34,8 @@ Edits = (
     | act.RemovePart
     | act.VerifyPart
     | act.SetState
+    | act.NextState
+    | act.RepeatState
     | act.ClearState
     | act.Undo
     | act.Redo
@@ -63,8 +64,8 @@ def _dispatch(action: Edits, desk: Desk) -> Done:
     match action:
         case act.Undo() | act.Redo():
             return _switch(action, desk)
-        case act.SetState():
-            return _set_state(action, desk)
+        case act.SetState() | act.NextState() | act.RepeatState() | act.ClearState():
+            return labels.give(action, desk)
         case act.MovePart():
             return _drag(action, desk)
         case act.Nudge() | act.Turn():
@@ -75,7 +76,7 @@ def _dispatch(action: Edits, desk: Desk) -> Done:
             return _place(action, desk)
         case act.RevertPart():
             return _revert(desk)
-        case act.RemovePart() | act.VerifyPart() | act.ClearState():
+        case act.RemovePart() | act.VerifyPart():
             return verdicts.give(action, desk)
 
 
@@ -159,17 +160,6 @@ def _revert(desk: Desk) -> Done:
     store.drop_pose(desk.frame, desk.part, group=desk.group)
     said = f"dropped the correction of {desk.part} in frame {desk.frame}"
     return Done(said, desk.view.place)
-
-
-def _set_state(action: act.SetState, desk: Desk) -> Done:
-    states = desk.workspace.assembly.states
-    if not 0 <= action.state < len(states):
-        raise AnnotationError(f"there is no state {action.state}; states: 0 to {len(states) - 1}")
-    desk.begin()
-    first, last = desk.span
-    label = label_of(states[action.state])
-    desk.workspace.store.set_state(first, label, last_frame=last, group=desk.group)
-    return Done(f"state of {desk.where}: {states[action.state].name}", desk.view.place)
 
 
 def _switch(action: act.Undo | act.Redo, desk: Desk) -> Done:

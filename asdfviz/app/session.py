@@ -12,6 +12,7 @@ from typing import Any
 
 from asdfviz.app import actions as act
 from asdfviz.app.ar import clamp_centre, zoom_about
+from asdfviz.app.places import at, mark_range, set_range, step, to_boundary
 from asdfviz.app.view import SPEEDS, STEPS_MM, TRUTH, Facts, View, centre_of, window_of
 
 
@@ -19,13 +20,6 @@ def update(view: View, action: act.Action, facts: Facts) -> View:
     """The view after an action; edits and jobs leave it as it is."""
     rule = _RULES.get(type(action))
     return view if rule is None else rule(view, action, facts)
-
-
-def edited(view: View, action: act.Action, place: int, facts: Facts) -> View:
-    """The view after an edit was kept: at the frame that it leads to, its range used up."""
-    if isinstance(action, act.SetState | act.ClearState | act.RemovePart | act.VerifyPart):
-        view = replace(view, marked=None, marking=None)
-    return _at(view, place, facts)
 
 
 def settled(view: View, facts: Facts) -> View:
@@ -44,29 +38,10 @@ def settled(view: View, facts: Facts) -> View:
     )
 
 
-def _at(view: View, place: int, facts: Facts) -> View:
-    place = min(max(place, 0), facts.count - 1)
-    marked = view.marked
-    if view.marking is not None:
-        marked = (min(view.marking, place), max(view.marking, place))
-    return replace(view, place=place, marked=marked)
-
-
 def _seek(view: View, action: act.Seek, facts: Facts) -> View:
-    return _at(view, action.place, facts)
-
-
-def _step(view: View, action: act.Step, facts: Facts) -> View:
-    return _at(replace(view, playing=False), view.place + action.by, facts)
-
-
-def _to_boundary(view: View, action: act.ToBoundary, facts: Facts) -> View:
-    ahead = [b for b in facts.boundaries if (b - view.place) * action.direction > 0]
-    if not ahead:
-        end = facts.count - 1 if action.direction > 0 else 0
-        return _at(replace(view, playing=False), end, facts)
-    target = min(ahead) if action.direction > 0 else max(ahead)
-    return _at(replace(view, playing=False), target, facts)
+    if action.part in facts.parts:
+        view = replace(_select(view, act.SelectPart(action.part), facts), tab=view.tab)
+    return at(view, action.place, facts)
 
 
 def _toggle_play(view: View, action: act.TogglePlay, facts: Facts) -> View:
@@ -74,7 +49,7 @@ def _toggle_play(view: View, action: act.TogglePlay, facts: Facts) -> View:
     if facts.count < 2:
         return view
     at_end = view.place == facts.count - 1 and not view.playing
-    return _at(replace(view, playing=not view.playing), 0 if at_end else view.place, facts)
+    return at(replace(view, playing=not view.playing), 0 if at_end else view.place, facts)
 
 
 def _set_speed(view: View, action: act.SetSpeed, facts: Facts) -> View:
@@ -188,21 +163,6 @@ def _cycle_step(view: View, action: act.CycleStep, facts: Facts) -> View:
     return replace(view, step=(view.step + 1) % len(STEPS_MM))
 
 
-def _set_range(view: View, action: act.SetRange, facts: Facts) -> View:
-    first, last = sorted((action.first, action.last))
-    first, last = (min(max(place, 0), facts.count - 1) for place in (first, last))
-    place = min(max(view.place, first), last)
-    return replace(view, place=place, marked=(first, last), marking=None, tab="annotate")
-
-
-def _mark_range(view: View, action: act.MarkRange, facts: Facts) -> View:
-    del action
-    if view.marking is None:
-        place = view.place
-        return replace(view, marking=place, marked=(place, place), tab="annotate")
-    return replace(_at(view, view.place, facts), marking=None)
-
-
 def _cancel(view: View, action: act.Cancel, facts: Facts) -> View:
     del action, facts
     if view.keys or view.asking is not None:
@@ -240,8 +200,8 @@ def _pause(view: View, action: act.Action, facts: Facts) -> View:
 
 _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.Seek: _seek,
-    act.Step: _step,
-    act.ToBoundary: _to_boundary,
+    act.Step: step,
+    act.ToBoundary: to_boundary,
     act.TogglePlay: _toggle_play,
     act.SetSpeed: _set_speed,
     act.ToggleView: _toggle_view,
@@ -261,8 +221,8 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.SelectPart: _select,
     act.NextPart: _next_part,
     act.CycleStep: _cycle_step,
-    act.SetRange: _set_range,
-    act.MarkRange: _mark_range,
+    act.SetRange: set_range,
+    act.MarkRange: mark_range,
     act.Cancel: _cancel,
     act.ShowTab: _show_tab,
     act.AskOptions: _ask_options,
@@ -273,5 +233,7 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.MovePart: _pause,
     act.RemovePart: _pause,
     act.VerifyPart: _pause,
+    act.NextState: _pause,
+    act.RepeatState: _pause,
     act.TrackPart: _pause,
 }

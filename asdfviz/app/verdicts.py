@@ -1,4 +1,4 @@
-"""What a person says of frames without moving anything: not here, looked at and right, no state.
+"""What a person says of a part without moving it: not here, looked at and right.
 
 A verdict holds for the frame shown, or for the marked range around it, as one step of undo.
 """
@@ -14,7 +14,7 @@ from asdfviz.app.items import Shown
 from asdfviz.errors import AnnotationError
 
 
-def give(action: act.RemovePart | act.VerifyPart | act.ClearState, desk: Desk) -> Done:
+def give(action: act.RemovePart | act.VerifyPart, desk: Desk) -> Done:
     """Keep a verdict.
 
     Raises:
@@ -25,8 +25,6 @@ def give(action: act.RemovePart | act.VerifyPart | act.ClearState, desk: Desk) -
             return _remove(desk)
         case act.VerifyPart():
             return _verify(desk)
-        case act.ClearState():
-            return _clear_state(desk)
 
 
 def _remove(desk: Desk) -> Done:
@@ -72,15 +70,6 @@ def _verify(desk: Desk) -> Done:
                 group=desk.group,
             )
     return _done(desk, [pose[:2] for pose in fresh], "verified in")
-
-
-def _clear_state(desk: Desk) -> Done:
-    """Take the label of the frames away; what corrections started from counts again."""
-    if not desk.workspace.is_labelled(*desk.view.frames):
-        raise AnnotationError(f"no state was set by hand in {desk.where}")
-    first, last = desk.span
-    desk.workspace.store.set_state(first, None, last_frame=last, group=desk.group)
-    return Done(f"state label taken from {desk.where}", desk.view.place)
 
 
 def _meant(desk: Desk) -> Iterator[tuple[int, str, Shown | None]]:

@@ -76,6 +76,10 @@ class View:
     """Places that a state is set for while one of them is shown, first to last."""
     marking: int | None = None
     """Where a range was begun by key."""
+    served: bool = False
+    """Whether the keys go through states for the marked range, which ends with the next frame."""
+    state: int | None = None
+    """The state (an index of the assembly) that was set last."""
     tab: act.Tab = "sequence"
     keys: bool = False
     welcome: bool = False

@@ -14,6 +14,7 @@ from asdfviz.app.bridge import KINDS, parse
     ("message", "action"),
     [
         ('{"kind": "Seek", "place": 3, "n": 7}', act.Seek(3)),
+        ('{"kind": "Seek", "place": 3, "part": "jaw"}', act.Seek(3, "jaw")),
         ('{"kind": "Zoom", "factor": 2}', act.Zoom(2.0)),
         ('{"kind": "Zoom", "factor": 1.5, "x": 0.5, "y": -1}', act.Zoom(1.5, 0.5, -1.0)),
         ('{"kind": "SelectPart", "part": null}', act.SelectPart(None)),

@@ -110,6 +110,17 @@ def test_a_range_serves_for_one_state(opened: Open, with_run: Workspace) -> None
     tab.wait(30.0)
 
 
+def test_keys_go_through_the_states_of_a_range(opened: Open, with_run: Workspace) -> None:
+    tab, _ = opened(base="first", marked=(1, 3))
+    for action in (act.NextState(1), act.NextState(1), act.Seek(6), act.RepeatState()):
+        tab.emit(action)
+    until(lambda: with_run.store.state(106))
+    labels = [with_run.store.state(100 + place) for place in range(8)]
+    assert [label and label.state for label in labels] == [None, 2, 2, 2, None, None, 2, None]
+    tab.close()
+    tab.wait(30.0)
+
+
 def test_what_corrections_start_from_is_drawn_in_every_tab(
     opened: Open, with_run: Workspace
 ) -> None:

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from asdfviz.annotate.records import StateLabel
+from asdfviz.app import actions as act
 from asdfviz.app import chrome, hotkeys, welcome
+from asdfviz.app.bridge import parse
 from asdfviz.app.items import JobStatus
 from asdfviz.app.markup import number
 from asdfviz.app.panels import annotate, methods, options, results, sequence
@@ -19,6 +21,7 @@ from asdfviz.app.session import settled
 from asdfviz.app.snapshot import Snapshot, take
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
+from asdfviz.app.worst import WorstFrame
 from asdfviz.datatypes import Assembly, Run, Stage
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.geometry.transforms import rotation_about
@@ -55,6 +58,17 @@ class Balance(HTMLParser):
     def handle_endtag(self, tag: str) -> None:
         if tag != "path":
             assert self.open.pop() == tag
+
+
+class Pressed(HTMLParser):
+    """What the page would send for each element that can be pressed."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.messages: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.messages += [value or "" for name, value in attrs if name == "data-act"]
 
 
 def snapshot(workspace: Workspace, view: View | None = None, **changes: object) -> Snapshot:
@@ -205,6 +219,11 @@ def test_the_sheet_names_every_key_that_is_not_shared() -> None:
     assert {"Space", "Ctrl Z", "I K J L U O", "Shift + same"} <= shown
 
 
+def test_the_sheet_has_keys_for_states() -> None:
+    keys = {key for key, _ in hotkeys.sheet()["State"]}
+    assert {"Shift N", "Shift P", "Shift C", "M", "Shift Del"} == keys
+
+
 def test_cards_are_whole() -> None:
     for html in (welcome.card(), chrome.keys_sheet()):
         balance = Balance()
@@ -240,6 +259,13 @@ def test_nothing_can_be_judged_where_nothing_is_known(with_run: Workspace) -> No
     assert "Evaluate" not in html
     with_run.store.set_pose(100, "jaw", np.eye(4))
     assert "Evaluate" in results.content(snapshot(with_run), ())
+
+
+def test_a_worst_frame_is_gone_to_with_its_part(with_run: Workspace) -> None:
+    html = results.content(snapshot(with_run), (WorstFrame(3, 103, "jaw", 12.34),))
+    pressed = Pressed()
+    pressed.feed(html)
+    assert act.Seek(3, "jaw") in [parse(message) for message in pressed.messages]
 
 
 def test_a_method_that_needs_truth_cannot_be_run_without(with_run: Workspace) -> None:

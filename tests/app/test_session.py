@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from asdfviz.app import actions as act
-from asdfviz.app.session import edited, settled, update
+from asdfviz.app.places import edited
+from asdfviz.app.session import settled, update
 from asdfviz.app.view import TRUTH, Facts, View
 
 FACTS = Facts(
@@ -99,6 +100,15 @@ def test_looking_around_counts_only_when_magnified() -> None:
     assert after(View(zoom=2.0), act.Look(9999.0, -4.0)).centre == (639.0, 0.0)
 
 
+def test_a_part_may_be_gone_to_without_leaving_the_tab() -> None:
+    view = View(tab="results", hidden=frozenset({"jaw"}), selected="bolt")
+    gone = after(view, act.Seek(3, "jaw"))
+    assert (gone.place, gone.selected, gone.hidden) == (3, "jaw", frozenset())
+    assert gone.tab == "results"
+    for action in (act.Seek(3), act.Seek(3, "unheard-of")):
+        assert after(view, action).selected == "bolt"
+
+
 def test_parts_are_selected_in_a_circle() -> None:
     view = after(View(), act.NextPart(1))
     assert (view.selected, view.tab) == ("base", "annotate")
@@ -178,6 +188,22 @@ def test_a_statement_uses_its_range_up() -> None:
     for action in (act.SetState(1), act.ClearState(), act.VerifyPart(), act.RemovePart()):
         assert edited(view, action, 4, FACTS).marked is None
     assert edited(view, act.Nudge(0, 1), 4, FACTS).marked == (3, 5)
+
+
+def test_keys_that_go_through_states_serve_one_range() -> None:
+    view = edited(View(place=4, marked=(3, 5)), act.NextState(1), 4, FACTS, state=1)
+    view = edited(view, act.NextState(1), 4, FACTS, state=2)
+    assert (view.frames, view.state) == ((3, 5), 2)
+    assert after(view, act.Step(1)).marked is None
+    assert after(view, act.Step(1), act.Step(-1)).frames == (4, 4)
+    assert edited(view, act.RepeatState(), 4, FACTS, state=2).marked is None
+    for anew in (act.SetRange(2, 6), act.MarkRange()):
+        assert after(view, anew, act.Step(1)).marked is not None
+
+
+def test_states_that_were_set_are_remembered() -> None:
+    view = edited(View(), act.SetState(3), 0, FACTS, state=3)
+    assert edited(view, act.ClearState(), 0, FACTS).state == 3
 
 
 def test_cancel_takes_one_thing_at_a_time() -> None:

@@ -1,4 +1,4 @@
-"""Verdicts: what is not in a frame, what was looked at, and labels that are taken away."""
+"""Verdicts: what is not in a frame, and what was looked at."""
 
 from __future__ import annotations
 
@@ -82,20 +82,6 @@ def test_verifying_a_range_passes_over_frames_without_the_part(with_run: Workspa
     assert set(with_run.store.poses()) == {(101, "jaw"), (102, "jaw")}
     with pytest.raises(AnnotationError, match="no pose in frame 100 that could be right"):
         do(act.VerifyPart(), View(place=0, base="first", selected="jaw"))
-
-
-def test_a_label_is_taken_away(with_run: Workspace, do: Do) -> None:
-    do(act.SetState(1), RANGE)
-    assert do(act.ClearState(), View(place=3, base="first")).message == (
-        "state label taken from frame 103"
-    )
-    assert [m is not None for m in with_run.rows()[0].marks] == [i in (2, 4) for i in range(8)]
-    with pytest.raises(AnnotationError, match="no state was set by hand in frame 103"):
-        do(act.ClearState(), View(place=3, base="first"))
-    do(act.ClearState(), RANGE, now=1.0)
-    assert not any(with_run.rows()[0].marks)
-    assert do(act.Undo()).message == "undid: state label taken from frames 102 to 104"
-    assert [m is not None for m in with_run.rows()[0].marks] == [i in (2, 4) for i in range(8)]
 
 
 @pytest.mark.parametrize("action", [act.RemovePart(), act.VerifyPart()])

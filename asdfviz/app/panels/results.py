@@ -102,7 +102,7 @@ def _worst(worst: tuple[WorstFrame, ...], label: str) -> str:
     if not worst:
         return ""
     items = "".join(
-        f'<li class="ax-item ax-pick" {act("Seek", place=frame.place)}><span class="ax-main">'
+        f'<li class="ax-item ax-pick" {act("Seek", place=frame.place, part=frame.part)}><span class="ax-main">'
         f"<b>frame {frame.index}</b><small>{text(frame.part)}</small></span>"
         f'<span class="ax-num">{number(frame.error_mm, decimals=1, unit="mm")}</span></li>'
         for frame in worst
