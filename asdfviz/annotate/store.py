@@ -208,6 +208,12 @@ class AnnotationStore:
         """A number that rises with every change by anybody, undo and redo included."""
         return self._query("SELECT coalesce(max(id), 0) FROM edits", ())[0][0]
 
+    def corrections(self) -> int:
+        """A number that rises with every change of poses or states; a seed alone changes neither."""
+        spoken = "SELECT step FROM edits WHERE kind NOT IN ('seed', 'undo', 'redo')"
+        query = f"SELECT coalesce(max(id), 0) FROM edits WHERE step IN ({spoken})"
+        return self._query(query, ())[0][0]
+
     def history(self, *, after: int = 0) -> tuple[Edit, ...]:
         """Every row since version `after`, oldest first, what was undone and the undoing included."""
         return self._edits("id > ? ORDER BY id", (after,))

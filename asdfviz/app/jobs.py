@@ -102,8 +102,10 @@ def start_judging(workspace: Workspace) -> threading.Thread:
 
     def work() -> None:
         try:
+            # Read first: what is corrected meanwhile may or may not be in the truth.
+            corrections = workspace.store.corrections()
             truth = truth_of(workspace)
-            workspace.reports = tuple(
+            reports = tuple(
                 {
                     **evaluate_run(
                         loaded.run,
@@ -117,6 +119,7 @@ def start_judging(workspace: Workspace) -> threading.Thread:
                 }
                 for loaded in workspace.runs
             )
+            workspace.reports, workspace.judged = reports, corrections
         finally:
             workspace.is_judging = False
 

@@ -56,6 +56,8 @@ class Workspace:
         self.carrying: JobStatus | None = None
         """A tracker that carries annotated poses to other frames, or how it ended."""
         self.reports: tuple[Mapping[str, Any], ...] | None = None
+        self.judged = 0
+        """The corrections that the reports know of."""
         self.messages: tuple[Message, ...] = ()
         """What happened in the background; every tab shows those that it has not shown yet."""
         self.is_judging = False
@@ -69,6 +71,11 @@ class Workspace:
     def has_truth(self) -> bool:
         """Whether poses are known from the dataset."""
         return any(truth is not None and truth.T_camera_part for truth in self.truths)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether corrections were made since the runs were judged."""
+        return self.reports is not None and self.store.corrections() != self.judged
 
     @property
     def runs(self) -> tuple[LoadedRun, ...]:

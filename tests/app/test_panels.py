@@ -15,6 +15,7 @@ from asdfviz.app import actions as act
 from asdfviz.app import chrome, hotkeys, welcome
 from asdfviz.app.bridge import parse
 from asdfviz.app.items import JobStatus
+from asdfviz.app.jobs import start_judging
 from asdfviz.app.markup import number
 from asdfviz.app.panels import annotate, methods, options, results, sequence
 from asdfviz.app.session import settled
@@ -259,6 +260,16 @@ def test_nothing_can_be_judged_where_nothing_is_known(with_run: Workspace) -> No
     assert "Evaluate" not in html
     with_run.store.set_pose(100, "jaw", np.eye(4))
     assert "Evaluate" in results.content(snapshot(with_run), ())
+
+
+def test_figures_that_are_stale_say_so(with_run: Workspace) -> None:
+    start_judging(with_run).join(60)
+    assert "judge again" not in results.content(snapshot(with_run), ())
+    with_run.store.remove_pose(103, "jaw")
+    html = results.content(snapshot(with_run), ())
+    assert html.index("Corrections were made since these figures: judge again") < html.index(
+        'data-testid="report"'
+    )
 
 
 def test_a_worst_frame_is_gone_to_with_its_part(with_run: Workspace) -> None:

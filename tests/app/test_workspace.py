@@ -185,6 +185,26 @@ def test_judging(with_run: Workspace) -> None:
     assert worst[0].error_mm == pytest.approx(2.0)
 
 
+def test_figures_are_stale_once_something_was_corrected(with_run: Workspace) -> None:
+    store = with_run.store
+    store.set_state(104, None)
+    assert not with_run.is_stale
+    start_judging(with_run).join(60)
+    assert not with_run.is_stale
+    store.set_seed(with_run.seed_of("first"))  # what is drawn, but not what judges
+    store.undo()
+    assert not with_run.is_stale
+    for change in (
+        lambda: store.set_pose(101, "jaw", pose_of(1), group="drag"),
+        store.undo,
+        lambda: store.set_state(104, None),
+    ):
+        change()
+        assert with_run.is_stale
+        start_judging(with_run).join(60)
+        assert not with_run.is_stale
+
+
 def test_what_is_drawn_is_what_is_exported(with_run: Workspace) -> None:
     T = np.eye(4)
     T[2, 3] = 0.4

@@ -72,8 +72,16 @@ def _tables(snap: Snapshot) -> str:
     rows += [_figures(label, "mean", key, unit, known) for label, key, unit in _POSE]
     rows += [_figures(label, "state", key, unit, known) for label, key, unit in _STATE]
     rows.append(_figures("time of a frame", "runtime_ms", "total_median", "ms", known))
-    return f'<div data-testid="report">{table(heads, rows)}</div>' + "".join(
-        _by_part(labels[report["run"]].label, report) for report in known
+    report = f'{_stale(snap)}<div data-testid="report">{table(heads, rows)}</div>'
+    return report + "".join(_by_part(labels[report["run"]].label, report) for report in known)
+
+
+def _stale(snap: Snapshot) -> str:
+    if not snap.workspace.is_stale:
+        return ""
+    return (
+        '<p class="ax-stale" data-testid="stale">Corrections were made since these figures: '
+        "judge again.</p>"
     )
 
 
