@@ -178,6 +178,13 @@ class AnnotationStore:
             if edit.frame is not None and edit.part is not None and edit.kind != "drop_pose"
         }
 
+    def verdicts(self) -> dict[tuple[int, str], bool]:
+        """By frame and part: True where a pose was verified, False where a part is not there."""
+        latest = f"SELECT max(id) FROM edits WHERE {edit_file.POSE_KINDS} GROUP BY frame, part"
+        said = f"id IN ({latest}) AND kind IN ('verify', 'remove_pose') ORDER BY frame, part"
+        rows = self._query(f"SELECT frame, part, kind = 'verify' FROM edits WHERE {said}", ())
+        return {(frame, part): bool(verified) for frame, part, verified in rows}
+
     def state(self, frame: int) -> StateLabel | None:
         """The state that was last set for a frame; None where nobody set one."""
         where = (

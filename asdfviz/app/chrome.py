@@ -100,7 +100,7 @@ def keys_sheet() -> str:
     )
     close = button("Close", act("ToggleKeys"), classes="ax-primary", testid="keys-close")
     return (
-        '<div class="ax-card ax-wide" role="dialog" aria-label="Keys" data-testid="keys">'
+        '<div class="ax-card ax-wide ax-sheet" role="dialog" aria-label="Keys" data-testid="keys">'
         f"<h2>Keys</h2><div class='ax-columns'>{columns}</div><div class='ax-end'>{close}</div></div>"
     )
 

@@ -76,6 +76,18 @@ HOTKEYS: tuple[Hotkey, ...] = (
         Hotkey("Look", f"Outlines of layer {n}", act.ToggleLayerAt(n), str(n), on_sheet=False)
         for n in range(1, 10)
     ),
+    Hotkey("State", "Next state of frame or range", act.NextState(1), "N", "shift"),
+    Hotkey("State", "Previous state", act.NextState(-1), "P", "shift"),
+    Hotkey("State", "The state set last, once more", act.RepeatState(), "C", "shift"),
+    Hotkey("State", "Take the state label away", act.ClearState(), "delete", "shift"),
+    Hotkey("State", "Begin, end a range of frames", act.MarkRange(), "M"),
+    Hotkey("Panel", "Sequence", act.ShowTab("sequence"), None, on_sheet=False),
+    Hotkey("Panel", "Methods", act.ShowTab("methods"), None, on_sheet=False),
+    Hotkey("Panel", "Annotate", act.ShowTab("annotate"), None, on_sheet=False),
+    Hotkey("Panel", "Results", act.ShowTab("results"), None, on_sheet=False),
+    Hotkey("Panel", "Judge the runs", act.Evaluate(), None, on_sheet=False),
+    Hotkey("Panel", "Export as BOP", act.Export(), None, on_sheet=False),
+    Hotkey("Panel", "This sheet", act.ToggleKeys(), "H", "shift"),
     Hotkey("Correct", "Next part", act.NextPart(1), "N"),
     Hotkey("Correct", "Previous part", act.NextPart(-1), "P"),
     *_moves(),
@@ -91,18 +103,6 @@ HOTKEYS: tuple[Hotkey, ...] = (
     Hotkey("Correct", "Undo", act.Undo(), "Z", "cmd/ctrl"),
     Hotkey("Correct", "Redo", act.Redo(), "Z", "cmd/ctrl+shift"),
     Hotkey("Correct", "Cancel", act.Cancel(), "escape"),
-    Hotkey("State", "Next state, of the frame or the range", act.NextState(1), "N", "shift"),
-    Hotkey("State", "Previous state", act.NextState(-1), "P", "shift"),
-    Hotkey("State", "The state set last, once more", act.RepeatState(), "C", "shift"),
-    Hotkey("State", "Take the state label away", act.ClearState(), "delete", "shift"),
-    Hotkey("State", "Begin, end a range of frames", act.MarkRange(), "M"),
-    Hotkey("Panel", "Sequence", act.ShowTab("sequence"), None, on_sheet=False),
-    Hotkey("Panel", "Methods", act.ShowTab("methods"), None, on_sheet=False),
-    Hotkey("Panel", "Annotate", act.ShowTab("annotate"), None, on_sheet=False),
-    Hotkey("Panel", "Results", act.ShowTab("results"), None, on_sheet=False),
-    Hotkey("Panel", "Judge the runs", act.Evaluate(), None, on_sheet=False),
-    Hotkey("Panel", "Export as BOP", act.Export(), None, on_sheet=False),
-    Hotkey("Panel", "This sheet", act.ToggleKeys(), "H", "shift"),
 )
 
 _NAMES = {

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from asdfviz.annotate.records import StateLabel
 from asdfviz.app import theme
@@ -19,6 +20,9 @@ from asdfviz.render.state_ramp import state_color
 
 MAX_SEGMENTS = 500
 """More than a row has pixels for; longer rows are thinned out."""
+NAMED = 3
+"""Parts that a verdict calls by name; of more it says how many."""
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,25 @@ class Segment:
 
 
 @dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a person said of one frame without moving or labelling anything."""
+
+    verified: tuple[str, ...] = ()
+    """Parts whose poses are right."""
+    gone: tuple[str, ...] = ()
+    """Parts that are not there."""
+    unlabelled: bool = False
+    """Whether a state label was taken away."""
+
+    @property
+    def words(self) -> str:
+        """The verdict as the timeline tells it."""
+        told = [f"verified: {_names(self.verified)}"] if self.verified else []
+        told += [f"not in the frame: {_names(self.gone)}"] if self.gone else []
+        return " \u00b7 ".join([*told, *["state label taken away"][: self.unlabelled]])
+
+
+@dataclass(frozen=True, slots=True)
 class Row:
     """One strip."""
 
@@ -53,6 +76,8 @@ class Row:
     probabilities: tuple[float | None, ...] = ()
     """Of the marked state, 0 to 1; empty where the row has none."""
     hint: str = ""
+    verdicts: tuple[Verdict | None, ...] = ()
+    """One a frame; empty where the row has none."""
 
 
 def mark_of_state(assembly: Assembly, index: int) -> Mark:
@@ -92,13 +117,7 @@ def mark_of_prediction(assembly: Assembly, prediction: FramePrediction | None) -
 
 def segments(marks: Sequence[Mark | None]) -> tuple[Segment, ...]:
     """Join equal neighbours."""
-    joined: list[Segment] = []
-    for place, mark in enumerate(marks):
-        if joined and joined[-1].mark == mark:
-            joined[-1] = Segment(joined[-1].first, place, mark)
-        else:
-            joined.append(Segment(place, place, mark))
-    return tuple(joined)
+    return tuple(Segment(*stretch) for stretch in _stretches(marks))
 
 
 def boundaries(rows: Sequence[Row]) -> tuple[int, ...]:
@@ -129,10 +148,8 @@ def build(rows: Sequence[Row], *, count: int, steps: int) -> str:
 
 
 def _row(row: Row, count: int, steps: int) -> str:
-    pieces = segments(row.marks)
-    if len(pieces) > MAX_SEGMENTS:
-        pieces = _thinned(row.marks)
-    inner = "".join(_segment(piece, count, steps) for piece in pieces)
+    inner = "".join(_segment(Segment(*piece), count, steps) for piece in _light(row.marks))
+    inner += "".join(_verdict(*piece, count) for piece in _light(row.verdicts))
     percents = [None if p is None else round(100 * p) for p in row.probabilities]
     data = f' data-p="{text(json.dumps(percents))}"' if percents else ""
     return (
@@ -144,19 +161,33 @@ def _row(row: Row, count: int, steps: int) -> str:
     )
 
 
-def _thinned(marks: Sequence[Mark | None]) -> tuple[Segment, ...]:
-    """Every n-th frame speaks for its neighbours, so that the strip stays light."""
-    stride = -(-len(marks) // MAX_SEGMENTS)
-    return tuple(
-        Segment(first, min(first + stride, len(marks)) - 1, marks[first])
-        for first in range(0, len(marks), stride)
-    )
+def _light(values: Sequence[_T]) -> list[tuple[int, int, _T]]:
+    """First and last place of equal neighbours, and their value; thinned where they are too many.
+
+    Then every n-th frame speaks for its neighbours, so that the strip stays light.
+    """
+    joined = _stretches(values)
+    if len(joined) <= MAX_SEGMENTS:
+        return joined
+    stride = -(-len(values) // MAX_SEGMENTS)
+    return [
+        (first, min(first + stride, len(values)) - 1, values[first])
+        for first in range(0, len(values), stride)
+    ]
+
+
+def _stretches(values: Sequence[_T]) -> list[tuple[int, int, _T]]:
+    joined: list[tuple[int, int, _T]] = []
+    for place, value in enumerate(values):
+        if joined and joined[-1][2] == value:
+            joined[-1] = (joined[-1][0], place, value)
+        else:
+            joined.append((place, place, value))
+    return joined
 
 
 def _segment(piece: Segment, count: int, steps: int) -> str:
-    left = 100 * piece.first / count
-    width = 100 * (piece.last + 1 - piece.first) / count
-    place = f"left:{left:.4f}%;width:{width:.4f}%"
+    place = _place(piece.first, piece.last, count)
     if piece.mark is None:
         return f'<i class="tl-none" style="{place}" data-say="no state"></i>'
     mark = piece.mark
@@ -169,3 +200,27 @@ def _segment(piece: Segment, count: int, steps: int) -> str:
         f'data-say="{text(f"{mark.state} {mark.name}")}" '
         f'style="{place};background-color:{theme.css(color)};color:{ink}">{label}</i>'
     )
+
+
+def _verdict(first: int, last: int, verdict: Verdict | None, count: int) -> str:
+    """A line below the strip: solid, dashed or both; hatches the strip where a label was taken away."""
+    if verdict is None:
+        return ""
+    kinds = {
+        "tl-verified": verdict.verified,
+        "tl-gone": verdict.gone,
+        "tl-unlabelled": verdict.unlabelled,
+    }
+    classes = " ".join(name for name, is_said in kinds.items() if is_said)
+    return (
+        f'<i class="tl-verdict {classes}" data-first="{first}" data-last="{last}" '
+        f'data-also="{text(verdict.words)}" style="{_place(first, last, count)}"></i>'
+    )
+
+
+def _place(first: int, last: int, count: int) -> str:
+    return f"left:{100 * first / count:.4f}%;width:{100 * (last + 1 - first) / count:.4f}%"
+
+
+def _names(parts: tuple[str, ...]) -> str:
+    return ", ".join(parts) if len(parts) <= NAMED else f"{len(parts)} parts"

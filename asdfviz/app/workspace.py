@@ -14,7 +14,7 @@ from typing import Any
 from asdfviz.annotate.corrected import run_of_seed
 from asdfviz.annotate.records import TRACKED, Seed
 from asdfviz.annotate.store import AnnotationStore
-from asdfviz.app import theme, timeline
+from asdfviz.app import strips, theme, timeline
 from asdfviz.app.items import ANNOTATION, JobStatus, LoadedRun, Message, Shown
 from asdfviz.app.view import TRUTH, Facts
 from asdfviz.data.prefetch import Prefetcher
@@ -246,27 +246,8 @@ class Workspace:
         self.store.close()
 
     def _build_rows(self) -> tuple[timeline.Row, ...]:
-        assembly = self.assembly
-        marks: list[timeline.Mark | None] = [None] * len(self.indices)
-        for first, last, label in self.store.state_ranges():
-            mark = timeline.mark_of_label(assembly, label)
-            for place, index in enumerate(self.indices):
-                if first <= index <= last:
-                    marks[place] = mark
-        rows = [timeline.Row(ANNOTATION, "annotation", theme.ANNOTATION, tuple(marks))]
-        true = tuple(timeline.mark_of_truth(assembly, truth) for truth in self.truths)
+        rows = [strips.annotation_row(self.assembly, self.store, self.indices)]
+        true = tuple(timeline.mark_of_truth(self.assembly, truth) for truth in self.truths)
         if any(mark is not None for mark in true):
             rows.append(timeline.Row(TRUTH, "truth", theme.TRUTH, true))
-        for run in self._runs:
-            rows.append(_run_row(assembly, run))
-        return tuple(rows)
-
-
-def _run_row(assembly: Assembly, run: LoadedRun) -> timeline.Row:
-    marks = tuple(timeline.mark_of_prediction(assembly, p) for p in run.by_place)
-    sure = tuple(
-        None if p is None or p.state is None else float(p.state.probabilities.max())
-        for p in run.by_place
-    )
-    hint = f"{run.label}: {run.folder}" if run.folder else f"{run.label}, being computed"
-    return timeline.Row(run.id, run.label, run.color, marks, sure, hint)
+        return (*rows, *(strips.run_row(self.assembly, run) for run in self._runs))

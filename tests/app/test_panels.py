@@ -267,7 +267,7 @@ def test_figures_that_are_stale_say_so(with_run: Workspace) -> None:
     assert "judge again" not in results.content(snapshot(with_run), ())
     with_run.store.remove_pose(103, "jaw")
     html = results.content(snapshot(with_run), ())
-    assert html.index("Corrections were made since these figures: judge again") < html.index(
+    assert html.index("Corrections were made since: judge again") < html.index(
         'data-testid="report"'
     )
 

@@ -72,6 +72,9 @@ def test_a_running_server(capsys: pytest.CaptureFixture[str]) -> None:
         assert "/asdfviz/app.js" in page
         assert "/asdfviz/app.css" in page
         assert "viserMutable" in _get(f"{url}asdfviz/app.js")
+        # The timeline's script needs what the other one makes.
+        assert page.index("/asdfviz/app.js") < page.index("/asdfviz/timeline.js")
+        assert "tl-strip" in _get(f"{url}asdfviz/timeline.js")
         with pytest.raises(urllib.error.HTTPError, match="403"):
             _get(url, Host="evil.example")
         socket_url = url.replace("http", "ws")

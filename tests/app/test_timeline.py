@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from asdfviz.app import theme, timeline
-from asdfviz.app.timeline import Mark, Row, Segment
+from asdfviz.app.timeline import Mark, Row, Segment, Verdict
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, StateEstimate
 from asdfviz.render.state_ramp import state_color
 
@@ -53,9 +53,24 @@ def test_errors_are_told_by_more_than_colour() -> None:
     assert "0 bad" in html
 
 
+def test_verdicts_lie_below_the_strip() -> None:
+    right, gone = Verdict(verified=("jaw",)), Verdict(("base", "jaw"), ("bolt",), unlabelled=True)
+    row = Row("r", "r", (1, 2, 3), (A, A, None, A), verdicts=(right, right, gone, None))
+    html = timeline.build([row], count=4, steps=2)
+    assert html.count("tl-verdict") == 2
+    assert '<i class="tl-verdict tl-verified" data-first="0" data-last="1"' in html
+    assert 'data-also="verified: jaw" style="left:0.0000%;width:50.0000%"' in html
+    assert '<i class="tl-verdict tl-verified tl-gone tl-unlabelled" data-first="2"' in html
+    assert gone.words == (
+        "verified: base, jaw \u00b7 not in the frame: bolt \u00b7 state label taken away"
+    )
+    assert Verdict(gone=("a", "b", "c", "d")).words == "not in the frame: 4 parts"
+
+
 def test_what_comes_from_data_is_escaped() -> None:
     evil = Mark(0, name='<img src=x onerror="x()">')
-    row = Row('"><b>', "<script>", (1, 2, 3), (evil,), hint='"onload')
+    said = Verdict(verified=('"><script>',))
+    row = Row('"><b>', "<script>", (1, 2, 3), (evil,), hint='"onload', verdicts=(said,))
     html = timeline.build([row], count=1, steps=2)
     assert "<script" not in html
     assert "<img" not in html
@@ -64,7 +79,10 @@ def test_what_comes_from_data_is_escaped() -> None:
 
 def test_long_rows_stay_light() -> None:
     marks = tuple(Mark(i % 2) for i in range(20_000))
-    html = timeline.build([Row("r", "r", (1, 2, 3), marks)], count=20_000, steps=2)
+    verdicts = tuple(Verdict((str(i),)) for i in range(20_000))
+    row = Row("r", "r", (1, 2, 3), marks, verdicts=verdicts)
+    html = timeline.build([row], count=20_000, steps=2)
+    assert html.count("tl-verdict") <= timeline.MAX_SEGMENTS
     assert html.count("data-state=") <= timeline.MAX_SEGMENTS
 
 

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from tiny_sequence import TinySequence, make_run, pose_of
 
-from asdfviz.annotate.records import Seed
+from asdfviz.annotate.records import Seed, label_of
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import method_job
 from asdfviz.app.items import ANNOTATION, Message
 from asdfviz.app.jobs import Background, start_judging
 from asdfviz.app.method_job import next_run_folder
+from asdfviz.app.timeline import Verdict
 from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
@@ -183,6 +184,24 @@ def test_judging(with_run: Workspace) -> None:
     worst = worst_frames(with_run, "first", count=2)
     assert len(worst) == 2
     assert worst[0].error_mm == pytest.approx(2.0)
+
+
+def test_the_annotation_row_tells_verdicts(with_run: Workspace) -> None:
+    store, error = with_run.store, with_run.assembly.errors[0]
+    store.verify(101, "jaw", pose_of(1), provenance="tracked")
+    store.verify(102, "jaw", pose_of(1), provenance="tracked")
+    store.set_pose(102, "jaw", pose_of(2))  # moved since: nobody has looked at that
+    store.remove_pose(101, "bolt")
+    store.remove_pose(103, "of another assembly")
+    store.set_state(104, label_of(error))
+    store.set_state(103, None, last_frame=105)
+    store.set_state(106, label_of(error))
+    store.set_state(106, None)
+    store.set_state(106, label_of(error))
+    said = {place: verdict for place, verdict in enumerate(with_run.rows()[0].verdicts) if verdict}
+    assert said == {1: Verdict(("jaw",), ("bolt",)), 4: Verdict(unlabelled=True)}
+    store.drop_pose(101, "jaw")
+    assert with_run.rows()[0].verdicts[1] == Verdict(gone=("bolt",))
 
 
 def test_figures_are_stale_once_something_was_corrected(with_run: Workspace) -> None:

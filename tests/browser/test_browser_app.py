@@ -367,6 +367,37 @@ def test_what_is_wrong_is_told_in_the_browser(page: Page) -> None:
     expect(page.get_by_text("no part is selected")).to_be_visible()
 
 
+def test_the_timeline_tells_verdicts_where_the_hand_is(page: Page, app: App) -> None:
+    store = app.workspace.store
+    pose = app.workspace.poses(3, app.workspace.runs[0].id)["jaw"].T_camera_part
+    store.verify(3, "jaw", pose, provenance="method:asdf")
+    app.workspace.changed()
+    row = page.get_by_test_id("tl-annotation")
+    expect(row.locator(".tl-verified")).to_be_visible()
+    strip = row.locator(".tl-strip").bounding_box()
+    assert strip is not None
+    page.mouse.move(strip["x"] + strip["width"] * 3.5 / 12, strip["y"] + 5)
+    tip = page.get_by_test_id("tip")
+    expect(tip).to_contain_text("annotation \u00b7 frame 3")
+    expect(tip).to_contain_text("verified: jaw")
+    # Nothing that it lies in cuts it off.
+    cut = tip.evaluate(
+        """(tip) => {
+            const t = tip.getBoundingClientRect();
+            for (let e = tip.parentElement; e; e = e.parentElement) {
+                const b = e.getBoundingClientRect();
+                const inside = t.top >= b.top && t.bottom <= b.bottom && t.left >= b.left && t.right <= b.right;
+                if (getComputedStyle(e).overflowY !== 'visible' && !inside) return e.className || e.tagName;
+            }
+            return t.width > 0 && t.top >= 0 ? '' : 'nothing is drawn';
+        }"""
+    )
+    assert cut == ""
+    store.undo()
+    app.workspace.changed()
+    expect(row.locator(".tl-verified")).to_have_count(0)
+
+
 def test_keys_are_on_a_sheet(page: Page) -> None:
     page.keyboard.press("Shift+h")
     expect(page.get_by_test_id("keys")).to_contain_text("Nudge up, down, left, right")

@@ -79,10 +79,7 @@ def _tables(snap: Snapshot) -> str:
 def _stale(snap: Snapshot) -> str:
     if not snap.workspace.is_stale:
         return ""
-    return (
-        '<p class="ax-stale" data-testid="stale">Corrections were made since these figures: '
-        "judge again.</p>"
-    )
+    return '<p class="ax-stale" data-testid="stale">Corrections were made since: judge again.</p>'
 
 
 def _figures(

@@ -5,7 +5,7 @@
   "use strict";
   if (window.asdfviz) return;
 
-  const NS = (window.asdfviz = { view: {}, bridge: null });
+  const NS = (window.asdfviz = { view: {}, bridge: null, seeking: false });
   let counter = 0;
 
   // ---- the frame around the picture
@@ -21,15 +21,14 @@
       </div>
       <div class="tl" data-testid="timeline">
         <div data-slot="timeline"></div><i class="tl-range" hidden></i>
-        <div class="tl-tip" hidden></div>
       </div>
+      <div class="tl-tip" data-testid="tip" hidden></div>
     </section>
     <div class="ax-offline" hidden>Connection lost. Every correction up to here is saved. Trying again …</div>
     <div data-slot="card"></div>`;
+  NS.root = root;
   const slot = (name) => root.querySelector(`[data-slot="${name}"]`);
-  const timeline = root.querySelector(".tl");
   const range = root.querySelector(".tl-range");
-  const tip = root.querySelector(".tl-tip");
   const opacity = root.querySelector(".ax-opacity input");
 
   // ---- to the server
@@ -55,6 +54,7 @@
     }
     waiting.set(action.kind, before && merge ? merge(before, action) : action);
   };
+  NS.sendSoon = sendSoon;
 
   // ---- from the server: templates are put into their slots
   const applyView = (data) => {
@@ -221,65 +221,6 @@
   }, true);
   opacity.addEventListener("input", () => sendSoon({ kind: "SetOpacity", opacity: Number(opacity.value) }));
   opacity.addEventListener("change", () => opacity.blur());
-
-  // ---- timeline: click or drag seeks, with Shift it marks frames
-  const strip = () => timeline.querySelector(".tl-strip");
-  const frameAt = (event) => {
-    const box = strip().getBoundingClientRect();
-    const count = Number(NS.view.count);
-    const share = (event.clientX - box.left) / box.width;
-    return Math.max(0, Math.min(count - 1, Math.floor(share * count)));
-  };
-  let anchor = null;
-  const seek = (event) => {
-    const frame = frameAt(event);
-    if (anchor !== null) {
-      sendSoon({ kind: "SetRange", first: Math.min(anchor, frame), last: Math.max(anchor, frame) });
-    } else {
-      root.style.setProperty("--cursor", (frame + 0.5) / Number(NS.view.count));
-      sendSoon({ kind: "Seek", place: frame });
-    }
-  };
-  timeline.addEventListener("pointerdown", (event) => {
-    if (event.button !== 0 || !strip()) return;
-    if (event.clientX < strip().getBoundingClientRect().left - 6) return;
-    event.preventDefault();
-    timeline.setPointerCapture(event.pointerId);
-    NS.seeking = true;
-    anchor = event.shiftKey ? frameAt(event) : null;
-    seek(event);
-  });
-  timeline.addEventListener("pointermove", (event) => {
-    if (NS.seeking) seek(event);
-    else showTip(event);
-  });
-  const release = () => {
-    NS.seeking = false;
-    anchor = null;
-  };
-  timeline.addEventListener("pointerup", release);
-  timeline.addEventListener("pointercancel", release);
-  timeline.addEventListener("pointerleave", () => { tip.hidden = true; });
-
-  const showTip = (event) => {
-    const row = event.target instanceof Element ? event.target.closest(".tl-row") : null;
-    if (!row || !strip()) {
-      tip.hidden = true;
-      return;
-    }
-    const frame = frameAt(event);
-    const piece = event.target.closest("[data-say]");
-    const sure = row.dataset.p ? JSON.parse(row.dataset.p)[frame] : null;
-    const words = [row.dataset.row, `frame ${JSON.parse(row.parentElement.dataset.numbers)[frame]}`];
-    if (piece) words.push(piece.dataset.say);
-    if (sure !== null && sure !== undefined) words.push(`${sure} %`);
-    tip.textContent = words.join(" · ");
-    tip.hidden = false;
-    const box = timeline.getBoundingClientRect();
-    const width = tip.offsetWidth;
-    const left = Math.max(0, Math.min(box.width - width, event.clientX - box.left - width / 2));
-    tip.style.left = `${left}px`;
-  };
 
   // ---- the server has gone: viser says so in its own header, which we do not show
   const offline = root.querySelector(".ax-offline");
