@@ -25,6 +25,7 @@ from asdfviz.app.label_actions import (
 from asdfviz.geometry.shapes import Transform
 
 Tab = Literal["sequence", "methods", "annotate", "results"]
+Mode = Literal["ar", "3d"]
 Axis = Literal[0, 1, 2]
 Sign = Literal[-1, 1]
 Gizmo = Literal["move", "turn", "off"]
@@ -39,6 +40,14 @@ class Seek:
     place: int
     part: str | None = None
     """Select this part there as well, whichever tab is shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resume:
+    """Go on where the page was before it was loaded again, or before its connection was lost."""
+
+    place: int
+    mode: Mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,7 +281,7 @@ class Changed:
 
 
 Action: TypeAlias = (
-    Seek | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
+    Seek | Resume | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
     | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | Cancel
     | SetState | NextState | RepeatState | ClearState | SetRange | MarkRange

@@ -16,7 +16,6 @@ from typing import Any
 
 from asdfviz.app import actions as act
 from asdfviz.app import camera
-from asdfviz.app.bridge import parse
 from asdfviz.app.carrying import plan
 from asdfviz.app.desk import Burst, dragged
 from asdfviz.app.display import Display
@@ -145,15 +144,6 @@ class Controller:
         self._listen()
 
     def _listen(self) -> None:
-        bridge = self._display.bridge
-
-        async def received(_event: object) -> None:
-            action = parse(bridge.value)
-            if action is not None:
-                self.emit(action)
-
-        bridge.on_update(received)
-
         async def moved(cam: Any) -> None:
             aspect = float(cam.aspect)
             if abs(aspect - self.view.aspect) > 1e-6:

@@ -40,14 +40,9 @@ class Display:
         self._unreadable: int | None = None
         self._notes = Notes(client)
         with client.atomic():
-            self._page = Page(client.gui, methods)
+            self._page = Page(client.gui, methods, emit, opened=workspace.opened)
             self._scene = Scene(client, workspace, emit)
             hotkeys.register(client.gui, workspace.assembly, emit)
-
-    @property
-    def bridge(self) -> Any:
-        """Viser's handle of the hidden field through which the page's script speaks."""
-        return self._page.bridge
 
     @property
     def is_dragging(self) -> bool:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
+from asdfviz.app import actions as act
 from asdfviz.app import chrome, timeline, welcome
+from asdfviz.app.bridge import parse
 from asdfviz.app.markup import mount
 from asdfviz.app.panels import annotate, methods, options, results, sequence
 from asdfviz.app.snapshot import Snapshot
@@ -18,16 +20,32 @@ class Page:
     script puts into place (static/app.js); the panel's content stands where viser puts it.
     """
 
-    def __init__(self, gui: Any, available: Mapping[str, MethodSpec | BrokenMethod]) -> None:
+    def __init__(
+        self,
+        gui: Any,
+        available: Mapping[str, MethodSpec | BrokenMethod],
+        emit: Callable[[act.Action], None],
+        *,
+        opened: str,
+    ) -> None:
+        """Make the fields.
+
+        Args:
+            gui: viser's handle of the tab's panel.
+            available: everything that could be run.
+            emit: called with what the page's script asks for.
+            opened: tells the page whether it is still the same sequence.
+        """
         self._available = available
-        self.bridge = gui.add_text("bridge", "", visible=False)
+        self._bridge = gui.add_text("bridge", "", visible=False)
+        self._bridge.on_update(self._receiver(emit))
         slots = ("bridge", "top", "tabs", "controls", "timeline", "view", "card")
         self._fields = {slot: gui.add_html("") for slot in slots}
         self._panel = gui.add_html("")
         self._sent: dict[str, str] = {}
         # The script needs the hidden field's id, which viser has no public name for.
-        uuid: str = self.bridge._impl.uuid
-        self._put("bridge", mount("bridge", "", uuid=uuid))
+        uuid: str = self._bridge._impl.uuid
+        self._put("bridge", mount("bridge", "", uuid=uuid, opened=opened))
 
     def show(self, snap: Snapshot, worst: tuple[WorstFrame, ...]) -> None:
         """Bring every field to a snapshot."""
@@ -41,6 +59,14 @@ class Page:
         if self._sent.get("panel") != content:
             self._sent["panel"] = content
             self._panel.content = content
+
+    def _receiver(self, emit: Callable[[act.Action], None]) -> Callable[[object], Any]:
+        async def receive(_event: object) -> None:
+            action = parse(self._bridge.value)
+            if action is not None:
+                emit(action)
+
+        return receive
 
     def _tab(self, snap: Snapshot, worst: tuple[WorstFrame, ...]) -> str:
         match snap.view.tab:

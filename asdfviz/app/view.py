@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
 from asdfviz.app import actions as act
 from asdfviz.app.ar import Window, rest_centre
@@ -49,7 +48,7 @@ class View:
     """Of the frame shown, 0 to count - 1."""
     playing: bool = False
     speed: float = 1.0
-    mode: Literal["ar", "3d"] = "ar"
+    mode: act.Mode = "ar"
     zoom: float = 1.0
     centre: tuple[float, float] | None = None
     """Pixel in the middle of the AR view; None for straight ahead."""

@@ -5,6 +5,7 @@ Readable from any thread; whoever changes something calls `changed`, and every t
 
 from __future__ import annotations
 
+import secrets
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -39,6 +40,8 @@ class Workspace:
         runs_folder: Path,
         export_folder: Path,
     ) -> None:
+        self.opened = secrets.token_hex(8)
+        """Tells this opening of the sequence from others, to pages that are loaded again."""
         self.assembly = assembly
         self.frames = Prefetcher(sequence)
         self.store = store

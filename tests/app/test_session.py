@@ -77,6 +77,13 @@ def test_views_change_places_the_camera_anew() -> None:
     assert after(view, act.Zoom(2.0)).zoom == 1.0
 
 
+def test_a_page_that_comes_back_goes_on_where_it_was() -> None:
+    view = after(View(), act.Resume(7, "3d"))
+    assert (view.place, view.mode, view.turns) == (7, "3d", 1)
+    again = after(view, act.Resume(99, "3d"))
+    assert (again.place, again.turns) == (9, 1)
+
+
 def test_another_window_keeps_the_free_camera() -> None:
     assert after(View(), act.Resized(2.0)).turns == 1
     assert after(View(mode="3d"), act.Resized(2.0)).turns == 0

@@ -417,3 +417,15 @@ def test_a_lost_connection_comes_back_as_it_was(page: Page, app: App) -> None:
     centre = "() => Math.hypot(...window.__viserMutable.camera.position.toArray())"
     until(lambda: page.evaluate(centre) < 1e-4, "the camera is pinned")
     settled(page, lambda rgb: count(green(rgb)) == 4)
+
+
+def test_a_page_that_is_loaded_again_is_where_it_was(page: Page, app: App) -> None:
+    page.keyboard.press("End")
+    page.keyboard.press("ArrowLeft")
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "10")
+    page.keyboard.press("t")
+    expect(page.get_by_test_id("view-3d")).to_have_attribute("aria-pressed", "true")
+    page.reload()
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "10")
+    expect(page.get_by_test_id("view-3d")).to_have_attribute("aria-pressed", "true")
+    until(lambda: np.linalg.norm(client(app).camera.position) > 0.05, "the camera is free")

@@ -71,15 +71,36 @@
     if (previous.mode !== data.mode || previous.zoom !== data.zoom) guardCamera();
   };
 
+  // A new connection begins at the first frame: go back to where we were before the old one was lost,
+  // or before the page was loaded again while the same sequence was open.
+  const STORED = "asdfviz-place";
+  const stored = (opened) => {
+    try {
+      const kept = JSON.parse(sessionStorage.getItem(STORED)) || {};
+      return kept.opened === opened ? kept : {};
+    } catch {
+      return {};  // the browser keeps nothing
+    }
+  };
+  const resume = ({ uuid, opened }) => {
+    if (NS.bridge === uuid) return;
+    const { place = 0, mode = "ar" } = NS.bridge === null ? stored(opened) : NS.view;
+    Object.assign(NS, { bridge: uuid, opened });
+    if (Number(place) > 0 || mode !== "ar") send({ kind: "Resume", place: Number(place), mode });
+  };
+  window.addEventListener("pagehide", () => {
+    const { place, mode } = NS.view;
+    if (!mode) return;
+    try {
+      sessionStorage.setItem(STORED, JSON.stringify({ opened: NS.opened, place, mode }));
+    } catch {
+      // then the page begins at the first frame
+    }
+  });
+
   const mount = (template) => {
     const name = template.dataset.asdfMount;
-    if (name === "bridge") {
-      // A connection that was lost and found again begins at the first frame: go back to where we were.
-      const place = Number(NS.view.place || 0);
-      const again = NS.bridge !== null && NS.bridge !== template.dataset.uuid && place > 0;
-      NS.bridge = template.dataset.uuid;
-      if (again) send({ kind: "Seek", place });
-    }
+    if (name === "bridge") resume(template.dataset);
     else if (name === "view") applyView({ ...template.dataset });
     else {
       const target = slot(name);
