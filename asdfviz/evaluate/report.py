@@ -11,7 +11,7 @@ from pathlib import Path
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.atomic import make_folder, write_text
 from asdfviz.errors import RunError
-from asdfviz.evaluate.inputs import Result, open_result
+from asdfviz.evaluate.inputs import Result, open_result, refuse_csv_options
 from asdfviz.evaluate.report_runs import JudgedRun, judged_run
 from asdfviz.evaluate.report_sections import page
 
@@ -38,8 +38,8 @@ def write_report(
         out: the page.
         truth_folder: as in `open_result`.
         assembly: name or path; None for what each run names.
-        sequence: as in `open_result`.
-        scene: as in `open_result`.
+        sequence: as in `open_result`; of no use where all are folders, and then refused.
+        scene: likewise.
         pictures: worst frames shown of each run.
         progress: told how many runs are done, of how many, and which comes next.
 
@@ -53,6 +53,7 @@ def write_report(
         raise RunError(f"the page is to be {out}: name a file that ends in .html")
     if pictures < 0:
         raise RunError(f"{pictures} pictures: use 0 or more")
+    refuse_csv_options(paths, sequence=sequence, scene=scene)
     make_folder(out.absolute().parent)
     known = None if assembly is None else load_assembly(assembly)
     results = [

@@ -10,6 +10,8 @@ import pytest
 from exits import exit_code
 
 from asdfviz.data.resources import sample_folder
+from asdfviz.data.run_files import save_run
+from asdfviz.datatypes import Run
 
 POSED = 12
 """Frames of the sample that the csv has poses for: as many as show that it is read."""
@@ -64,6 +66,23 @@ def test_a_csv_that_lacks_something(
 ) -> None:
     assert exit_code("evaluate", str(csv), *options) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["evaluate", "report"])
+@pytest.mark.parametrize("option", ["--sequence", "--scene"])
+def test_a_run_folder_is_not_told_its_frames(
+    command: str, option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, out = tmp_path / "run", tmp_path / "report.html"
+    sample = str(sample_folder())
+    save_run(Run("mine", {}, sample, "corner_clamp", "0", ()), run)
+    page = ("-o", str(out)) if command == "report" else ()
+    assert exit_code(command, str(run), option, "sample", *page) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"error: {option} is for csv files, and {run} is a run folder")
+    assert "--truth" in error
+    assert error.count("\n") == 1
+    assert not out.exists()
 
 
 def test_report(csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
