@@ -102,7 +102,7 @@ def test_frames_without_true_state_do_not_count(
     assert len(records([None, 1, None], [0, 1, 2])) == 1
 
 
-def test_a_method_without_states_is_wrong_everywhere(
+def test_a_run_that_could_say_states_and_says_none_is_wrong_everywhere(
     records: Callable[..., tuple[StateRecord, ...]],
 ) -> None:
     figures = state_figures(records([0, 1], [None, None], [False, True]))
