@@ -10,6 +10,7 @@ import textwrap
 from pathlib import Path
 
 import pytest
+from types import SimpleNamespace
 from exits import exit_code
 
 from asdfviz.annotate.identity import open_annotation
@@ -151,6 +152,18 @@ def test_packs_are_drawn_as_asked_and_else_as_the_library_does(tmp_path: Path) -
 
 def test_the_readme_s_own_method_runs_as_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_a_sequence_of_too_few_frames_is_refused_before_it_is_begun(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("asdfviz.synth.sequences.load_assets", lambda *_, **__: None)
+    play = SimpleNamespace(moments=[None] * 51)
+    monkeypatch.setattr("asdfviz.synth.sequences.plan_sequence", lambda *_, **__: play)
+    line = ("synth", "sequence", "--assembly", "corner_clamp", "--out", str(tmp_path))
+    assert exit_code(*line, "--frames", "1") == 2
+    assert capsys.readouterr().err.startswith("error: frames is 1, use 51 or more: ")
+    assert not list(tmp_path.iterdir())
+
+
 ) -> None:
     indented = re.search(r"^    # mine\.py\n.*?^    SPEC = .*?$", README.read_text(), re.M | re.S)
     assert indented is not None
