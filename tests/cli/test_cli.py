@@ -268,7 +268,7 @@ def test_a_run_never_goes_among_the_images(
 def test_every_error_of_ours_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(_sequence: object) -> None:
+    def fail(_sequence: object, **_: object) -> None:
         raise RenderError("no EGL here:\ninstall libegl1")
 
     monkeypatch.setattr("asdfviz.evaluate.health.check_sequence", fail)
@@ -278,6 +278,35 @@ def test_every_error_of_ours_is_one_line(
 
 def test_methods_lists_the_paper_ones(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code("methods", "--json") == 0
+def test_check_shows_how_far_it_is_and_stops(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code("check", "sample", "--json") == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["frames_looked_at"] == 12
+    assert re.search(r"^check .*12/12", said.err)
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("asdfviz.evaluate.health_shift._view", interrupted)
+    assert exit_code("check", "sample") == 130
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.splitlines()[-1] == "stopped"
+
+
+def test_an_interrupt_while_modules_are_loaded_is_quiet(tmp_path: Path) -> None:
+    interrupted = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
+    (tmp_path / "tyro.py").write_text(interrupted)
+    program = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from asdfviz.cli import main\nmain(['methods'])"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "stopped\n")
+
+
     names = {row["name"] for row in json.loads(capsys.readouterr().out)}
     assert {"yolov8pose", "asdf"} <= names
 
