@@ -6,11 +6,13 @@ import json
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
-from types import SimpleNamespace
 from exits import exit_code
 
 from asdfviz.annotate.identity import open_annotation
@@ -150,8 +152,6 @@ def test_packs_are_drawn_as_asked_and_else_as_the_library_does(tmp_path: Path) -
     assert asked.config() == PackConfig(width=320, groups=0.8, sizes_px=(52.0, 180.0))
 
 
-def test_the_readme_s_own_method_runs_as_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 def test_a_sequence_of_too_few_frames_is_refused_before_it_is_begun(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -164,6 +164,8 @@ def test_a_sequence_of_too_few_frames_is_refused_before_it_is_begun(
     assert not list(tmp_path.iterdir())
 
 
+def test_the_readme_s_own_method_runs_as_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     indented = re.search(r"^    # mine\.py\n.*?^    SPEC = .*?$", README.read_text(), re.M | re.S)
     assert indented is not None
@@ -276,8 +278,6 @@ def test_every_error_of_ours_is_one_line(
     assert capsys.readouterr().err == "error: no EGL here: install libegl1\n"
 
 
-def test_methods_lists_the_paper_ones(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code("methods", "--json") == 0
 def test_check_shows_how_far_it_is_and_stops(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -307,6 +307,8 @@ def test_an_interrupt_while_modules_are_loaded_is_quiet(tmp_path: Path) -> None:
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "stopped\n")
 
 
+def test_methods_lists_the_paper_ones(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code("methods", "--json") == 0
     names = {row["name"] for row in json.loads(capsys.readouterr().out)}
     assert {"yolov8pose", "asdf"} <= names
 
