@@ -76,15 +76,10 @@ def generate_sequence(
     require_size(chosen.width, chosen.height)
     check_config(chosen)
     assets = load_assets(assembly, device=device)
-    play = plan_sequence(
-        assets, seed=seed, config=chosen
-    )  # refused before a folder is begun for it
-    total = len(play.moments)
-    if exactly and chosen.frames is not None and total > chosen.frames:
-        raise InputError(
-            f"frames is {chosen.frames}, use {total} or more: at {chosen.fps:g} frames a second hands "
-            f"and parts of {assembly.name} need as many"
-        )
+    # What cannot be played is refused before a folder is begun for it.
+    play = plan_sequence(assets, seed=seed, config=chosen)
+    if exactly:
+        _require_frames(len(play.moments), chosen)
     output = SceneFolder(folder, assets=assets, masks=masks)
     output.begin(
         sequence={"assembly": assembly.name, "fps": chosen.fps, "seed": seed, "kind": "sequence"}
@@ -93,18 +88,26 @@ def generate_sequence(
     )
     studio = Studio.of(play, assets, seed=seed, config=chosen)
     complete = True
-    for index in range(total):
+    for index in range(len(play.moments)):
         if stop is not None and stop():
             complete = False
             break
         if not output.has(index):
             _write_frame(index, studio, output)
         if progress is not None:
-            progress(index + 1, total)
+            progress(index + 1, len(play.moments))
     count = output.merge()
     if complete:
         output.finish()
     return count
+
+
+def _require_frames(least: int, config: SequenceConfig) -> None:
+    if config.frames is not None and config.frames < least:
+        raise InputError(
+            f"frames is {config.frames}, use {least} or more: at {config.fps:g} frames a second "
+            "hands and parts need as many"
+        )
 
 
 def _write_frame(index: int, studio: Studio, output: SceneFolder) -> None:
