@@ -105,9 +105,8 @@ class Joint:
     origin: Vector
     """A point on the axis, or the ball's centre; base frame, metres."""
     slide: tuple[float, float] = (0.0, 0.0)
-    """Travel along the axis about the nominal pose, metres."""
     turn: tuple[float, float] = (0.0, 0.0)
-    """Turn about the axis about the nominal pose, radians."""
+    """Travel along the axis, metres, and turn about it, radians, about the nominal pose."""
     link: str = ""
     """Joints of one link are geared together: each is as far along its ranges as the others."""
 
@@ -251,14 +250,15 @@ class Run:
     method: str
     config: Mapping[str, object]
     sequence: str
-    """Absolute path of the scene folder."""
     assembly: str
-    """Absolute path of the assembly.yaml."""
+    """Absolute paths of the scene folder and of the assembly.yaml."""
     version: str
     predictions: tuple[FramePrediction, ...]
     hashes: Mapping[str, str] = field(default_factory=dict[str, str])
     """SHA-256 of what went in: "assembly", "weights", "sequence"."""
     initial: Literal["none", "first_frame_truth"] = "none"
+    says_states: bool = True
+    """False for what can say none, as a csv or a tracker of poses alone: then no state is wrong."""
 
 
 @runtime_checkable

@@ -118,6 +118,7 @@ def _run_of(
         predictions=tuple(predictions),
         hashes=hashes,
         initial=spec.initial,
+        says_states="state" in spec.predicts,
     )
 
 

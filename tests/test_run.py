@@ -178,6 +178,9 @@ def test_every_frame_is_stepped_and_timed(spec: MethodSpec, sequence: ToySequenc
     assert result.method == "mine"
     assert result.version == __version__
     assert result.initial == "none"
+    assert result.says_states
+    poses_alone = dataclasses.replace(spec, predicts=frozenset({"pose"}))
+    assert not run(poses_alone, sequence).says_states
 
 
 def test_the_run_names_its_inputs_in_full(

@@ -86,6 +86,7 @@ class MethodJob(BackgroundJob):
             assembly=self._workspace.assembly.path,
             version=__version__,
             predictions=tuple(self._predictions),
+            says_states="state" in self._spec.predicts,
         )
 
     def _finish(self, result: Run) -> None:

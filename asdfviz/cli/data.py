@@ -37,7 +37,9 @@ class Check:
         from asdfviz.evaluate.health import check_sequence
 
         assembly = load_assembly(self.assembly) if self.assembly else None
-        report = check_sequence(open_sequence(self.sequence, assembly=assembly, format=self.format))
+        sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
+        with progress_bar("check") as progress:
+            report = check_sequence(sequence, progress=progress)
         if self.json:
             print(json.dumps(report.to_json(), indent=2, allow_nan=False))
             return

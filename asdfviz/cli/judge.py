@@ -48,11 +48,13 @@ class Evaluate:
         from asdfviz.data.assembly import load_assembly
         from asdfviz.errors import InputError
         from asdfviz.evaluate.evaluate import evaluate_folder
+        from asdfviz.evaluate.inputs import refuse_csv_options
         from asdfviz.evaluate.summary import summaries
         from asdfviz.evaluate.tables import markdown_table, means_table
 
         if not self.runs:
             raise InputError("name at least one run folder, as in: asdfviz evaluate runs/asdf")
+        refuse_csv_options(self.runs, sequence=self.sequence, scene=self.scene)
         assembly = load_assembly(self.assembly) if self.assembly else None
         results: list[dict[str, Any]] = []
         with progress_bar("evaluate") as progress:

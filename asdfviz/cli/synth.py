@@ -140,7 +140,8 @@ class SynthSequence:
     seed: int = 77
     """The same seed gives the same sequence."""
     frames: int | None = None
-    """Frames in all. Default: as many as the pace of the hands needs, which is also the least."""
+    """Frames in all; hands hurry where there are few, and fewer than they can do with are refused.
+    Default: as many as their pace needs."""
     frames_per_state: int | None = None
     """So many frames for each state instead."""
     fps: float = 10.0
@@ -191,6 +192,7 @@ class SynthSequence:
                 stop=stop,
                 device=self.device,
                 masks=self.masks,
+                exactly=True,
             )
             stopped = stop()
         if stopped:

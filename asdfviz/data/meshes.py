@@ -26,11 +26,12 @@ def read_mesh(path: Path, *, unit: str, part: str) -> Mesh:
     """Read a PLY, STL or OBJ file and scale it to metres; the frame stays the CAD frame.
 
     Raises:
-        AssemblyError: the file is missing, is no mesh, or is not finite.
+        AssemblyError: the file is missing or a folder, is no mesh, or is not finite.
     """
     if not path.is_file():
+        trouble = "is a folder" if path.is_dir() else "does not exist"
         raise AssemblyError(
-            f"part '{part}': mesh {path} does not exist; 'mesh' names a PLY, OBJ or STL file, "
+            f"part '{part}': mesh {path} {trouble}; 'mesh' names a PLY, OBJ or STL file, "
             "relative to assembly.yaml"
         )
     try:

@@ -107,6 +107,7 @@ def read_result_csv(
         predictions=predictions,
         hashes={"results": file_sha256(path)},
         initial="first_frame_truth" if is_started else "none",
+        says_states=False,
     )
 
 

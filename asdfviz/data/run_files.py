@@ -66,6 +66,7 @@ def save_run(run: Run, folder: Path) -> None:
         "assembly": run.assembly,
         "version": run.version,
         "initial": run.initial,
+        "says_states": run.says_states,
         "hashes": dict(run.hashes),
         "frames": len(run.predictions),
     }
@@ -99,6 +100,7 @@ def load_run(folder: Path, *, assembly: Assembly | None = None) -> Run:
     initial = about.get("initial").text()
     if initial not in ("none", "first_frame_truth"):
         raise about.get("initial").fail("none or first_frame_truth")
+    says_states = about.find("says_states")  # runs of old programs lack it
     return Run(
         method=about.get("method").text(),
         config=cast(
@@ -110,6 +112,7 @@ def load_run(folder: Path, *, assembly: Assembly | None = None) -> Run:
         predictions=predictions,
         hashes={key: value.text() for key, value in about.get("hashes").items().items()},
         initial=initial,
+        says_states=says_states is None or says_states.boolean(),
     )
 
 

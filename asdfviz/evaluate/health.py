@@ -7,8 +7,9 @@ it on opening.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from collections.abc import Sequence as Rows
+from typing import TypeAlias
 
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.images import ImageSizeError
@@ -39,18 +40,26 @@ LEAST_SHIFT_PX = 3.0
 """Below it the depth sits as well on colour as edges can tell: a time-of-flight camera draws edges
 out to one side, by about 2 px at 1280 pixels width."""
 
+Progress: TypeAlias = Callable[[int, int, str], None]
+"""Done and in all of what is being done, and what that is."""
+
 _GRAVITY = {"error": 0, "warning": 1, "info": 2}
 
 
-def check_sequence(sequence: Sequence) -> HealthReport:
+def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> HealthReport:
     """Look a sequence over; an assembly and truth widen what can be told, neither is needed.
+
+    Args:
+        sequence: what to look at.
+        progress: told how far reading, and then each of the longer checks, is.
 
     Raises:
         SequenceError: an image, the camera or the truth cannot be read at all.
     """
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     places = spread(len(source), MOST_FRAMES)
-    frames, findings = _read_frames(source, places)
+    tell = progress or _untold
+    frames, findings = _read_frames(source, places, tell)
     findings += check_intrinsics(source.camera)
     findings += check_numbering(source.frame_indices)
     if isinstance(source, FolderSequence):
@@ -59,7 +68,8 @@ def check_sequence(sequence: Sequence) -> HealthReport:
         findings += check_assembly(source)
     findings += check_objects(source)
     if frames:
-        findings += _check_frames(source, frames)
+        findings += _check_frames(source, frames, tell)
+    tell(len(places), len(places), "")
     return HealthReport(
         sequence=source.name,
         path=source.path,
@@ -69,14 +79,21 @@ def check_sequence(sequence: Sequence) -> HealthReport:
     )
 
 
-def _read_frames(source: Sequence, places: list[int]) -> tuple[dict[int, Frame], list[Finding]]:
+def _untold(done: int, total: int, what: str) -> None:
+    """For those who do not ask how far it is."""
+
+
+def _read_frames(
+    source: Sequence, places: list[int], tell: Progress
+) -> tuple[dict[int, Frame], list[Finding]]:
     frames: dict[int, Frame] = {}
     wrong: list[ImageSizeError] = []
-    for place in places:
+    for done, place in enumerate(places):
         try:
             frames[place] = source[place]
         except ImageSizeError as error:
             wrong.append(error)
+        tell(done + 1, len(places), "reading")
     if not wrong:
         return frames, []
     finding = Finding(
@@ -88,26 +105,29 @@ def _read_frames(source: Sequence, places: list[int]) -> tuple[dict[int, Frame],
     return frames, [finding]
 
 
-def _check_frames(source: Sequence, frames: dict[int, Frame]) -> Iterator[Finding]:
+def _check_frames(source: Sequence, frames: dict[int, Frame], tell: Progress) -> Iterator[Finding]:
     images = list(frames.values())
     yield from check_missing_depth(images)
     unit = list(check_distance(images))
     yield from unit
     if not unit:
-        yield from _check_shift(images)
+        yield from _check_shift(images, tell)
     if source.assembly is None:
         return
     distance = median_depth(images)
     is_plausible = distance is not None and NEAREST <= distance <= FARTHEST
     yield from check_part_sizes(source.assembly, source.camera, distance if is_plausible else None)
+    tell(0, 1, "depth against truth")
     with_truth = [(frame, source.truth(place)) for place, frame in frames.items()]
     yield from check_against_truth(posed_parts(with_truth), source.assembly)
 
 
-def _check_shift(images: Rows[Frame]) -> Iterator[Finding]:
+def _check_shift(images: Rows[Frame], tell: Progress) -> Iterator[Finding]:
     with_depth = [frame for frame in images if frame.depth is not None]
     chosen = [with_depth[i] for i in spread(len(with_depth), MOST_SHIFT_FRAMES)]
-    found = measure_shift(chosen)
+    found = measure_shift(
+        chosen, progress=lambda done, total: tell(done, total, "depth against colour")
+    )
     if found is None or found.typical_px < LEAST_SHIFT_PX:
         return
     x, y = found.shift_px

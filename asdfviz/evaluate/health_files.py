@@ -13,6 +13,7 @@ from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.scene_objects import assign_parts, read_scene_objects
 from asdfviz.datatypes import Sequence
 from asdfviz.evaluate.health_report import Finding
+from asdfviz.evaluate.numbering import usual_step
 
 TAIL = 1024
 """Bytes in which an image's end stands; some cameras write a few more behind it."""
@@ -20,10 +21,9 @@ TAIL = 1024
 
 def check_numbering(indices: Rows[int]) -> Iterator[Finding]:
     """Look for gaps in rising frame numbers; numbers that rise by a fixed step have none."""
-    steps = Counter(b - a for a, b in pairwise(indices))
-    if not steps:
+    step = usual_step(indices)
+    if step is None:
         return
-    step = min(steps, key=lambda s: (-steps[s], s))
     missing = [index for a, b in pairwise(indices) for index in range(a + step, b, step)]
     if missing:
         yield Finding(

@@ -8,6 +8,7 @@ al., 2008). The scale takes up what a lens or a wrong focal length does.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from collections.abc import Sequence as Rows
 from dataclasses import dataclass
 
@@ -27,6 +28,8 @@ from asdfviz.geometry.shapes import Pixels, Scores, Vector
 
 MOST_SHIFT_FRAMES = 6
 """So many frames, spread over a sequence, tell its shift."""
+SCALES = 7
+"""So many are tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,14 +83,36 @@ def spread(length: int, most: int) -> list[int]:
     return [int(i) for i in np.unique(np.linspace(0, length - 1, min(length, most)).round())]
 
 
-def measure_shift(frames: Rows[Frame], *, config: ShiftConfig | None = None) -> DepthShift | None:
-    """Measure one shift over all frames; None where too few depth edges lie on colour edges to tell."""
+def measure_shift(
+    frames: Rows[Frame],
+    *,
+    config: ShiftConfig | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> DepthShift | None:
+    """Measure one shift over all frames; None where too few depth edges lie on colour edges to tell.
+
+    Args:
+        frames: that have depth.
+        config: how edges are compared.
+        progress: called with steps done and in all: a frame's edges each, then a scale tried each.
+    """
     config = config or ShiftConfig()
-    views = [view for frame in frames if (view := _view(frame, config)) is not None]
+    steps = itertools.count(1)
+    total = len(frames) + SCALES
+
+    def tell() -> None:
+        if progress is not None:
+            progress(next(steps), total)
+
+    views: list[_View] = []
+    for frame in frames:
+        view = _view(frame, config)
+        views += [] if view is None else [view]
+        tell()
     if sum(len(view.bins) for view in views) < config.least_points:
         return None
     at_rest = np.array([1.0, 0.0, 0.0])
-    warp, chance = _search(views, config)
+    warp, chance = _search(views, config, tell)
     before, after = _cost(at_rest, views), _cost(warp, views)
     if after > (1.0 - config.least_match) * chance:
         return None
@@ -137,16 +162,23 @@ def _distances(
     return np.stack(stack).astype(np.float32)
 
 
-def _search(views: list[_View], config: ShiftConfig) -> tuple[Vector, float]:
+def _search(
+    views: list[_View], config: ShiftConfig, tell: Callable[[], None]
+) -> tuple[Vector, float]:
     """Best (scale, shift in x, shift in y) and the median cost of all that were tried.
 
     A coarse grid, then ever finer steps from its best places.
     """
     # Steps well inside the truncated distance's basin.
     shifts = np.arange(-config.search_px, config.search_px + 1, 2.0)
-    scales = 1.0 + np.linspace(-1.0, 1.0, 7) * config.search_scale
-    grid = [np.array(warp) for warp in itertools.product(scales, shifts, shifts)]
-    costs = np.array([_rounded_cost(warp, views) for warp in grid])
+    scales = 1.0 + np.linspace(-1.0, 1.0, SCALES) * config.search_scale
+    grid: list[Vector] = []
+    costs: list[float] = []
+    for scale in scales.tolist():
+        warps = [np.array([scale, x, y]) for x, y in itertools.product(shifts, shifts)]
+        costs += [_rounded_cost(warp, views) for warp in warps]
+        grid += warps
+        tell()
     starts = [grid[int(i)] for i in np.argsort(costs, kind="stable")[:3]]
     found = [_refined(start, views) for start in starts]
     best = min(found, key=lambda warp: _cost(warp, views))

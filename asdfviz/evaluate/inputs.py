@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -66,7 +67,7 @@ def open_result(
         path: what `asdfviz run` wrote, or a csv file.
         truth_folder: holds scene_gt.json and states.json; None for the run's sequence.
         assembly: None for the one that the run or the sequence names.
-        sequence: the frames that a csv is about; None for `truth_folder`.
+        sequence: the frames that a csv is about; None for `truth_folder`. A folder has its own.
         scene: whose rows of a csv to take; None for those of the sequence's name, or the only ones.
 
     Raises:
@@ -80,6 +81,25 @@ def open_result(
         run = load_run(path)
         assembly = _assembly_of(run, path) if assembly is None else assembly
     return Result(path, run, assembly, _truth_for(run, path, truth_folder, assembly))
+
+
+def refuse_csv_options(paths: Sequence[Path], *, sequence: str | None, scene: str | None) -> None:
+    """See that what only a csv leaves open is not said of runs that hold it themselves.
+
+    Raises:
+        RunError: all are folders, and frames or a scene are named.
+    """
+    named = [
+        option
+        for option, value in (("--sequence", sequence), ("--scene", scene))
+        if value is not None
+    ]
+    if named and paths and all(path.is_dir() for path in paths):
+        raise RunError(
+            f"{' and '.join(named)} {'is' if len(named) == 1 else 'are'} for csv files, and "
+            f"{paths[0]} is a run folder, which knows its frames: use --truth for the folder with "
+            "another truth to judge it by"
+        )
 
 
 def changed_inputs(run: Run, assembly: Assembly) -> list[str]:

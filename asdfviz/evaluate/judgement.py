@@ -24,6 +24,7 @@ class Judgement:
     predictions: Mapping[int, FramePrediction]
     comparison: Comparison
     states: tuple[StateRecord, ...]
+    """Empty where the run is of a kind that says none."""
     warnings: tuple[str, ...]
 
 
@@ -38,7 +39,8 @@ def judge(
     """Compare every pose and state of a run with the truth.
 
     Every frame of the truth counts, also one that the run does not hold. A run that was handed the
-    true poses of the first frame is not judged on that frame.
+    true poses of the first frame is not judged on that frame, one of a kind without states not by
+    states.
 
     Args:
         run: what a method said.
@@ -53,6 +55,7 @@ def judge(
     """
     predictions = predictions_by_frame(run, assembly)
     frames = judged_frames(run, truth)
+    has_states = run.says_states or any(p.state is not None for p in run.predictions)
     return Judgement(
         run=run,
         assembly=assembly,
@@ -65,7 +68,7 @@ def judge(
             visible=visible_shares(frames, assembly=assembly, camera=camera),
             is_complete=is_complete,
         ),
-        states=state_records(frames, predictions, assembly),
+        states=state_records(frames, predictions, assembly) if has_states else (),
         warnings=(*_warnings(predictions, truth, frames), *_doubts(run, frames)),
     )
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.atomic import make_folder, write_text
 from asdfviz.errors import RunError
-from asdfviz.evaluate.inputs import Result, open_result
+from asdfviz.evaluate.inputs import Result, open_result, refuse_csv_options
 from asdfviz.evaluate.report_runs import JudgedRun, judged_run
 from asdfviz.evaluate.report_sections import page
 
@@ -38,8 +38,8 @@ def write_report(
         out: the page.
         truth_folder: as in `open_result`.
         assembly: name or path; None for what each run names.
-        sequence: as in `open_result`.
-        scene: as in `open_result`.
+        sequence: as in `open_result`; refused where all paths are folders.
+        scene: likewise.
         pictures: worst frames shown of each run.
         progress: told how many runs are done, of how many, and which comes next.
 
@@ -47,12 +47,8 @@ def write_report(
         InputError: a run or its truth cannot be read.
         RenderError: pictures are wanted and nothing can be drawn here.
     """
-    if not paths:
-        raise RunError("name at least one run, as in: asdfviz report runs/asdf -o report.html")
-    if out.suffix.lower() not in (".html", ".htm") or out.is_dir():
-        raise RunError(f"the page is to be {out}: name a file that ends in .html")
-    if pictures < 0:
-        raise RunError(f"{pictures} pictures: use 0 or more")
+    _check(paths, out, pictures)
+    refuse_csv_options(paths, sequence=sequence, scene=scene)
     make_folder(out.absolute().parent)
     known = None if assembly is None else load_assembly(assembly)
     results = [
@@ -80,6 +76,15 @@ def write_report(
     write_text(out, page(judged))
     if progress is not None:
         progress(len(results), len(results), "")
+
+
+def _check(paths: Sequence[Path], out: Path, pictures: int) -> None:
+    if not paths:
+        raise RunError("name at least one run, as in: asdfviz report runs/asdf -o report.html")
+    if out.suffix.lower() not in (".html", ".htm") or out.is_dir():
+        raise RunError(f"the page is to be {out}: name a file that ends in .html")
+    if pictures < 0:
+        raise RunError(f"{pictures} pictures: use 0 or more")
 
 
 def _names(results: Sequence[Result]) -> list[str]:

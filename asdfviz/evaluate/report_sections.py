@@ -206,7 +206,8 @@ def _run_section(run: JudgedRun, anchor: str) -> str:
 
 def _confusion(run: JudgedRun, details: Mapping[str, Any]) -> str:
     if not run.judgement.states:
-        return "<p>The truth has no states.</p>"
+        is_known = any(frame.state is not None for frame in run.judgement.frames)
+        return f"<p>{'The run says' if is_known else 'The truth has'} no states.</p>"
     return (
         f"{confusion_table(details['confusion'])}"
         '<p style="margin-top:10px">Frames, and their share of the row. '

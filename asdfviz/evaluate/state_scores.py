@@ -6,12 +6,14 @@ an error is scored apart. Shares in percent, None where a figure is not defined.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
 from asdfviz.evaluate.calibration import calibration_error
+from asdfviz.evaluate.numbering import usual_step
 from asdfviz.evaluate.protocols import Figures, mean, median, percent, percentile
 from asdfviz.evaluate.segments import (
     Transition,
@@ -23,7 +25,7 @@ from asdfviz.evaluate.segments import (
 )
 
 TOLERANCE = 2
-"""Frames on either side of a true transition that may take either state."""
+"""Frames of the sequence on either side of a true transition that may take either state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,9 @@ def state_records(
     """Return one record for every frame whose true state is known, in the order of the frames."""
     known = [frame for frame in truth if frame.state is not None]
     states = [int(frame.state) for frame in known if frame.state is not None]
-    accepted = _accepted(states)
+    numbers = sorted({*predictions, *(frame.frame_index for frame in truth)})
+    reach = TOLERANCE * (usual_step(numbers) or 1)
+    accepted = _accepted(states, [frame.frame_index for frame in known], reach)
     records: list[StateRecord] = []
     for frame, state, right in zip(known, states, accepted, strict=True):
         prediction = predictions.get(frame.frame_index)
@@ -85,10 +89,11 @@ def state_figures(records: Sequence[StateRecord]) -> Figures:
     """Return the figures of the report; a frame without a predicted state is wrong.
 
     `accuracy_tol2` takes either state in the two frames before and the two frames after a true
-    transition, so a transition that is at most two frames off costs nothing. `macro_f1` is the plain
-    mean of F1 over the states that occur in the truth, `macro_f1_state_part` that over all pairs of
-    a state and a part joined in it. Delays are in frames, below 0 for early; a transition that the
-    run never followed has none and lowers `transitions_followed`.
+    transition, so a transition that is at most two frames off costs nothing. Frames that are missing
+    count too; where numbers always rise by 5, say, none is missing. `macro_f1` is the plain mean of
+    F1 over the states that occur in the truth, `macro_f1_state_part` that over all pairs of a state
+    and a part joined in it. Delays are in frames, below 0 for early; a transition that the run never
+    followed has none and lowers `transitions_followed`.
     """
     judged = [record for record in records if record.is_error is not None]
     wrong = [record for record in judged if record.is_error]
@@ -197,10 +202,13 @@ def _f1(records: Sequence[StateRecord], state: int) -> float:
     return 100.0 * 2 * both / (true + said)
 
 
-def _accepted(states: Sequence[int]) -> list[frozenset[int]]:
+def _accepted(states: Sequence[int], frames: Sequence[int], reach: int) -> list[frozenset[int]]:
+    """The states that count as right in each frame, by frame numbers: some may be missing."""
     accepted = [{state} for state in states]
     for i in range(1, len(states)):
         if states[i] != states[i - 1]:
-            for place in range(max(0, i - TOLERANCE), min(len(states), i + TOLERANCE)):
+            first = bisect_left(frames, frames[i] - reach)
+            end = bisect_left(frames, frames[i] + reach)
+            for place in range(first, end):
                 accepted[place] |= {states[i - 1], states[i]}
     return [frozenset(right) for right in accepted]

@@ -67,7 +67,7 @@ def export_bop(
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     folder = folder.expanduser().resolve()
     check_target(folder, source)
-    scene_gt(truth, source)  # refuses what does not fit before anything is written
+    gt = scene_gt(truth, source)  # refuses what does not fit before anything is written
     cameras: dict[str, object] = {}
     left_out: dict[int, str] = {}
     first: Camera | None = None
@@ -83,12 +83,15 @@ def export_bop(
         remove_others(folder / room, cameras)
     _write_json(folder / "camera.json", camera_content(first or source.camera, scale))
     _write_json(folder / "scene_camera.json", cameras)
+    for index in left_out:
+        gt.pop(str(index), None)
+    _write_json(folder / "scene_gt.json", gt)
     _write_truth({i: t for i, t in truth.items() if i not in left_out}, source, folder)
     return left_out
 
 
 def _write_truth(truth: Mapping[int, FrameTruth], source: Sequence, folder: Path) -> None:
-    _write_json(folder / "scene_gt.json", scene_gt(truth, source))
+    """Write what else is known than poses."""
     info = scene_gt_info(truth)
     if info is None:
         (folder / "scene_gt_info.json").unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from asdfviz.datatypes import Assembly
+from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Depth
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.bop_writer import SceneFolder, require_size
@@ -49,6 +50,7 @@ def generate_sequence(
     stop: Callable[[], bool] | None = None,
     device: str = "cpu",
     masks: bool = False,
+    exactly: bool = False,
 ) -> int:
     """Write a sequence with truth as a BOP scene folder; frames that are there already stay.
 
@@ -61,40 +63,51 @@ def generate_sequence(
         stop: asked before every frame; true ends the job, which can be taken up later.
         device: where torch renders.
         masks: write BOP's masks too.
+        exactly: refuse fewer frames than held parts need; else there are as many as they need.
 
     Returns:
         How many frames the folder holds.
 
     Raises:
         InputError: the size, the rate or the number of frames is impossible, or the folder was
-            begun for something else.
+            begun for something else. Nothing is written then.
     """
     chosen = config or SequenceConfig()
     require_size(chosen.width, chosen.height)
     check_config(chosen)
     assets = load_assets(assembly, device=device)
+    # What cannot be played is refused before a folder is begun for it.
+    play = plan_sequence(assets, seed=seed, config=chosen)
+    if exactly:
+        _require_frames(len(play.moments), chosen)
     output = SceneFolder(folder, assets=assets, masks=masks)
     output.begin(
         sequence={"assembly": assembly.name, "fps": chosen.fps, "seed": seed, "kind": "sequence"}
         | {"masks": masks, "config": asdict(chosen)},
         camera=camera_for(chosen.width, chosen.height),
     )
-    play = plan_sequence(assets, seed=seed, config=chosen)
-    total = len(play.moments)
     studio = Studio.of(play, assets, seed=seed, config=chosen)
     complete = True
-    for index in range(total):
+    for index in range(len(play.moments)):
         if stop is not None and stop():
             complete = False
             break
         if not output.has(index):
             _write_frame(index, studio, output)
         if progress is not None:
-            progress(index + 1, total)
+            progress(index + 1, len(play.moments))
     count = output.merge()
     if complete:
         output.finish()
     return count
+
+
+def _require_frames(least: int, config: SequenceConfig) -> None:
+    if config.frames is not None and config.frames < least:
+        raise InputError(
+            f"frames is {config.frames}, use {least} or more: at {config.fps:g} frames a second "
+            "hands and parts need as many"
+        )
 
 
 def _write_frame(index: int, studio: Studio, output: SceneFolder) -> None:

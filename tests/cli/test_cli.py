@@ -6,8 +6,11 @@ import json
 import re
 import shlex
 import shutil
+import subprocess
+import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from exits import exit_code
@@ -149,6 +152,18 @@ def test_packs_are_drawn_as_asked_and_else_as_the_library_does(tmp_path: Path) -
     assert asked.config() == PackConfig(width=320, groups=0.8, sizes_px=(52.0, 180.0))
 
 
+def test_a_sequence_of_too_few_frames_is_refused_before_it_is_begun(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("asdfviz.synth.sequences.load_assets", lambda *_, **__: None)
+    play = SimpleNamespace(moments=[None] * 51)
+    monkeypatch.setattr("asdfviz.synth.sequences.plan_sequence", lambda *_, **__: play)
+    line = ("synth", "sequence", "--assembly", "corner_clamp", "--out", str(tmp_path))
+    assert exit_code(*line, "--frames", "1") == 2
+    assert capsys.readouterr().err.startswith("error: frames is 1, use 51 or more: ")
+    assert not list(tmp_path.iterdir())
+
+
 def test_the_readme_s_own_method_runs_as_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -255,12 +270,41 @@ def test_a_run_never_goes_among_the_images(
 def test_every_error_of_ours_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(_sequence: object) -> None:
+    def fail(_sequence: object, **_: object) -> None:
         raise RenderError("no EGL here:\ninstall libegl1")
 
     monkeypatch.setattr("asdfviz.evaluate.health.check_sequence", fail)
     assert exit_code("check", "sample") == 2
     assert capsys.readouterr().err == "error: no EGL here: install libegl1\n"
+
+
+def test_check_shows_how_far_it_is_and_stops(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code("check", "sample", "--json") == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["frames_looked_at"] == 12
+    assert re.search(r"^check .*12/12", said.err)
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("asdfviz.evaluate.health_shift._view", interrupted)
+    assert exit_code("check", "sample") == 130
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.splitlines()[-1] == "stopped"
+
+
+def test_an_interrupt_while_modules_are_loaded_is_quiet(tmp_path: Path) -> None:
+    interrupted = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
+    (tmp_path / "tyro.py").write_text(interrupted)
+    program = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
+        "from asdfviz.cli import main\nmain(['methods'])"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "stopped\n")
 
 
 def test_methods_lists_the_paper_ones(capsys: pytest.CaptureFixture[str]) -> None:

@@ -178,6 +178,7 @@ BROKEN = [
     pytest.param(
         change("parts", "pin", "mesh", to="nut.ply"), "nut.ply does not exist", id="mesh file"
     ),
+    pytest.param(change("parts", "pin", "mesh", to="."), "is a folder", id="mesh folder"),
     pytest.param(change("parts", "pin", "unit", to="m"), "should it be mm", id="mesh in m"),
     pytest.param(change("parts", "pin", "color", to=[1, 2]), "'color' must be 3", id="color"),
     pytest.param(

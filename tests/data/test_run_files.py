@@ -52,6 +52,7 @@ def random_run(frames: int = 3) -> Run:
         predictions=(*(prediction(i) for i in range(frames)), empty),
         hashes={"assembly": "ab" * 32},
         initial="first_frame_truth",
+        says_states=False,
     )
 
 
@@ -81,7 +82,7 @@ def test_a_run_reads_back_bit_for_bit(tmp_path: Path, tiny: Assembly) -> None:
     save_run(run, tmp_path / "out" / "run")
     read = load_run(tmp_path / "out" / "run", assembly=tiny)
     assert replace(read, predictions=()).config == run.config
-    for name in ("method", "sequence", "assembly", "version", "initial", "hashes"):
+    for name in ("method", "sequence", "assembly", "version", "initial", "hashes", "says_states"):
         assert getattr(read, name) == getattr(run, name)
     assert len(read.predictions) == len(run.predictions)
     for a, b in zip(read.predictions, run.predictions, strict=True):
@@ -90,6 +91,14 @@ def test_a_run_reads_back_bit_for_bit(tmp_path: Path, tiny: Assembly) -> None:
         "predictions.jsonl",
         "run.json",
     ]
+
+
+def test_a_run_of_an_old_program_may_say_states(tmp_path: Path) -> None:
+    save_run(random_run(), tmp_path)
+    about = json.loads((tmp_path / "run.json").read_text())
+    del about["says_states"]
+    (tmp_path / "run.json").write_text(json.dumps(about))
+    assert load_run(tmp_path).says_states
 
 
 def test_a_run_without_frames_reads_back(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Par
 from asdfviz.errors import RunError, SequenceError
 from asdfviz.evaluate.evaluate import evaluate_run
 from asdfviz.evaluate.pose_errors import add, error_model
-from asdfviz.evaluate.protocols import MEAN_FIGURES, gbot_evaluated_parts
+from asdfviz.evaluate.protocols import MEAN_FIGURES, ProtocolName, gbot_evaluated_parts
 from asdfviz.evaluate.summary import summaries
 from asdfviz.evaluate.tables import escaped, markdown_table, means_table, parts_table
 from asdfviz.geometry.transforms import rotation_about, transform_from
@@ -305,6 +305,33 @@ def test_a_csv_begins_after_the_frame_that_was_given(
     report = evaluate_run(run, assembly=assembly, truth=truth)
     assert report["n_frames"] == report["parts"]["plate"]["n_poses"] == 2
     assert report["mean"]["e_t_mm"] == pytest.approx(15)
+
+
+@pytest.mark.parametrize("protocol", ["strict", "gbot"])
+def test_a_run_of_a_kind_without_states_has_no_figures_of_them(
+    assembly: Assembly,
+    make_truth: MakeTruth,
+    make_prediction: MakePrediction,
+    make_run: MakeRun,
+    protocol: ProtocolName,
+) -> None:
+    truth = {i: make_truth(i, {"plate": placed()}, state=i // 2, is_error=False) for i in range(4)}
+    silent = [make_prediction(i, {"plate": placed()}) for i in range(4)]
+
+    def judged(run: Run) -> dict[str, Any]:
+        return evaluate_run(run, assembly=assembly, truth=truth, protocol=protocol)
+
+    poses_alone = judged(make_run(silent, says_states=False))
+    assert set(poses_alone["state"].values()) == {None}
+    assert poses_alone["state_details"]["transitions"] == []
+    assert poses_alone["mean"]["add_s_01d"] == 100
+    row = markdown_table([poses_alone]).splitlines()[-1]
+    assert [cell.strip() for cell in row.strip("|").split("|")][-9:] == ["-"] * 9
+    assert judged(make_run(silent))["state"]["accuracy"] == 0
+    spoken = [*silent[:3], make_prediction(3, {}, state=1)]
+    assert judged(make_run(spoken, says_states=False))["state"]["accuracy"] == 25
+    means = summaries([poses_alone, judged(make_run(spoken))])[-1]
+    assert means["plain"]["state"]["accuracy"] == 25
 
 
 def test_means_over_runs(

@@ -20,7 +20,7 @@ from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Mesh, Part, State
 from asdfviz.errors import SequenceError
 from asdfviz.evaluate.health import Finding, HealthReport, check_sequence
-from asdfviz.evaluate.health_shift import measure_shift, spread
+from asdfviz.evaluate.health_shift import SCALES, measure_shift, spread
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.sampling import diameter
 from asdfviz.geometry.symmetry import Symmetries
@@ -421,6 +421,16 @@ def test_the_report_is_plain_json_with_the_gravest_first(make: Make) -> None:
     assert (content["sequence"], content["frames"], content["frames_looked_at"]) == ("memory", 3, 3)
     assert [f["severity"] for f in content["findings"]] == ["error", "info"]
     assert set(content["findings"][0]) == {"kind", "severity", "message", "value"}
+
+
+def test_it_tells_how_far_it_is(make: Make) -> None:
+    told: list[tuple[int, int, str]] = []
+    check_sequence(make(with_truth=True), progress=lambda *step: told.append(step))
+    by_kind = {what: [step[:2] for step in told if step[2] == what] for *_, what in told}
+    assert list(by_kind) == ["reading", "depth against colour", "depth against truth", ""]
+    assert by_kind["reading"] == [(1, 3), (2, 3), (3, 3)]
+    assert by_kind["depth against colour"] == [(i, 3 + SCALES) for i in range(1, 4 + SCALES)]
+    assert told[-1] == (3, 3, "")
 
 
 def test_at_most_a_dozen_frames_are_read(make: Make) -> None:

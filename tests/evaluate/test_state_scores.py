@@ -79,6 +79,37 @@ def test_a_transition_may_be_two_frames_off(
     assert found["accuracy_tol2"] == tolerant
 
 
+@pytest.mark.parametrize(("switch", "tolerant"), [(10, 5), (14, 6), (15, 6), (17, 6), (30, 5)])
+def test_frames_that_are_missing_count_as_time(
+    assembly: Assembly,
+    make_truth: Callable[..., FrameTruth],
+    make_prediction: Callable[..., FramePrediction],
+    switch: int,
+    tolerant: int,
+) -> None:
+    true = {0: 0, 10: 0, 14: 0, 15: 1, 17: 1, 30: 1}
+    truth = [make_truth(i, {}, state=state, is_error=False) for i, state in true.items()]
+    said = {i: make_prediction(i, {}, state=int(i >= switch)) for i in true}
+    found = state_figures(state_records(truth, said, assembly))
+    assert found["accuracy_tol2"] == pytest.approx(100 * tolerant / 6)
+
+
+@pytest.mark.parametrize(("runs_too", "tolerant"), [(False, 100), (True, 80)])
+def test_two_frames_are_those_of_the_sequence(
+    assembly: Assembly,
+    make_truth: Callable[..., FrameTruth],
+    make_prediction: Callable[..., FramePrediction],
+    runs_too: bool,
+    tolerant: float,
+) -> None:
+    """Every fifth frame is known; the sequence has no others, or has all, as the run tells."""
+    known = range(0, 50, 5)
+    truth = [make_truth(i, {}, state=int(i >= 25)) for i in known]
+    frames = range(50) if runs_too else known
+    said = {i: make_prediction(i, {}, state=int(i >= 15)) for i in frames}
+    assert state_figures(state_records(truth, said, assembly))["accuracy_tol2"] == tolerant
+
+
 def test_a_third_state_is_wrong_at_a_transition(
     records: Callable[..., tuple[StateRecord, ...]],
 ) -> None:
@@ -102,7 +133,7 @@ def test_frames_without_true_state_do_not_count(
     assert len(records([None, 1, None], [0, 1, 2])) == 1
 
 
-def test_a_method_without_states_is_wrong_everywhere(
+def test_a_run_that_could_say_states_and_says_none_is_wrong_everywhere(
     records: Callable[..., tuple[StateRecord, ...]],
 ) -> None:
     figures = state_figures(records([0, 1], [None, None], [False, True]))

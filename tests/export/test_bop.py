@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Frame, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop import export_bop
+from asdfviz.export.bop_content import scene_gt
 from asdfviz.export.readable import told_left_out
 from asdfviz.geometry.transforms import rotation_angle
 
@@ -215,6 +217,20 @@ def test_a_broken_image_is_left_out_with_its_truth(
     frames, found = read_back(tmp_path / "out", assembly)
     assert [frame.index for frame in frames] == [0, 1]
     assert_same_truth(found, {0: truth[0]})
+
+
+def test_the_poses_are_put_down_once(
+    memory: Sequence, truth: Truth, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[object] = []
+
+    def counted(*given: Any) -> dict[str, object]:
+        made.append(given)
+        return scene_gt(*given)
+
+    monkeypatch.setattr("asdfviz.export.bop.scene_gt", counted)
+    export_bop(memory, truth, tmp_path / "out")
+    assert len(made) == 1
 
 
 def test_where_no_image_can_be_read_nothing_is_written(
