@@ -108,7 +108,7 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
         flare=float(rng.uniform(0.0, 0.09)),
         contrast=float(rng.uniform(0.92, 1.25)),
         saturation=float(rng.uniform(0.85, 1.35)),
-        sharpening=float(max(0.0, rng.uniform(-0.5, 0.9))),
+        sharpening=float(max(0.0, rng.uniform(-0.5, 1.4))),
         knee=float(rng.uniform(0.5, 1.0)),
         thin_px=float(max(0.0, rng.uniform(-1.0, 2.0))),
         fringe_px=float(rng.normal() * 0.6),
