@@ -7,7 +7,8 @@
     asdf-rgbd  images/ (16-bit colour and depth in one), labels/: the ASDF authors' training export
 
 camera.json may accompany any of them (size, `distortion`), as may states.json (the truth of the
-states) and sequence.json ({"assembly": name or relative path, "fps": 30}).
+states) and sequence.json ({"assembly": name or relative path, "fps": 30}; "assembly_path" may tell
+where the one of that name lies, from the folder).
 """
 
 from __future__ import annotations
@@ -203,7 +204,9 @@ def _named_assembly(folder: Path, about: Json | None) -> tuple[Assembly | None, 
     if field is None:
         return None, None
     name = field.text()
-    for candidate in (bundled_assemblies().get(name), folder / name):
+    way = about.find("assembly_path") if about is not None else None
+    told = None if way is None else folder / way.text()
+    for candidate in (told, bundled_assemblies().get(name), folder / name):
         if candidate is not None and _is_assembly(candidate):
             return load_assembly(candidate), None
     return None, name

@@ -22,9 +22,10 @@ import numpy as np
 from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.data.encoding import encoded
 from asdfviz.data.json_files import read_json
+from asdfviz.data.resources import way_to_assembly
 from asdfviz.data.scene_objects import SCENE_GT, SCENE_GT_INFO
 from asdfviz.data.truth import STATES
-from asdfviz.datatypes import Camera
+from asdfviz.datatypes import Assembly, Camera
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Depth, Rgb
 from asdfviz.pose.labels import Subject
@@ -71,17 +72,22 @@ class SceneFolder:
             entries = read_json(folder / STATES, error=InputError).entries()
             self._finished = frozenset(entry.get("frame").integer() for entry in entries)
 
-    def begin(self, *, sequence: Mapping[str, object], camera: Camera) -> None:
+    def begin(self, assembly: Assembly, *, sequence: Mapping[str, object], camera: Camera) -> None:
         """Note what the folder is for, or see that it was begun for the same.
 
         Args:
-            sequence: content of sequence.json: assembly, seed and whatever else the images depend on.
+            assembly: whose name, and where it lies, sequence.json begins with; it may lie elsewhere
+                when the job goes on.
+            sequence: the rest of sequence.json: the seed and whatever else the images depend on.
             camera: content of camera.json.
 
         Raises:
             InputError: the folder holds something else, or was begun with another seed, size ...
         """
-        wanted = {"sequence.json": dict(sequence), "camera.json": camera_fields(camera)}
+        wanted = {
+            "sequence.json": {"assembly": assembly.name, **sequence},
+            "camera.json": camera_fields(camera),
+        }
         if not (self.folder / "sequence.json").is_file() and self._strangers():
             raise InputError(
                 f"{self.folder} holds something else ({', '.join(self._strangers()[:4])}): take "
@@ -91,6 +97,8 @@ class SceneFolder:
             file = self.folder / name
             if file.is_file():
                 require_equal(file, json.loads(json.dumps(content)))
+            elif name == "sequence.json":
+                write_text(file, _dump({**content, **way_to_assembly(assembly, self.folder)}))
             else:
                 write_text(file, _dump(content))
         if not self._finished:

@@ -73,11 +73,9 @@ def generate_images(
     _check(count, seed, chosen, crew)
     output = SceneFolder(folder)
     kind = "scenes" if isinstance(chosen, SceneConfig) else "packs"
-    output.begin(
-        sequence={"assembly": assembly.name, "fps": 0, "seed": seed, "kind": kind}
-        | {"masks": masks, "shift": shift, "config": asdict(chosen)},
-        camera=camera_for(chosen.width, chosen.height),
-    )
+    about = {"fps": 0, "seed": seed, "kind": kind, "masks": masks, "shift": shift}
+    camera = camera_for(chosen.width, chosen.height)
+    output.begin(assembly, sequence={**about, "config": asdict(chosen)}, camera=camera)
     missing = [index for index in range(count) if not output.has(index)]
     merged = 0
 

@@ -81,11 +81,9 @@ def generate_sequence(
     if exactly:
         _require_frames(len(play.moments), chosen)
     output = SceneFolder(folder, assets=assets, masks=masks)
-    output.begin(
-        sequence={"assembly": assembly.name, "fps": chosen.fps, "seed": seed, "kind": "sequence"}
-        | {"masks": masks, "config": asdict(chosen)},
-        camera=camera_for(chosen.width, chosen.height),
-    )
+    about = {"fps": chosen.fps, "seed": seed, "kind": "sequence", "masks": masks}
+    camera = camera_for(chosen.width, chosen.height)
+    output.begin(assembly, sequence={**about, "config": asdict(chosen)}, camera=camera)
     studio = Studio.of(play, assets, seed=seed, config=chosen)
     complete = True
     for index in range(len(play.moments)):

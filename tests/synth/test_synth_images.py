@@ -12,6 +12,10 @@ import cv2
 import numpy as np
 import pytest
 
+from asdfviz.data.assembly import load_assembly
+from asdfviz.data.assembly_writer import write_assembly
+from asdfviz.data.resources import way_to_assembly
+from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import KEYPOINTS, Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.camera import project
@@ -195,3 +199,31 @@ def test_shifted_depth_is_moved_against_colour(tmp_path: Path, toy: Assembly) ->
     )
     assert np.array_equal(colors[0], colors[1])
     assert not np.array_equal(depths[0], depths[1])
+
+
+def test_what_is_drawn_of_an_assembly_of_ones_own_finds_it_again(
+    toy: Assembly, tmp_path: Path
+) -> None:
+    write_assembly(toy, tmp_path / "here" / "my_toy")
+    mine = load_assembly(tmp_path / "here" / "my_toy")
+    folder = tmp_path / "here" / "data" / "train"
+    generate_images(mine, count=1, seed=8, folder=folder, config=SCENES)
+    found = open_sequence(folder).assembly
+    assert found is not None
+    assert Path(found.path) == Path(mine.path)
+    # Together they may move, and the job goes on.
+    (tmp_path / "here").rename(tmp_path / "there")
+    moved = load_assembly(tmp_path / "there" / "my_toy")
+    folder = tmp_path / "there" / "data" / "train"
+    assert generate_images(moved, count=2, seed=8, folder=folder, config=SCENES) == 2
+    found = open_sequence(folder).assembly
+    assert found is not None
+    assert Path(found.path) == Path(moved.path)
+    (tmp_path / "there" / "my_toy").rename(tmp_path / "elsewhere")
+    assert open_sequence(folder).missing_assembly == "toy"
+
+
+def test_what_is_drawn_of_a_bundled_assembly_names_it_alone(folder: Path) -> None:
+    assert read(folder, "sequence.json")["assembly"] == "toy"
+    assert way_to_assembly(load_assembly("vise"), folder) == {}
+    assert "assembly_path" not in read(folder, "sequence.json")  # the toy lies in no file
