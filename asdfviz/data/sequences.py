@@ -200,11 +200,9 @@ def _fps(about: Json | None) -> float:
 
 def _named_assembly(folder: Path, about: Json | None) -> tuple[Assembly | None, str | None]:
     """Load what sequence.json names; where it is not found, return its name as the second value."""
-    field = None if about is None else about.find("assembly")
-    if field is None:
+    if about is None or (field := about.find("assembly")) is None:
         return None, None
-    name = field.text()
-    way = about.find("assembly_path") if about is not None else None
+    name, way = field.text(), about.find("assembly_path")
     told = None if way is None else folder / way.text()
     for candidate in (told, bundled_assemblies().get(name), folder / name):
         if candidate is not None and _is_assembly(candidate):

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Int64
 from torch import Tensor
-from torch.nn.functional import avg_pool2d
 
 from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.synth.description import Scene
@@ -17,7 +16,7 @@ from asdfviz.synth.grounds import ground_depth, ground_looks
 from asdfviz.synth.mesh_bank import MeshBank, Triangles
 from asdfviz.synth.raster import Fragments, Projected, corner_weights, rasterize
 from asdfviz.synth.surfaces import decorate
-from asdfviz.synth.tensors import dot, length, to_tensor, transform_each, unit
+from asdfviz.synth.tensors import box_mean, dot, length, to_tensor, transform_each, unit
 
 EDGE_RADIUS = 0.00045
 """How far, in metres, edges of meshes are worn round."""
@@ -210,9 +209,7 @@ def _rounded(
     means: list[Tensor] = []
     for reaches in ((radius_px, radius_px), (3 * radius_px,)):
         for reach in reaches:
-            # A square window as a row after a column costs far less.
-            soft = avg_pool2d(soft, (2 * reach + 1, 1), stride=1, padding=(reach, 0))
-            soft = avg_pool2d(soft, (1, 2 * reach + 1), stride=1, padding=(0, reach))
+            soft = box_mean(soft, reach, padding=reach)
         means.append(soft.permute(0, 2, 3, 1).reshape(-1, 3)[hit])
     return unit(means[0]), 1 - dot(unit(means[0]), means[1])[:, 0].clamp(0, 1)
 

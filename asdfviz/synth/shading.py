@@ -17,7 +17,7 @@ from asdfviz.synth.description import Light, Scene
 from asdfviz.synth.gbuffer import GBuffer
 from asdfviz.synth.mesh_bank import Triangles
 from asdfviz.synth.raster import Projected, depth_map
-from asdfviz.synth.tensors import dot, length, to_tensor, transform_each, unit
+from asdfviz.synth.tensors import box_mean, dot, length, to_tensor, transform_each, unit
 
 WRAP = (1.1, 0.45, 0.35)
 """How far red, green and blue light go round the edge of what is translucent."""
@@ -243,9 +243,7 @@ def ambient_occlusion(
         radius = max(1, round(reach * width / 4))
         soft = _continued(small, 2 * radius)
         for _ in range(2):
-            # A square window as a row after a column costs far less.
-            soft = avg_pool2d(soft, (2 * radius + 1, 1), stride=1)
-            soft = avg_pool2d(soft, (1, 2 * radius + 1), stride=1)
+            soft = box_mean(soft, radius)
         large = interpolate(soft, size=(height, width), mode="bilinear")[:, 0]
         total *= torch.exp(-strength * power * (depth - large).clamp(0, 0.08))
     return total

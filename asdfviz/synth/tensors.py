@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from jaxtyping import Float32, Int64, Shaped
 from torch import Tensor
+from torch.nn.functional import avg_pool2d
 
 
 def to_tensor(
@@ -39,6 +40,18 @@ def unit(vectors: Tensor) -> Tensor:
     """Vectors along the last axis (of size 3) brought to length 1; zero stays zero."""
     x, y, z = vectors.unbind(-1)
     return vectors * (x * x + y * y + z * z).clamp_(min=1e-24).rsqrt_()[..., None]
+
+
+def box_mean(
+    images: Float32[Tensor, "b c h w"], radius: int, *, padding: int = 0
+) -> Float32[Tensor, "b c h2 w2"]:
+    """Means over squares of 2 `radius` + 1 pixels a side, with so many zeros about the images.
+
+    As a row after a column: the square itself costs far more.
+    """
+    side = 2 * radius + 1
+    columns = avg_pool2d(images, (side, 1), stride=1, padding=(padding, 0))
+    return avg_pool2d(columns, (1, side), stride=1, padding=(0, padding))
 
 
 def invert(matrices: Tensor) -> Tensor:

@@ -2,32 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from hand_edits import JAW, RANGE, Do
 
 from asdfviz.annotate.records import StateLabel, label_of
 from asdfviz.app import actions as act
-from asdfviz.app.desk import Burst, Done
-from asdfviz.app.editing import Edits, apply_edit
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
-
-JAW = View(place=1, base="first", selected="jaw")
-RANGE = View(place=3, base="first", selected="jaw", marked=(2, 4))
-Do = Callable[..., Done]
-
-
-@pytest.fixture
-def do(with_run: Workspace) -> Do:
-    """Edits of the clamp, whose run says state 0, 0, 0, 1, none, 1, 2, 2."""
-
-    def run(action: Edits, view: View = JAW, *, now: float = 0.0) -> Done:
-        return apply_edit(action, view, with_run, burst=Burst(), now=now)
-
-    return run
 
 
 def labels(workspace: Workspace) -> list[int | None]:

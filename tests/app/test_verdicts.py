@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
+from hand_edits import RANGE, Do
 
 from asdfviz.app import actions as act
-from asdfviz.app.desk import Burst, Done
-from asdfviz.app.editing import Edits, apply_edit
+from asdfviz.app.editing import Edits
 from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
-
-JAW = View(place=1, base="first", selected="jaw")
-RANGE = View(place=3, base="first", selected="jaw", marked=(2, 4))
-Do = Callable[..., Done]
-
-
-@pytest.fixture
-def do(with_run: Workspace) -> Do:
-    def run(action: Edits, view: View = JAW, *, now: float = 0.0) -> Done:
-        return apply_edit(action, view, with_run, burst=Burst(), now=now)
-
-    return run
 
 
 def has_jaw(workspace: Workspace) -> list[bool]:
