@@ -121,15 +121,17 @@ class BenchLoss:
 
 @dataclass(frozen=True)
 class BenchSynth:
-    """Time the generator of training images in one process.
+    """Time the generator of training images.
 
-    Example: asdfviz bench synth --assembly corner_clamp
+    Example: asdfviz bench synth --assembly corner_clamp --workers 2
     """
 
     assembly: str = "corner_clamp"
     """assembly.yaml, its folder, or a bundled name."""
     images: int = 10
-    """Timed images of each kind and size."""
+    """Timed images of each kind and size, in every process."""
+    workers: int = 1
+    """Processes that share the cores, as in `synth images`; 1 is one process with all of them."""
     json: bool = False
     """Print JSON."""
 
@@ -142,6 +144,7 @@ class BenchSynth:
             speeds = measure_synth(
                 load_assembly(self.assembly),
                 images=self.images,
+                workers=self.workers,
                 progress=lambda done, total: report(done, total, ""),
             )
         print(json.dumps([vars(s) for s in speeds], indent=2) if self.json else speed_table(speeds))

@@ -205,13 +205,26 @@ def _rounded(
     sharp = buffer.normal.view(-1, 3)[hit]
     if radius_px < 1:
         return sharp, torch.zeros_like(sharp[:, 0])
-    soft = (buffer.normal * (buffer.owner >= 0)[..., None]).permute(0, 3, 1, 2).contiguous()
+    # Only about the meshes, with room for all three means; the grounds fill most images.
+    images, rows, columns = _places(buffer.owner, hit)
+    top, left = (max(0, int(at.min()) - 5 * radius_px) for at in (rows, columns))
+    bottom, right = (int(at.max()) + 1 + 5 * radius_px for at in (rows, columns))
+    near = (slice(None), slice(top, bottom), slice(left, right))
+    soft = buffer.normal[near] * (buffer.owner[near] >= 0)[..., None]
+    soft = soft.permute(0, 3, 1, 2).contiguous()
     means: list[Tensor] = []
     for reaches in ((radius_px, radius_px), (3 * radius_px,)):
         for reach in reaches:
             soft = box_mean(soft, reach, padding=reach)
-        means.append(soft.permute(0, 2, 3, 1).reshape(-1, 3)[hit])
+        means.append(soft[images, :, rows - top, columns - left])
     return unit(means[0]), 1 - dot(unit(means[0]), means[1])[:, 0].clamp(0, 1)
+
+
+def _places(images: Int64[Tensor, "b h w"], pixels: Int64[Tensor, "p"]) -> tuple[Tensor, ...]:
+    """Image, row and column of pixels that are counted over the whole batch."""
+    height, width = images.shape[1:]
+    flat = pixels % (height * width)
+    return pixels // (height * width), flat // width, flat % width
 
 
 def _finishes(scenes: Sequence[Scene], device: torch.device) -> Float32[Tensor, "i 15"]:

@@ -117,9 +117,9 @@ class ImageWork:
     seed: int
     folder: Path
     config: SceneConfig | PackConfig
-    masks: bool
-    shift: bool
-    device: str
+    masks: bool = False
+    shift: bool = False
+    device: str = "cpu"
     token: str = field(default_factory=lambda: secrets.token_hex(8))
 
     def open(self) -> Piece:

@@ -64,14 +64,16 @@ def render(
         )
         radiance = shade(scenes, casters, fine, rng=rng, config=shading or ShadingConfig())
         camera = scenes[0].camera
-        radiance = torch.nn.functional.interpolate(
-            radiance.permute(0, 3, 1, 2), size=(camera.height, camera.width), mode="area"
-        ).permute(0, 2, 3, 1)
-        albedo = torch.nn.functional.interpolate(
-            fine.albedo.mean(dim=3)[:, None], size=(camera.height, camera.width), mode="area"
-        )[:, 0]
+        albedo = fine.albedo.mean(dim=3, keepdim=True)
         exact = (fine.depth, fine.owner) if supersampling == 1 else None
-        return _pictures(scenes, triangles, exact, radiance, albedo, device)
+        if exact is None:
+            radiance, albedo = (
+                torch.nn.functional.interpolate(
+                    each.permute(0, 3, 1, 2), size=(camera.height, camera.width), mode="area"
+                ).permute(0, 2, 3, 1)
+                for each in (radiance, albedo)
+            )
+        return _pictures(scenes, triangles, exact, radiance, albedo[..., 0], device)
 
 
 def _pictures(

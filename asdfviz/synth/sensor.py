@@ -163,7 +163,7 @@ def blur_moving(radiance: Linear, mask: Mask, motion_px: tuple[float, float]) ->
 
 def metered(image: Linear) -> float:
     """The linear value of the bright parts, by which the camera sets its exposure."""
-    middle, bright = np.percentile(image.mean(axis=2)[::4, ::4], [80, 98])
+    middle, bright = np.percentile(image[::4, ::4].mean(axis=2), [80, 98])
     return max(float(middle), 0.5 * float(bright))
 
 
@@ -190,7 +190,7 @@ def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator)
     speckle = grain(rng, height, width, colored=sensor.thin_px > 0)
     # Mostly shot noise: cameras smooth the dark parts themselves.
     image = image + speckle * sensor.noise * np.sqrt(0.004 + 3.4 * np.maximum(image, 0))
-    gray = image.mean(axis=2, keepdims=True)
+    gray = (image @ np.full(3, 1 / 3, np.float32))[:, :, None]
     image = gray + (image - gray) * sensor.saturation
     image = np.clip(image, 0, 1) ** np.float32(1 / 2.2)
     image = (0.5 + (image - 0.5) * sensor.contrast).astype(np.float32)

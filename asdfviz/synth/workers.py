@@ -21,6 +21,7 @@ from multiprocessing.synchronize import Event
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import cv2
+import torch
 
 from asdfviz.errors import AsdfvizError, InputError
 
@@ -190,8 +191,10 @@ def _prepare(event: Event, workers: int) -> None:
     """Begin a spawned process: its share of the cores, and no life after its parent's."""
     _stop_event[:] = [event]
     threads = max(1, len(os.sched_getaffinity(0)) // workers)
-    # Read by torch, which the first piece imports.
     os.environ["OMP_NUM_THREADS"] = str(threads)
+    # Too late for a variable where the script that began the job imports torch: it is read again
+    # here, and threads in excess wait for each other ten times longer than they work.
+    torch.set_num_threads(threads)
     cv2.setNumThreads(threads)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -27,3 +27,19 @@ class Marks:
         if number == 3 and self.mishap == "death":
             os._exit(9)
         (self.folder / str(number)).write_text(str(os.getpid()))
+
+
+@dataclass(frozen=True)
+class Threads:
+    """Leaves the number of torch's threads a piece."""
+
+    folder: Path
+    token: str = "threads"
+
+    def open(self) -> Callable[[int, object], None]:
+        import torch
+
+        def count(number: int, stop: object) -> None:
+            (self.folder / str(number)).write_text(str(torch.get_num_threads()))
+
+        return count

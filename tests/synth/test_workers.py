@@ -64,6 +64,29 @@ def test_pieces_run_elsewhere_and_once(tmp_path: Path) -> None:
     assert ticks[-1] == 6
 
 
+LATE = """
+import sys
+from pathlib import Path
+import torch
+from asdfviz.synth.workers import Crew, do_all
+from marked_pieces import Threads
+
+if __name__ == "__main__":
+    do_all(Threads(Path(sys.argv[1])), range(2), crew=Crew(2))
+"""
+
+
+def test_workers_of_a_script_that_imports_torch_share_the_cores(tmp_path: Path) -> None:
+    # Spawned processes import the script again, before they can be told how many threads to use.
+    script, counts = tmp_path / "script.py", tmp_path / "counts"
+    script.write_text(LATE)
+    counts.mkdir()
+    here = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+    subprocess.run([sys.executable, str(script), str(counts)], check=True, env=here)
+    share = max(1, len(os.sched_getaffinity(0)) // 2)
+    assert {p.read_text() for p in counts.iterdir()} == {str(share)}
+
+
 def test_a_stop_leaves_the_rest_undone(tmp_path: Path) -> None:
     assert not do_all(Marks(tmp_path), range(200), crew=Crew(2), stop=lambda: True)
     assert len(list(tmp_path.iterdir())) < 200
