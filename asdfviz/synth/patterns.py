@@ -35,9 +35,9 @@ def _drape(rng: np.random.Generator, n: int) -> Map:
     # Worn folds are a little paler than the cloth, whatever the light.
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
     blotches = fractal(rng, n, base=18, octaves=5, gain=0.75)
-    shade = 1 + 0.042 * blotches + np.clip(60 * worn, -0.03, 0.05)
+    shade = 1 + 0.028 * blotches + np.clip(60 * worn, -0.03, 0.05)
     bands = cv2.resize(fractal(rng, n, base=16, octaves=3)[: n // 3].copy(), (n, n))
-    hue = 0.45 + 0.19 * fractal(rng, n, base=7, octaves=5, gain=0.8) + 0.13 * bands
+    hue = 0.45 + 0.12 * fractal(rng, n, base=7, octaves=5, gain=0.8) + 0.13 * bands
     return _stack(np.clip(hue, 0, 1), _specks(rng, n), shade, height.astype(np.float32))
 
 

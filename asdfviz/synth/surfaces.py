@@ -16,6 +16,11 @@ from asdfviz.synth.textures import macro_map
 COLUMNS = 15
 """Columns of a finish: colour 0-2, roughness 3, mottling 4, layer axis 5, layer height 6, layer depth
 7, translucency 8, the layer axis and the next axis of the mesh in the world 9-11 and 12-14."""
+SHEEN = (0.60, 0.44, 0.39)
+"""Red, green and blue that printed layers add to any colour, by the layers' depth: warm, as rooms are
+(fitted to blue and black prints in the paper's recordings)."""
+MOST_SHINY = 0.03
+"""Depth of the layers from which on they add no more."""
 NOISE_DEVIATION = 0.03
 """How much the brightness of the map "plain" strays."""
 
@@ -81,7 +86,9 @@ def _printed(
     streak = _at(noise, line / 0.03, row) - _at(noise, (line + 0.0015) / 0.03, row)
     streak = 1.1 * streak * (1 + 0.35 * value)
     shown = torch.where(level, 0.10, 0.16) * streak * depth
-    color = color * (1 + shown).clamp(min=0.3)[:, None]
+    # The strands' own gloss is broad, whatever the plastic's colour: violet on blue, brown on black.
+    gloss = depth.clamp(max=MOST_SHINY) * (0.6 + torch.where(level, 0.3, 0.8) * streak).clamp(min=0)
+    color = color * (1 + shown).clamp(min=0.3)[:, None] + gloss[:, None] * color.new_tensor(SHEEN)
     height = finish[:, 6]
     seen = (height / (2 * footprint) - 0.5).clamp(0, 1)
     ripple = torch.sin(along * (2 * torch.pi) / height) * seen * ~level
