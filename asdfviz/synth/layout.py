@@ -62,6 +62,10 @@ class Table:
     outlines: list[Float64[np.ndarray, "_ 2"]] = field(
         default_factory=list[Float64[np.ndarray, "_ 2"]]
     )
+    covered: list[Float64[np.ndarray, "_ 2"]] = field(
+        default_factory=list[Float64[np.ndarray, "_ 2"]]
+    )
+    """Where nothing is laid although nothing stands there: the camera would not see it."""
 
     def on_table(self, u: float, v: float) -> Vector:
         """The point of the table's plane behind a pixel."""
@@ -93,7 +97,7 @@ class Table:
             if np.linalg.norm(spot - middle) > self.reach:
                 continue
             moved = outline + spot
-            if not any(overlap(moved, other, gap=gap) for other in self.outlines):
+            if not any(overlap(moved, other, gap=gap) for other in self.outlines + self.covered):
                 self.outlines.append(moved)
                 return spot
         return None

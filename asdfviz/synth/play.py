@@ -10,15 +10,13 @@ import numpy as np
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import apply, transform_from
+from asdfviz.geometry.transforms import apply
 from asdfviz.pose.resting import footprint, overlap
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.clearance import given_way, snapped
 from asdfviz.synth.description import Ground, Light, Placed
 from asdfviz.synth.film import Moment, film
 from asdfviz.synth.fixture import find_fixture
-from asdfviz.synth.grasping import Hold, dressed, find_grip, hand_points, scaled
-from asdfviz.synth.hands import OPEN_HAND
 from asdfviz.synth.layout import Outfit, Table, dress, turn_z
 from asdfviz.synth.looks import any_grounds, random_lights, theatre
 from asdfviz.synth.motion import moved
@@ -26,8 +24,9 @@ from asdfviz.synth.penetration import Solid, solid_of
 from asdfviz.synth.routes import free_targets
 from asdfviz.synth.scene import camera_for, random_view
 from asdfviz.synth.script import Director
+from asdfviz.synth.second_hand import Hand, covered, holding, hovering
 from asdfviz.synth.sequence_config import SequenceConfig
-from asdfviz.synth.stage import Stage, Stand, set_stage, stand_base
+from asdfviz.synth.stage import Stage, set_stage, stand_base
 from asdfviz.synth.ways import Body, Way, all_ways, with_steps
 
 Targets = Mapping[int, Mapping[str, Transform]]
@@ -38,15 +37,6 @@ SAMPLES = 450
 """Points on a part with which the script is planned."""
 _VIEWS = 8
 _FARTHER = 1.12
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Hand:
-    """A hand that does not carry: where it is in every frame, or for good."""
-
-    outfit: Outfit
-    T_world_hand: tuple[Transform, ...]
-    """Rigid; one a moment, or one for all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,13 +70,17 @@ def plan_sequence(assets: Assets, *, seed: int, config: SequenceConfig) -> Play:
         known = ", ".join(e.name for e in assembly.errors) or "none"
         raise InputError(f"{assembly.name} has no error state '{config.error}'; it has: {known}")
     solids = {n: solid_of(p.mesh, samples=SAMPLES) for n, p in assembly.parts.items()}
-    table, stage, targets, ways = _staged(assets, solids, seed, rng, config)
-    outfit = dress(rng, grasp=0)
+    there = _staged(assets, solids, seed, rng, config)
+    table, stage, outfit, others = there.table, there.stage, there.outfit, there.holding
     director = Director(
-        assets, solids, stage, targets, ways, outfit if config.hands else None,
+        assets, solids, stage, there.targets, there.ways, outfit if config.hands else None,
         config.pace, config.fps, rng,
     )  # fmt: skip
-    others, furniture = _support(assets, solids, stage, targets, ways, outfit, rng, config)
+    furniture = ()
+    if stage.stand.held and not config.hands:
+        T = stage.stand.T_world_base
+        joined = _occupied(solids, there.targets, there.ways, T, assembly)
+        furniture = (find_fixture(assets, solids[assembly.base], T, joined, rng),)
     _perform(director, table, rng, config, shown=not others and not furniture and config.hands)
     least = sum(act.least for act in director.acts)
     if config.error is True and config.frames is not None and least > config.frames:
@@ -96,7 +90,7 @@ def plan_sequence(assets: Assets, *, seed: int, config: SequenceConfig) -> Play:
     moments = snapped(moments, solids, step=config.pace.parts(config.fps).step)
     moments = given_way(moments, solids, outfit)
     if config.covering_hand:
-        others = (*others, _hovering(assets, solids, stage, moments, outfit, rng))
+        others = (*others, hovering(solids, stage.stand, moments, outfit, rng))
     footprints = np.concatenate(table.outlines)
     scenery = (
         theatre(footprints, rng) if rng.random() < config.theatre else any_grounds(footprints, rng)
@@ -105,13 +99,26 @@ def plan_sequence(assets: Assets, *, seed: int, config: SequenceConfig) -> Play:
     return Play(moments, stage, outfit, others, furniture, table, scenery, lights, sky, tint)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Set:
+    """What is there before anybody acts."""
+
+    table: Table
+    stage: Stage
+    targets: Targets
+    ways: Ways
+    holding: tuple[Hand, ...]
+    outfit: Outfit
+    """Of the person who assembles."""
+
+
 def _staged(
     assets: Assets,
     solids: Mapping[str, Solid],
     seed: int,
     rng: np.random.Generator,
     config: SequenceConfig,
-) -> tuple[Table, Stage, Targets, Ways]:
+) -> _Set:
     """A view in which everything has room: farther ones are tried where there is none."""
     camera = camera_for(config.width, config.height)
     near, far = config.distance
@@ -121,9 +128,17 @@ def _staged(
         table = Table(camera.K, T_camera_world, camera.width, camera.height, reach=1.0)
         stand = stand_base(assets, table, rng)
         targets, ways = _passable(assets.assembly, solids, free, stand.T_world_base, seed)
+        outfit, hands = None, tuple[Hand, ...]()
+        if config.hands and (stand.held or config.covering_hand):
+            outfit = dress(rng, grasp=0)
+            joined = _occupied(solids, targets, ways, stand.T_world_base, assets.assembly)
+            hand = holding(solids[assets.assembly.base], stand, joined, outfit, rng)
+            hands = () if hand is None else (hand,)
+        # It stays there for the whole sequence: loose parts lie where the camera sees them.
+        table.covered += [outline for hand in hands for outline in covered(hand, table)]
         stage = set_stage(assets, table, stand, ways, targets, rng, distractors=config.distractors)
         if stage is not None:
-            return table, stage, targets, ways
+            return _Set(table, stage, targets, ways, hands, outfit or dress(rng, grasp=0))
         near, far = far, far * _FARTHER
     raise InputError(
         f"the parts of {assets.assembly.name} do not fit side by side into a view from {near:.2f} m: "
@@ -204,35 +219,6 @@ def _free_shift(
     return None
 
 
-def _support(
-    assets: Assets,
-    solids: Mapping[str, Solid],
-    stage: Stage,
-    targets: Targets,
-    ways: Ways,
-    outfit: Outfit,
-    rng: np.random.Generator,
-    config: SequenceConfig,
-) -> tuple[tuple[Hand, ...], tuple[Placed, ...]]:
-    """What keeps a base in place that cannot stand: the other hand, or a block where there are none."""
-    stand, assembly = stage.stand, assets.assembly
-    if not stand.held and not config.covering_hand:
-        return (), ()
-    T = stand.T_world_base
-    joined = _occupied(solids, targets, ways, T, assembly)
-    if not config.hands:
-        fixture = find_fixture(assets, solids[assembly.base], T, joined, rng)
-        return (), (fixture,)
-    loose = [Body(solids[n], T_n) for n, T_n in stage.T_world_part.items()]
-    left = replace(outfit, mirrored=not outfit.mirrored)
-    shoulder = _other_shoulder(stand, outfit)
-    hold = Hold(T, (*joined, *loose))
-    grip = find_grip(solids[assembly.base], [hold], shoulder, left, rng)
-    if grip is None:
-        return (), ()
-    return (Hand(dressed(left, grip.grasp), (T @ grip.T_part_hand,)),), ()
-
-
 def _occupied(
     solids: Mapping[str, Solid],
     targets: Targets,
@@ -246,44 +232,3 @@ def _occupied(
         for place in (0.0 * way.out, *with_steps(way.stops)):
             bodies.append(Body(solids[name], T_world_base @ moved(targets[state][name], place)))
     return bodies
-
-
-def _other_shoulder(stand: Stand, outfit: Outfit) -> Vector:
-    """Where a person's other arm comes from."""
-    middle = stand.T_world_base[:3, 3]
-    turn = turn_z(1.2 if outfit.mirrored else -1.2)
-    return middle + turn @ (stand.shoulder - middle)
-
-
-def _hovering(
-    assets: Assets,
-    solids: Mapping[str, Solid],
-    stage: Stage,
-    moments: tuple[Moment, ...],
-    outfit: Outfit,
-    rng: np.random.Generator,
-) -> Hand:
-    """An open hand that wanders over the assembly, above whatever is carried there."""
-    hand = dressed(dress(rng, grasp=OPEN_HAND), OPEN_HAND)
-    base = stage.stand.T_world_base[:3, 3]
-    tops: list[float] = []
-    for moment in moments[:: max(1, len(moments) // 60)]:
-        tops += [
-            float(apply(T, solids[n].samples)[:, 2].max()) for n, T in moment.T_world_part.items()
-        ]
-    away = _other_shoulder(stage.stand, outfit) - base
-    angle = float(np.arctan2(away[1], away[0]))
-    phases, poses = rng.random(3) * 2 * np.pi, list[Transform]()
-    flat = np.array([np.cos(angle), np.sin(angle), 0.0])
-    stretched = hand.pose(np.zeros(3), flat, pitch=0.1, roll=0.0)[:3, :3]
-    side = -1.0 if hand.mirrored else 1.0
-    R = stretched / np.linalg.norm(stretched, axis=0) * [side, 1.0, 1.0]
-    low = float(
-        apply(scaled(transform_from(R, np.zeros(3)), hand), hand_points(OPEN_HAND))[:, 2].min()
-    )
-    for k in range(len(moments)):
-        wave = np.sin(2 * np.pi * k / np.array([47.0, 61.0, 39.0]) + phases)
-        out = flat * (0.03 + 0.05 * wave[0]) + 0.04 * wave[1] * np.array([-flat[1], flat[0], 0.0])
-        height = max(tops) - low + 0.012 + 0.008 * (1 + wave[2])
-        poses.append(transform_from(R, np.array([*(base + out)[:2], height])))
-    return Hand(hand, tuple(poses))

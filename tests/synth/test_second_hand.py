@@ -1,0 +1,54 @@
+"""Hands that do not carry: nothing lies where they hide it for good, nor where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
+import numpy as np
+import pytest
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.geometry.transforms import apply, inverse
+from asdfviz.synth.assets import Assets, load_assets
+from asdfviz.synth.grasping import hand_points, scaled
+from asdfviz.synth.penetration import depth, solid_of
+from asdfviz.synth.render import render
+from asdfviz.synth.sequences import condition_config, plan_sequence
+from asdfviz.synth.studio import Studio
+
+SEEN = 0.5
+
+
+@pytest.fixture(scope="module")
+def clamp() -> Assets:
+    return load_assets(load_assembly("corner_clamp"))
+
+
+@pytest.mark.parametrize("seed", [7_100_001, 7_100_004])
+def test_loose_parts_are_seen_and_free_under_hands(
+    clamp: Assets, seed: int, unchecked: Callable[[], AbstractContextManager[None]]
+) -> None:
+    config = condition_config("hand", width=320, height=180, frames_per_state=12)
+    with unchecked():
+        play = plan_sequence(clamp, seed=seed, config=config)
+    assert len(play.others) == 2
+    first = Studio.of(play, clamp, seed=seed, config=config).scene(0.0).scene
+    picture = render([first], clamp.bank, rng=np.random.default_rng(0))[0]
+    for place, thing in enumerate(first.placed):
+        if thing.truth and thing.name != clamp.assembly.base:
+            seen = int((picture.ids == place).sum())
+            assert seen >= SEEN * int(picture.silhouette_px[place])
+    holding, hovering = play.others
+    at_hand = apply(
+        scaled(holding.T_world_hand[0], holding.outfit), hand_points(holding.outfit.grasp)
+    )
+    for name, T in play.stage.T_world_part.items():
+        solid = solid_of(clamp.assembly.parts[name].mesh)
+        assert depth(apply(inverse(T), at_hand), solid) <= 0.005
+    # It comes in: what it hides at last is seen before.
+    ways = (
+        np.stack([T[:2, 3] for T in hovering.T_world_hand]) - play.stage.stand.T_world_base[:2, 3]
+    )
+    distances = np.linalg.norm(ways, axis=1)
+    assert distances[0] > distances[20:].max()
