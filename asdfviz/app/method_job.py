@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import re
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,18 @@ from asdfviz.run import resolved_config, run
 
 PUBLISH_EVERY = 0.25
 """Seconds between two looks at a run that is still being computed."""
+_PACE_FRAMES = 20
+
+
+def pace_of(predictions: Sequence[FramePrediction]) -> float | None:
+    """Median milliseconds of the last frames; None before any is known.
+
+    The first frame does not count: what it uses is compiled and loaded in it, which takes seconds and tells nothing
+    of the frames to come.
+    """
+    times = [p.runtime.get("total", np.nan) for p in predictions[1:][-_PACE_FRAMES:]]
+    known = [t for t in times if t == t]
+    return 1000 * float(np.median(known)) if known else None
 
 
 class MethodJob(BackgroundJob):
@@ -66,15 +79,13 @@ class MethodJob(BackgroundJob):
             return
         self._published = now
         self._workspace.put_run(self._partial(), self._id, home=self._folder)
-        times = [p.runtime.get("total", np.nan) for p in self._predictions[-20:]]
-        known = [t for t in times if t == t]
         self._set(
             JobStatus(
                 self._spec.name,
                 self._state,
                 done=done,
                 total=total,
-                milliseconds=1000 * float(np.median(known)) if known else None,
+                milliseconds=pace_of(self._predictions),
             )
         )
 

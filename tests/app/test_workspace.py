@@ -17,7 +17,7 @@ from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import method_job
 from asdfviz.app.items import ANNOTATION, Message
 from asdfviz.app.jobs import Background, start_judging
-from asdfviz.app.method_job import next_run_folder
+from asdfviz.app.method_job import next_run_folder, pace_of
 from asdfviz.app.timeline import Verdict
 from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import TRUTH
@@ -131,6 +131,16 @@ def test_a_failed_run_says_where_and_keeps_the_frames_before(
     assert run.folder is not None
     assert f"2 of 8 frames are kept in {run.folder}" in message.body
     assert len(load_run(run.folder).predictions) == 2
+
+
+def test_the_pace_of_a_run_leaves_its_first_frame_out() -> None:
+    frames = [
+        FramePrediction(k, {}, None, runtime={"total": seconds})
+        for k, seconds in enumerate((14.2, 0.1, 0.3, 0.2))
+    ]
+    assert pace_of(frames[:1]) is None
+    assert pace_of(frames[:2]) == pytest.approx(100.0)
+    assert pace_of(frames) == pytest.approx(200.0)
 
 
 def test_run_folders_never_meet(tmp_path: Path) -> None:
