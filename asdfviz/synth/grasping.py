@@ -6,9 +6,10 @@ at the goal, without going through the table or through what lies there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float64, Int64
@@ -39,6 +40,12 @@ _FEW = 7
 """Every so manieth point is looked at first."""
 _TRIED, _MORE = 80, 160
 """Grips that are tried: the most comfortable ones, and if none of these does, so many of the rest."""
+
+
+Worth: TypeAlias = Callable[
+    [Float64[np.ndarray, "n 4 4"], Int64[np.ndarray, "n"]], Float64[np.ndarray, "n"]
+]
+"""Of hands T_part_hand with their shapes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +83,7 @@ def backed(T_world_hand: Transform, outfit: Outfit, grasp: int, way: float = BAC
 
 def find_grip(
     solid: Solid, holds: Sequence[Hold], shoulder: Vector, outfit: Outfit,
-    rng: np.random.Generator, *, limit: float = np.inf,
+    rng: np.random.Generator, *, limit: float = np.inf, also: Worth | None = None,
 ) -> Grip | None:  # fmt: skip
     """The most comfortable grip that does at every hold; the least bad one if none does.
 
@@ -87,6 +94,7 @@ def find_grip(
         outfit: the person's hand; its shape is chosen here.
         rng: chooses among equally good ones.
         limit: None is found where every grip is as bad as this, metres.
+        also: what makes a grip good besides comfort, which is about 1 at best.
     """
     poses, grasps, fit = pinches(solid, outfit, rng)
     comfort = np.full(len(poses), np.inf)
@@ -95,6 +103,8 @@ def find_grip(
         t = poses[:, :3, 3] @ hold.T_world_part[:3, :3].T + hold.T_world_part[:3, 3]
         comfort = np.minimum(comfort, _comfort(R, t, grasps, shoulder, outfit))
     worth = fit + comfort + 0.05 * rng.random(len(poses))
+    if also is not None:
+        worth += also(poses, grasps)
     best: Grip | None = None
     hands = {grasp: _Leaving.of(grasp, outfit) for grasp in sorted({int(g) for g in grasps})}
     order = np.argsort(-worth)

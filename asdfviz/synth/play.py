@@ -132,7 +132,7 @@ def _staged(
         if config.hands and (stand.held or config.covering_hand):
             outfit = dress(rng, grasp=0)
             joined = _occupied(solids, targets, ways, stand.T_world_base, assets.assembly)
-            hand = holding(solids[assets.assembly.base], stand, joined, outfit, rng)
+            hand = holding(solids[assets.assembly.base], stand, joined, table, outfit, rng)
             hands = () if hand is None else (hand,)
         # It stays there for the whole sequence: loose parts lie where the camera sees them.
         table.covered += [outline for hand in hands for outline in covered(hand, table)]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
+import cv2
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
-from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse, transform_from
 from asdfviz.pose.resting import footprint
 from asdfviz.synth.film import Moment
@@ -23,6 +25,14 @@ _COMING = 16
 """Frames after which a hovering hand is there: the first ones show all parts, as trackers need them."""
 _FROM = 0.4
 """How far off it begins, metres."""
+_ALONG, _ASIDE = 0.07, 0.11
+"""How far it wanders to each side, metres: as wide as a hand, so that what it hides is seen in between."""
+_LOOKING_ON = 3.0
+"""How much more a grip is worth that hides nothing than one that hides all; comfort is about 1."""
+_CELL = 0.01
+"""Of the grid in which a hand hides things, metres at their distance."""
+_HAND_STEP, _WORK_STEP = 8, 2
+"""Every so manieth point of hands and of what they hide is looked at."""
 _SHADOW_POINTS = 400
 """Points of a hand whose outline over the table is taken."""
 
@@ -40,24 +50,62 @@ def holding(
     base: Solid,
     stand: Stand,
     joined: Sequence[Body],
+    table: Table,
     outfit: Outfit,
     rng: np.random.Generator,
 ) -> Hand | None:
     """The other hand of the person, at the base for good; None if it finds no grip.
 
+    Who assembles looks at the work, nearly as the camera does: of good grips that is taken which hides
+    little of the base and of what is joined to it.
+
     Args:
         base: the base part.
         stand: where it is.
         joined: every place that a joined part has or comes from, world.
+        table: with the camera.
         outfit: the carrying hand.
         rng: chooses among equally good grips.
     """
     left = replace(outfit, mirrored=not outfit.mirrored)
     hold = Hold(stand.T_world_base, tuple(joined))
-    grip = find_grip(base, [hold], _other_shoulder(stand, outfit), left, rng)
+    bodies = (Body(base, stand.T_world_base), *joined)
+    work = np.concatenate(
+        [apply(b.T, b.solid.samples[:: _WORK_STEP * len(bodies)]) for b in bodies]
+    )
+    also = partial(_unhidden, work, table.T_camera_world @ stand.T_world_base, table, left)
+    grip = find_grip(base, [hold], _other_shoulder(stand, outfit), left, rng, also=also)
     if grip is None:
         return None
     return Hand(dressed(left, grip.grasp), (stand.T_world_base @ grip.T_part_hand,))
+
+
+def _unhidden(
+    work: Points,
+    T_camera_base: Transform,
+    table: Table,
+    outfit: Outfit,
+    T_base_hand: Float64[np.ndarray, "n 4 4"],
+    grasps: Int64[np.ndarray, "n"],
+) -> Float64[np.ndarray, "n"]:
+    """Worth of hands at the base: up to _LOOKING_ON for those that hide nothing of `work` (world)."""
+    seen = apply(table.T_camera_world, work)
+    rays = seen[:, :2] / seen[:, 2:]
+    corner, cell = rays.min(axis=0), _CELL / float(seen[:, 2].mean())
+    at = ((rays - corner) / cell).astype(int)
+    width, height = at.max(axis=0) + 1
+    hands = {int(g): hand_mesh(int(g)).mesh.vertices[::_HAND_STEP] for g in np.unique(grasps)}
+    worth = np.empty(len(T_base_hand))
+    for k, (T, grasp) in enumerate(zip(T_base_hand, grasps.tolist(), strict=True)):
+        points = apply(scaled(T_camera_base @ T, outfit), hands[grasp])
+        points = points[points[:, 2] > cell]
+        x, y = np.floor((points[:, :2] / points[:, 2:] - corner) / cell).astype(int).T
+        inside = (x >= -1) & (x <= width) & (y >= -1) & (y <= height)
+        front = np.full((height + 2, width + 2), np.inf, np.float32)
+        np.minimum.at(front, (y[inside] + 1, x[inside] + 1), points[inside, 2])
+        front = cv2.erode(front, np.ones((3, 3), np.uint8))  # points lie apart, skin does not
+        worth[k] = _LOOKING_ON * float((front[at[:, 1] + 1, at[:, 0] + 1] > seen[:, 2]).mean())
+    return worth
 
 
 def covered(hand: Hand, table: Table) -> list[Float64[np.ndarray, "_ 2"]]:
@@ -100,9 +148,8 @@ def hovering(
     for k in range(len(moments)):
         wave = np.sin(2 * np.pi * k / np.array([47.0, 61.0, 39.0]) + phases)
         away = _FROM * (0.5 + 0.5 * np.cos(np.pi * min(k / _COMING, 1.0)))
-        out = flat * (0.03 + 0.05 * wave[0] + away) + 0.04 * wave[1] * np.array(
-            [-flat[1], flat[0], 0.0]
-        )
+        aside = np.array([-flat[1], flat[0], 0.0])
+        out = flat * (0.05 + _ALONG * wave[0] + away) + _ASIDE * wave[1] * aside
         height = max(tops) - low + 0.012 + 0.008 * (1 + wave[2])
         poses.append(transform_from(R, np.array([*(base + out)[:2], height])))
     return Hand(hand, tuple(poses))

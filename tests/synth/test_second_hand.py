@@ -18,6 +18,7 @@ from asdfviz.synth.sequences import condition_config, plan_sequence
 from asdfviz.synth.studio import Studio
 
 SEEN = 0.5
+SEEN_OF_HELD = 0.7
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +26,7 @@ def clamp() -> Assets:
     return load_assets(load_assembly("corner_clamp"))
 
 
-@pytest.mark.parametrize("seed", [7_100_001, 7_100_004])
+@pytest.mark.parametrize("seed", [7_100_001, 7_000_003])
 def test_loose_parts_are_seen_and_free_under_hands(
     clamp: Assets, seed: int, unchecked: Callable[[], AbstractContextManager[None]]
 ) -> None:
@@ -36,9 +37,9 @@ def test_loose_parts_are_seen_and_free_under_hands(
     first = Studio.of(play, clamp, seed=seed, config=config).scene(0.0).scene
     picture = render([first], clamp.bank, rng=np.random.default_rng(0))[0]
     for place, thing in enumerate(first.placed):
-        if thing.truth and thing.name != clamp.assembly.base:
-            seen = int((picture.ids == place).sum())
-            assert seen >= SEEN * int(picture.silhouette_px[place])
+        if thing.truth:
+            least = SEEN_OF_HELD if thing.name == clamp.assembly.base else SEEN
+            assert int((picture.ids == place).sum()) >= least * int(picture.silhouette_px[place])
     holding, hovering = play.others
     at_hand = apply(
         scaled(holding.T_world_hand[0], holding.outfit), hand_points(holding.outfit.grasp)
