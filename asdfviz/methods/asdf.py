@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
 from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.contests import Contests
 from asdfviz.methods.first_pose import (
     CropPoses,
     LooksAtParts,
@@ -99,6 +101,9 @@ class Asdf:
         sunk, given = config.on_table.counted, self._given_looker
         first = crop_poses(config.first_pose, config.crops, assembly, looker=given, sunk=sunk)
         detector = self._given_detector or load_detector(config.detector, assembly)
+        contests = None
+        if first is not None and config.refinement != "none":
+            contests = Contests(assembly, partial(self._looked_at, first), config.contests)
         self._scene = _Scene(
             assembly=assembly,
             finder=PartFinder(
@@ -108,6 +113,7 @@ class Asdf:
                 looker=None if first is None else first.looker,
                 names=config.names,
                 second_look=config.second_look,
+                contests=contests,
             ),
             shapes=shapes,
             pose2state=Pose2State(assembly, config=config.fusion),
@@ -202,6 +208,12 @@ class Asdf:
             return best_settled(looks, found)
         poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)
         return poses_fitted_to_boxes(poses, found, scene.shapes, frame, config=config.box_fit)
+
+    def _looked_at(
+        self, crops: CropPoses, boxes: Mapping[str, Detection], frame: Frame
+    ) -> dict[str, LookedAt]:
+        """Looks at boxes that may be the parts, none of which was taken for them yet."""
+        return crops.looked_at(boxes, frame, use_depth=True, previous=self._before)
 
     def _remembered(self, pose: PoseEstimate) -> Before:
         """A pose, with what the network thought of its rotation so far."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from asdfviz.errors import MethodError
+from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.first_pose import CropPoseConfig, FirstPose
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import NetworkConfig
@@ -55,6 +56,9 @@ class AsdfConfig:
     """What the crop network makes of boxes, where it was taught names."""
     second_look: SecondLookConfig = field(default_factory=SecondLookConfig)
     """Where the detector looks again for parts that it missed: off, the paper does not."""
+    contests: ContestsConfig = field(default_factory=ContestsConfig)
+    """Things that look about as much like a part as its best box, where first poses come from crops
+    and depth refines them."""
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     """Further boxes of a part whose best one depth rules out."""
     state_looks: StateLooksFrom | None = None

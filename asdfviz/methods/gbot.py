@@ -27,8 +27,16 @@ class GbotConfig(PartTrackerConfig):
 
     near: float = 0.04
     """A part this near to its place in the next step (metres) joins (GBOT's demo: 0.03)."""
-    angle_deg: float = 20.0
-    """And turned by less than this, degrees; symmetric poses count as the same."""
+    angle_deg: float | None = None
+    """And turned by less than this, degrees; symmetric poses count as the same. Default: 20 as published,
+    else 45, since small parts that hardly show how they are turned are tracked that far off."""
+
+    @property
+    def turned_deg(self) -> float:
+        """What `angle_deg` is, chosen or by default."""
+        if self.angle_deg is not None:
+            return self.angle_deg
+        return 20.0 if self.published else 45.0
 
 
 class Gbot:
@@ -107,7 +115,7 @@ class Gbot:
                 symmetries=part.symmetries,
                 joint=following.joints.get(name),
             )
-            if not off.within(self._config.near, self._config.angle_deg):
+            if not off.within(self._config.near, self._config.turned_deg):
                 return False
         return True
 

@@ -1,4 +1,4 @@
-"""From a frame to boxes of parts: detect, name, tell which box is which part, look again for the rest."""
+"""From a frame to boxes of parts: detect, name, tell which box is which part, look again, compare."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from functools import partial
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.assignment import assign_detections
+from asdfviz.methods.contests import Contests
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.second_look import SecondLook, SecondLookConfig
@@ -30,6 +31,7 @@ class PartFinder:
         names: NamesConfig,
         second_look: SecondLookConfig,
         by_size: bool = True,
+        contests: Contests | None = None,
     ) -> None:
         """Begin a sequence.
 
@@ -41,6 +43,7 @@ class PartFinder:
             names: how much it has to say.
             second_look: where the detector looks again.
             by_size: whether depth rules out boxes that are too large for a part.
+            contests: decides between things that may be the same part; None: the best box does.
 
         Raises:
             MethodError: an option is out of its range.
@@ -51,6 +54,7 @@ class PartFinder:
         self._names = ThingNames(assembly, looker, config=names)
         self._strangers = Strangers(assembly, config=names.strangers)
         self._second_look = SecondLook(assembly, detector, config=second_look)
+        self._contests = contests
         self._boxes: dict[str, Box] = {}
 
     def find(self, frame: Frame) -> tuple[tuple[Detection, ...], dict[str, Detection]]:
@@ -67,6 +71,8 @@ class PartFinder:
             looked = self._names.told(frame, more[len(detections) :])
             detections = (*detections, *looked)
             found = self._assigned(detections, frame)
+        if self._contests is not None:
+            found = self._contests.step(found, self._strangers.told(detections), frame)
         self._strangers.see(detections, found)
         return detections, found
 

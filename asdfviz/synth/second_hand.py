@@ -77,7 +77,8 @@ def holding(
     grip = find_grip(base, [hold], _other_shoulder(stand, outfit), left, rng, also=also)
     if grip is None:
         return None
-    return Hand(dressed(left, grip.grasp), (stand.T_world_base @ grip.T_part_hand,))
+    T_base_hand = grip.T_part_hand
+    return Hand(dressed(left, grip.grasp), (stand.T_world_base @ T_base_hand,))
 
 
 def _unhidden(

@@ -244,6 +244,30 @@ class StillConfig(GbotReinitConfig):
 
 
 @pytest.mark.parametrize(
+    ("angle_deg", "turned_by", "joined"),
+    [(None, 30.0, False), (45.0, 30.0, True), (45.0, 60.0, False)],
+)
+def test_gbot_joins_what_is_not_turned_too_far(
+    angle_deg: float | None, turned_by: float, *, joined: bool, scene: Scene
+) -> None:
+    # As in the next test, nothing moves that is tracked.
+    config = StillConfig(published=True, angle_deg=angle_deg)
+    T_end = off(scene.truth[-1]["block"], 0.0, turned_by)
+    poses = {"base": scene.truth[-1]["base"], "block": T_end}
+    start = {n: PoseEstimate(n, T, 1.0, "truth") for n, T in poses.items()}
+    method = Gbot(config)
+    method.reset(scene.assembly, scene.frames[0].camera, FramePrediction(0, start, None))
+    state = method.step(scene.frames[-1]).state
+    assert state is not None
+    assert state.index == joined
+
+
+def test_gbot_joins_more_readily_than_published() -> None:
+    assert GbotConfig(published=True).turned_deg == 20.0
+    assert GbotConfig().turned_deg == 45.0
+
+
+@pytest.mark.parametrize(
     ("metres", "degrees", "faithful", "replaced"),
     [
         (0.03, 0.0, False, False),
