@@ -77,8 +77,7 @@ def holding(
     grip = find_grip(base, [hold], _other_shoulder(stand, outfit), left, rng, also=also)
     if grip is None:
         return None
-    T_base_hand = grip.T_part_hand
-    return Hand(dressed(left, grip.grasp), (stand.T_world_base @ T_base_hand,))
+    return Hand(dressed(left, grip.grasp), (hold.T_world_part @ grip.T_part_hand,))
 
 
 def _unhidden(
