@@ -25,18 +25,21 @@ from asdfviz.track.tracker import Tracker
 class GbotConfig(PartTrackerConfig):
     """Options of GBOT; steps are taken as its evaluator does."""
 
-    near: float = 0.04
-    """A part this near to its place in the next step (metres) joins (GBOT's demo: 0.03)."""
+    near: float | None = None
+    """A part this near to its place in the next step (metres) joins. Default: 0.04 as published (by
+    GBOT's evaluator), else 0.03 (as by its demo), since what joins too soon is held where it is not."""
     angle_deg: float | None = None
     """And turned by less than this, degrees; symmetric poses count as the same. Default: 20 as published,
     else 45, since small parts that hardly show how they are turned are tracked that far off."""
 
     @property
-    def turned_deg(self) -> float:
-        """What `angle_deg` is, chosen or by default."""
-        if self.angle_deg is not None:
-            return self.angle_deg
-        return 20.0 if self.published else 45.0
+    def joins_within(self) -> tuple[float, float]:
+        """`near` (metres) and `angle_deg` (degrees), chosen or by default."""
+        near, angle_deg = (0.04, 20.0) if self.published else (0.03, 45.0)
+        return (
+            near if self.near is None else self.near,
+            angle_deg if self.angle_deg is None else self.angle_deg,
+        )
 
 
 class Gbot:
@@ -115,7 +118,7 @@ class Gbot:
                 symmetries=part.symmetries,
                 joint=following.joints.get(name),
             )
-            if not off.within(self._config.near, self._config.turned_deg):
+            if not off.within(*self._config.joins_within):
                 return False
         return True
 

@@ -262,9 +262,10 @@ def test_gbot_joins_what_is_not_turned_too_far(
     assert state.index == joined
 
 
-def test_gbot_joins_more_readily_than_published() -> None:
-    assert GbotConfig(published=True).turned_deg == 20.0
-    assert GbotConfig().turned_deg == 45.0
+def test_gbot_has_its_own_bounds_for_joining_unless_published() -> None:
+    assert GbotConfig(published=True).joins_within == (0.04, 20.0)
+    assert GbotConfig().joins_within == (0.03, 45.0)
+    assert GbotConfig(near=0.02).joins_within == (0.02, 45.0)
 
 
 @pytest.mark.parametrize(
