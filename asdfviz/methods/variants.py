@@ -11,6 +11,7 @@ from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track import AsdfTrackConfig
+from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
@@ -147,6 +148,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     known, unaware = OnTableConfig(), TurnTableConfig(enabled=False)
     afloat = ContourConfig(turns=TurnConfig(table=unaware))
     unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
+    best_box = ContestsConfig(enabled=False)
     return [
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=blind)),
@@ -154,6 +156,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
         Variant("asdf, unsure poses given", "asdf", AsdfConfig(least_score=0.0)),
         Variant("asdf, places never in doubt", "asdf", AsdfConfig(relative_pose=certain)),
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=unnamed)),
+        Variant("asdf, no contests", "asdf", AsdfConfig(contests=best_box)),
         Variant("asdf, no strangers", "asdf", AsdfConfig(names=trusting)),
         Variant("asdf_plus", "asdf_plus", plus),
         Variant("asdf_plus, unsure poses given", "asdf_plus", replace(plus, least_score=0.0)),
@@ -165,6 +168,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
             "asdf_plus, names by the detector alone", "asdf_plus", replace(plus, names=unnamed)
         ),
         Variant("asdf_plus, no look at places", "asdf_plus", replace(plus, place_looks=blind)),
+        Variant("asdf_plus, no contests", "asdf_plus", replace(plus, contests=best_box)),
         Variant("asdf_plus, no strangers", "asdf_plus", replace(plus, names=trusting)),
         Variant("asdf_plus, no contours", "asdf_plus", replace(plus, contours=flat)),
         Variant("asdf_plus, contours of single parts", "asdf_plus", replace(plus, contours=single)),
@@ -176,6 +180,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
             "asdf_track, names by the detector alone", "asdf_track", replace(track, names=unnamed)
         ),
         Variant("asdf_track, no look at places", "asdf_track", replace(track, place_looks=blind)),
+        Variant("asdf_track, no contests", "asdf_track", replace(track, contests=best_box)),
         Variant("asdf_track, no strangers", "asdf_track", replace(track, names=trusting)),
         Variant("asdf_track, nothing turned", "asdf_track", replace(track, turns=still)),
         Variant("asdf_track, one look", "asdf_track", replace(track, second_look=once)),
