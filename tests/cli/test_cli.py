@@ -297,7 +297,7 @@ def test_check_shows_how_far_it_is_and_stops(
 
 
 def test_an_interrupt_while_modules_are_loaded_is_quiet(tmp_path: Path) -> None:
-    interrupted = "import os, signal; os.kill(os.getpid(), signal.SIGINT)"
+    interrupted = "import signal; signal.raise_signal(signal.SIGINT)"  # in this very thread
     (tmp_path / "tyro.py").write_text(interrupted)
     program = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r})\n"
