@@ -3,6 +3,7 @@
 The paper counts by the GBOT authors' rules (`gbot` in `asdfviz.evaluate.protocols`), where what a
 method leaves out costs nothing; the strict figures beside them count it as a miss. Its sequences are
 not ours, so a row compares methods on like sequences, not on the same ones.
+Its trackers say every pose; ours also know which ones are lost, so they are judged without those too.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ METHODS = (*PAPER, "asdf_track")
 """In the paper's order, then our own."""
 
 GBOT_COLUMNS = (("ADD(S)", "add_s_10cm"), ("e_t mm", "e_t_mm"), ("e_r deg", "e_r_deg"))
+KEPT_COLUMNS = GBOT_COLUMNS[:2]
 STRICT_COLUMNS = (
     ("ADD(S) 10 cm", "add_s_10cm"),
     ("ADD(S) 0.1 d", "add_s_01d"),
@@ -57,6 +59,8 @@ class JudgedRun:
     initial: str
     """Whether it started from the truth of the first frame."""
     gbot: Mapping[str, Any]
+    kept: Mapping[str, Any]
+    """By the same rules, without the poses that the method itself says are lost."""
     strict: Mapping[str, Any]
 
 
@@ -78,6 +82,7 @@ HEADINGS = (
     "Sequences",
     *(f"paper {title}" for title, _ in GBOT_COLUMNS),
     *(f"gbot {title}" for title, _ in GBOT_COLUMNS),
+    *(f"kept {title}" for title, _ in KEPT_COLUMNS),
     *(f"strict {title}" for title, _ in STRICT_COLUMNS),
     "ms a frame",
 )
@@ -95,6 +100,7 @@ def _row(method: str, sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
     paper = PAPER.get(method)
     theirs = (None,) * 3 if paper is None else (paper.add_s, paper.e_t_mm, paper.e_r_deg)
     gbot = [mean(r.gbot["mean"].get(key) for r in runs) for _, key in GBOT_COLUMNS]
+    kept = [mean(r.kept["mean"].get(key) for r in runs) for _, key in KEPT_COLUMNS]
     strict = [mean(r.strict["mean"].get(key) for r in runs) for _, key in STRICT_COLUMNS]
     ms = mean(r.strict["runtime_ms"].get("total_median") for r in runs)
     from_truth = any(run.initial == "first_frame_truth" for run in runs)
@@ -102,5 +108,5 @@ def _row(method: str, sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
         method if paper is None else paper.title,
         "truth" if from_truth else "none",
         sequences,
-        *map(number, (*theirs, *gbot, *strict, ms)),
+        *map(number, (*theirs, *gbot, *kept, *strict, ms)),
     ]

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Rgb, Transform
-from asdfviz.track.confidence import Evidence
+from asdfviz.geometry.shapes import Rgb, Scores, Transform
+from asdfviz.track.confidence import HIDDEN_BY, Evidence
 from asdfviz.track.depth_modality import DepthModality
 from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.region_modality import RegionModality
+from asdfviz.track.surface_colors import SurfaceColors
 from asdfviz.track.viewpoint_model import ViewpointModel
 from asdfviz.track.visibility import NO_DEPTH, NO_SILHOUETTES, MaybeDepth, Silhouettes
 
@@ -24,14 +25,16 @@ class Modalities:
         self.model = model
         self.region = RegionModality(model, lens, config.region) if config.region else None
         self.depth = DepthModality(model, lens, config.depth) if config.depth else None
+        self.colors = SurfaceColors(model, lens, config.colors) if config.region else None
         self.frames = 0
         """Frames since the start."""
 
-    def start(self, rgb: Rgb, T_camera_centre: Transform) -> None:
+    def start(self, rgb: Rgb, depth: MaybeDepth, T_camera_centre: Transform) -> None:
         """Learn the part's colours at a pose that is known."""
         self.frames = 0
         if self.region is not None:
             self.region.start(rgb, T_camera_centre)
+        self._learn_surface(rgb, depth, T_camera_centre, NO_SILHOUETTES, 0)
 
     def calculate_correspondences(
         self,
@@ -121,7 +124,12 @@ class Modalities:
                 number=number,
             )
             seen.append(share)
-        return Evidence(contrast, fit, float(np.mean(seen)) if seen else 0.0)
+        alike = None
+        if self.colors is not None and self.frames:  # a pose is like the one it was begun at
+            alike = self.colors.alike(
+                self._surface(rgb, depth, T_camera_centre, silhouettes, number)
+            )
+        return Evidence(contrast, fit, float(np.mean(seen)) if seen else 0.0, alike)
 
     def close_fit(self, depth: MaybeDepth, T_camera_centre: Transform, tolerance: float) -> float:
         """Share of the seen surface points that depth fits within a tolerance, metres; 0 without."""
@@ -144,6 +152,7 @@ class Modalities:
         T_camera_centre: Transform,
         *,
         silhouettes: Silhouettes,
+        number: int,
         region: int,
     ) -> None:
         """Take the colours of the pose that a frame ended with."""
@@ -157,7 +166,40 @@ class Modalities:
                 silhouettes=silhouettes,
                 region=region,
             )
+        self._learn_surface(rgb, depth, T_camera_centre, silhouettes, number)
         self.frames += 1
+
+    def _learn_surface(
+        self,
+        rgb: Rgb,
+        depth: MaybeDepth,
+        T_camera_centre: Transform,
+        silhouettes: Silhouettes,
+        number: int,
+    ) -> None:
+        if self.colors is not None:
+            self.colors.learn(self._surface(rgb, depth, T_camera_centre, silhouettes, number))
+
+    def _surface(
+        self,
+        rgb: Rgb,
+        depth: MaybeDepth,
+        T_camera_centre: Transform,
+        silhouettes: Silhouettes,
+        number: int,
+    ) -> Scores | None:
+        """Share a colour of what can be seen of the surface."""
+        if self.colors is None:
+            return None
+        return self.colors.seen(
+            rgb,
+            depth,
+            T_camera_centre,
+            views=self.model.views(T_camera_centre),
+            silhouettes=silhouettes,
+            number=number,
+            hidden_by=HIDDEN_BY,
+        )
 
     def _occluders(self, depth: MaybeDepth) -> MaybeDepth:
         """The depth image if the region modality is to ask it for occluders by now."""

@@ -8,6 +8,7 @@ from asdfviz.track.confidence import ConfidenceConfig
 from asdfviz.track.depth_modality import DepthConfig
 from asdfviz.track.optimizer import OptimizerConfig
 from asdfviz.track.region_modality import RegionConfig
+from asdfviz.track.surface_colors import SurfaceColorsConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +19,8 @@ class TrackerConfig:
     """None = no colour."""
     depth: DepthConfig | None = field(default_factory=DepthConfig)
     """None = no depth."""
+    colors: SurfaceColorsConfig = field(default_factory=SurfaceColorsConfig)
+    """How the colours of a surface are kept, where there is colour."""
     optimizer: OptimizerConfig = field(default_factory=OptimizerConfig)
     confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
     correspondence_iterations: int = 4

@@ -54,7 +54,8 @@ class Trial:
 
     def _scored(self, fit: float) -> float:
         seen = self.evidence
-        return seen.visible * (seen.contrast + 2.0 * min(fit, seen.contrast) - 1.0)
+        alike = seen.contrast if seen.alike is None else seen.alike
+        return seen.visible * (0.5 * (seen.contrast + alike) + 2.0 * min(fit, seen.contrast) - 1.0)
 
 
 def settle(

@@ -67,7 +67,7 @@ class Tracker:
             InputError: a name is not one of the bodies or tracked already, or the frame does not
                 fit the camera.
         """
-        rgb, _ = self._images(frame)
+        rgb, depth = self._images(frame)
         for name, T_camera_part in poses.items():
             if name not in self._bodies:
                 known = ", ".join(self._bodies)
@@ -76,7 +76,7 @@ class Tracker:
                 raise InputError(f"'{name}' is tracked already")
             T = T_camera_part @ _shift(self._bodies[name].model.centre)
             tracked = Modalities(self._bodies[name].model, self._lens, self.config)
-            tracked.start(rgb, T)
+            tracked.start(rgb, depth, T)
             self._tracked.append(tracked)
             self._Ts_camera_centre = np.concatenate([self._Ts_camera_centre, T[None]])
         self.names = (*self.names, *poses)
@@ -168,6 +168,7 @@ class Tracker:
                 depth,
                 self._Ts_camera_centre[i],
                 silhouettes=self._drawn.silhouettes,
+                number=i,
                 region=self._drawn.regions[i],
             )
 

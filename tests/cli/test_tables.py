@@ -4,14 +4,15 @@ import dataclasses
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from asdfviz.cli.judged_runs import kept_run
-from asdfviz.cli.tables import Tables, condition_folders, knowing_no_loss
+from asdfviz.cli.tables import Tables, condition_folders, knowing_no_loss, without_lost
 from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import open_sequence
-from asdfviz.datatypes import FramePrediction, Run
+from asdfviz.datatypes import FramePrediction, PoseEstimate, Run
 from asdfviz.errors import InputError
 from asdfviz.methods.registry import find_method
 from asdfviz.run import input_hashes, resolved_config
@@ -43,6 +44,17 @@ def test_the_papers_trackers_say_all_their_poses(name: str) -> None:
 def test_a_method_that_knows_no_loss_runs_as_it_is() -> None:
     spec = find_method("asdf")
     assert knowing_no_loss(spec) == spec.config()
+
+
+def test_poses_that_a_tracker_takes_to_be_lost_are_left_out() -> None:
+    spec = find_method("icg")
+    poses = {n: PoseEstimate(n, np.eye(4), s, "tracked") for n, s in (("jaw", 0.9), ("bolt", 0.1))}
+    run = Run("icg", {}, "scene", "assembly.yaml", "0", (FramePrediction(3, poses, None),))
+    told = without_lost(run, knowing_no_loss(spec))
+    assert list(told.predictions[0].poses) == ["jaw"]
+    assert told.predictions[0].frame_index == 3
+    detector = find_method("yolov8pose")
+    assert without_lost(run, knowing_no_loss(detector)) is run
 
 
 def test_table1_counts_the_test_sets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Camera, Frame
+from asdfviz.geometry.shapes import Transform
+from asdfviz.track.bodies import Body
+from asdfviz.track.presets import FINE, PRESETS
+from asdfviz.track.tracker import Tracker
+
+Draw = Callable[[Mapping[str, Body], Mapping[str, Transform], int], Frame]
+_RED = np.array([200, 60, 30], np.uint8)
+
+
+def _colored(body: Body, color: np.ndarray) -> Body:
+    return replace(body, color=color.astype(np.uint8))
+
+
+@pytest.fixture
+def tracker(box_body: Body, box_poses: list[Transform], camera: Camera, draw: Draw) -> Tracker:
+    """Has followed a resting box for three frames."""
+    tracker = Tracker({"box": box_body}, camera, FINE)
+    tracker.start(draw({"box": box_body}, {"box": box_poses[0]}, 0), {"box": box_poses[0]})
+    for index in range(1, 4):
+        tracker.update(draw({"box": box_body}, {"box": box_poses[0]}, index))
+    return tracker
+
+
+def test_another_thing_of_that_shape_is_not_the_part_though_its_colors_are_learnt(
+    tracker: Tracker, box_body: Body, box_poses: list[Transform], draw: Draw
+) -> None:
+    right = draw({"box": box_body}, {"box": box_poses[0]}, 4)
+    assert tracker.confidence(right)["box"] > 0.9
+    blue = _colored(box_body, np.array([40, 60, 190]))
+    for index in range(5, 40):
+        tracker.update(draw({"box": blue}, {"box": box_poses[0]}, index))
+    other = draw({"box": blue}, {"box": box_poses[0]}, 40)
+    seen = tracker.evidence(other)["box"]
+    assert seen.contrast > 0.8  # the contour's histograms know no other colour by now
+    assert seen.fit > 0.9
+    assert seen.alike is not None
+    assert seen.alike < 0.1
+    assert tracker.confidence(other)["box"] < 0.6
+    assert tracker.confidence(right)["box"] > tracker.confidence(other)["box"]
+
+
+def test_light_that_changes_slowly_is_followed(
+    tracker: Tracker, box_body: Body, box_poses: list[Transform], draw: Draw
+) -> None:
+    frames = [
+        draw({"box": _colored(box_body, _RED * (1 - 0.006 * i))}, {"box": box_poses[0]}, 5 + i)
+        for i in range(60)
+    ]
+    for frame in frames:
+        tracker.update(frame)
+    seen = tracker.evidence(frames[-1])["box"]
+    assert seen.alike is not None
+    assert seen.alike > 0.8
+
+
+def test_one_frame_tells_nothing_of_itself(
+    box_body: Body, box_poses: list[Transform], camera: Camera, draw: Draw
+) -> None:
+    frame = draw({"box": box_body}, {"box": box_poses[0]}, 0)
+    tracker = Tracker({"box": box_body}, camera, FINE)
+    tracker.start(frame, {"box": box_poses[0]})
+    assert tracker.evidence(frame)["box"].alike is None
+    tracker.learn(frame, ["box"])
+    alike = tracker.evidence(frame)["box"].alike
+    assert alike == pytest.approx(1.0)
+
+
+def test_what_cannot_be_seen_is_like_nothing(
+    tracker: Tracker, box_poses: list[Transform], box_body: Body, draw: Draw
+) -> None:
+    frame = draw({"box": box_body}, {"box": box_poses[0]}, 9)
+    assert frame.depth is not None
+    hand = replace(frame, depth=np.full_like(frame.depth, 0.25))
+    assert tracker.evidence(hand)["box"].alike is None
+
+
+def test_depth_alone_knows_no_colors(
+    box_body: Body, box_poses: list[Transform], camera: Camera, draw: Draw
+) -> None:
+    tracker = Tracker({"box": box_body}, camera, PRESETS["depth"])
+    frame = draw({"box": box_body}, {"box": box_poses[0]}, 0)
+    tracker.start(frame, {"box": box_poses[0]})
+    tracker.learn(frame, ["box"])
+    assert tracker.evidence(frame)["box"].alike is None
