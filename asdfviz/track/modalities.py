@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Rgb, Scores, Transform
+from asdfviz.geometry.shapes import Rgb, Transform
 from asdfviz.track.confidence import HIDDEN_BY, Evidence
 from asdfviz.track.depth_modality import DepthModality
 from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.region_modality import RegionModality
-from asdfviz.track.surface_colors import SurfaceColors
+from asdfviz.track.surface_colors import SeenColors, SurfaceColors
 from asdfviz.track.viewpoint_model import ViewpointModel
 from asdfviz.track.visibility import NO_DEPTH, NO_SILHOUETTES, MaybeDepth, Silhouettes
 
@@ -187,8 +187,8 @@ class Modalities:
         T_camera_centre: Transform,
         silhouettes: Silhouettes,
         number: int,
-    ) -> Scores | None:
-        """Share a colour of what can be seen of the surface."""
+    ) -> SeenColors | None:
+        """Colours of what can be seen of the surface."""
         if self.colors is None:
             return None
         return self.colors.seen(

@@ -43,7 +43,7 @@ class Trial:
 
         About 2 at a right pose in full view, 0 where all is hidden, negative where the picture
         speaks against it. Depth fits a flat part wherever it lies flat, so it counts no more than
-        the colours do.
+        the colours at the contour do; those of the surface count half as much as they, where known.
         """
         return self._scored(self.evidence.fit)
 

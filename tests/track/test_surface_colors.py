@@ -74,6 +74,25 @@ def test_one_frame_tells_nothing_of_itself(
     assert alike == pytest.approx(1.0)
 
 
+def test_a_corner_of_a_surface_is_like_the_whole_of_it(
+    tracker: Tracker, box_poses: list[Transform], box_body: Body, draw: Draw
+) -> None:
+    """Both halves are of one colour; the box is begun with both."""
+    frames = [draw({"box": box_body}, {"box": box_poses[0]}, i) for i in range(10, 13)]
+    for frame in frames:
+        frame.rgb[:, 160:] = frame.rgb[:, 160:] // 4  # the right half lies in a shadow
+    tracker.start(frames[0], {"box": box_poses[0]})
+    tracker.update(frames[1])
+    depth = frames[2].depth
+    assert depth is not None
+    depth = depth.copy()
+    depth[:, 150:] = 0.25  # a hand before all of that, and a little of the other half
+    half = tracker.evidence(replace(frames[2], depth=depth))["box"]
+    assert half.visible < 0.7
+    assert half.alike is not None
+    assert half.alike > 0.8
+
+
 def test_what_cannot_be_seen_is_like_nothing(
     tracker: Tracker, box_poses: list[Transform], box_body: Body, draw: Draw
 ) -> None:
