@@ -46,7 +46,7 @@ from asdfviz.state.joints import deviation
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig, StateFilter
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
-from asdfviz.track.presets import FINE, TrackerConfig
+from asdfviz.track.presets import PROPOSED, TrackerConfig
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class AsdfTrackConfig(AsdfConfig):
     """The hypothesis test over states."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
-    tracker: TrackerConfig = FINE
+    tracker: TrackerConfig = PROPOSED
     """What evidence the tracker uses, and how."""
     refind: RefindConfig = field(default_factory=RefindConfig)
     """From where parts are looked for."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from asdfviz.track.confidence import ConfidenceConfig
 from asdfviz.track.depth_modality import DepthConfig
@@ -92,6 +92,9 @@ FINE = TrackerConfig(
 """Our own, for hand-sized parts on a table: SRT3D's sharp contours, and depth that starts as wide as
 ICG for YCB and ends finer. ICG's last 40 mm let such a part match the table beside it, which turns
 it by ten degrees; and without the test for occlusion from the first frame on, it follows a hand."""
+
+PROPOSED = replace(FINE, colors=SurfaceColorsConfig(choose=False))
+"""The same for parts that a detector began, which may have taken another thing for them."""
 
 PRESETS = {
     "region": RBOT_REGION,

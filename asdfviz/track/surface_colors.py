@@ -37,6 +37,9 @@ class SurfaceColorsConfig:
     """Weight of a frame, where the light may have changed a little:"""
     same: float = 0.85
     """only what is at least so much alike is blended in, 0 to 1."""
+    choose: bool = True
+    """Whether they help to choose between trials of a part. Not where it may have been begun on another
+    thing, whose colours would hold it there."""
 
 
 class SeenColors(NamedTuple):

@@ -205,7 +205,8 @@ class Tracker:
             T = settle(tracked, rgb, depth, start, config=config, rounds=count)
             seen = self._seen(rgb, depth, i, T, NO_SILHOUETTES)
             close = tracked.close_fit(depth, T, sharp)
-            found.append(Trial(T @ _shift(-centre), seen, self.judged(seen), close))
+            shown = seen if config.colors.choose else seen._replace(alike=None)
+            found.append(Trial(T @ _shift(-centre), shown, self.judged(seen), close))
         return found
 
     def _seen(

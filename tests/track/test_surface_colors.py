@@ -10,6 +10,7 @@ from asdfviz.datatypes import Camera, Frame
 from asdfviz.geometry.shapes import Transform
 from asdfviz.track.bodies import Body
 from asdfviz.track.presets import FINE, PRESETS
+from asdfviz.track.surface_colors import SurfaceColorsConfig
 from asdfviz.track.tracker import Tracker
 
 Draw = Callable[[Mapping[str, Body], Mapping[str, Transform], int], Frame]
@@ -110,3 +111,18 @@ def test_depth_alone_knows_no_colors(
     tracker.start(frame, {"box": box_poses[0]})
     tracker.learn(frame, ["box"])
     assert tracker.evidence(frame)["box"].alike is None
+
+
+@pytest.mark.parametrize("choose", [True, False])
+def test_colors_choose_between_trials_only_where_they_may(
+    choose: bool, box_body: Body, box_poses: list[Transform], camera: Camera, draw: Draw
+) -> None:
+    config = replace(FINE, colors=SurfaceColorsConfig(choose=choose))
+    tracker = Tracker({"box": box_body}, camera, config)
+    tracker.start(draw({"box": box_body}, {"box": box_poses[0]}, 0), {"box": box_poses[0]})
+    tracker.update(draw({"box": box_body}, {"box": box_poses[0]}, 1))
+    blue = _colored(box_body, np.array([40, 60, 190]))
+    other = draw({"box": blue}, {"box": box_poses[0]}, 2)
+    (trial,) = tracker.trials(other, "box", [box_poses[0]])
+    assert (trial.evidence.alike is not None) == choose
+    assert trial.confidence < 0.2  # they judge it in any case
