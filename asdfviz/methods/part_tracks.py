@@ -199,6 +199,9 @@ class PartTracks:
                 trial = tracker.trials(frame, name, [start])[0]
                 best = self._believed(track, track.rival, best, trial, value)
         tracker.replace(frame, {name: best.T_camera_part})
+        moved = apply_to_point(best.T_camera_part, centre) - apply_to_point(track.T_now, centre)
+        if np.linalg.norm(moved) > self._assembly.parts[name].diameter:
+            tracker.forget_colors(name)  # those of another thing speak against the part
         if track.age == 0:  # its colours were learnt at a pose that may have been poor
             tracker.drop([name])
             tracker.add(frame, {name: best.T_camera_part})

@@ -36,6 +36,11 @@ class Modalities:
             self.region.start(rgb, T_camera_centre)
         self._learn_surface(rgb, depth, T_camera_centre, NO_SILHOUETTES, 0)
 
+    def forget_surface(self) -> None:
+        """Let the next frame that is learnt tell the colours of the surface."""
+        if self.colors is not None:
+            self.colors.known = None
+
     def calculate_correspondences(
         self,
         rgb: Rgb,

@@ -110,6 +110,10 @@ class Tracker:
         for group in self._groups:
             group.place(self._Ts_camera_centre)
 
+    def forget_colors(self, name: str) -> None:
+        """Learn the surface's colours anew, as a tracked body is another thing than before."""
+        self._tracked[self._place(name)].forget_surface()
+
     def release(self) -> None:
         """Let every body move freely."""
         self._groups = [Group(i, (), self.config.optimizer) for i in range(len(self.names))]
@@ -162,14 +166,10 @@ class Tracker:
             InputError: a body is not tracked, or the frame does not fit.
         """
         rgb, depth = self._images(frame)
+        Ts, drawn = self._Ts_camera_centre, self._drawn
         for i in map(self._place, names):
             self._tracked[i].learn(
-                rgb,
-                depth,
-                self._Ts_camera_centre[i],
-                silhouettes=self._drawn.silhouettes,
-                number=i,
-                region=self._drawn.regions[i],
+                rgb, depth, Ts[i], silhouettes=drawn.silhouettes, number=i, region=drawn.regions[i]
             )
 
     def evidence(self, frame: Frame) -> dict[str, Evidence]:

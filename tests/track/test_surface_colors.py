@@ -126,3 +126,17 @@ def test_colors_choose_between_trials_only_where_they_may(
     (trial,) = tracker.trials(other, "box", [box_poses[0]])
     assert (trial.evidence.alike is not None) == choose
     assert trial.confidence < 0.2  # they judge it in any case
+
+
+def test_forgotten_colors_are_learnt_anew(
+    tracker: Tracker, box_body: Body, box_poses: list[Transform], draw: Draw
+) -> None:
+    blue = _colored(box_body, np.array([40, 60, 190]))
+    frame = draw({"box": blue}, {"box": box_poses[0]}, 7)
+    before = tracker.evidence(frame)["box"].alike
+    tracker.forget_colors("box")
+    assert before is not None
+    assert before < 0.1
+    assert tracker.evidence(frame)["box"].alike is None
+    tracker.learn(frame, ["box"])
+    assert tracker.evidence(frame)["box"].alike == pytest.approx(1.0)
