@@ -36,6 +36,8 @@ class Evidence(NamedTuple):
     alike: float | None = None
     """How like the colours of the seen surface are to those known of the part, 0 to 1; None where too
     little is seen, or nothing is known but the frame in which it was begun."""
+    measured: bool = True
+    """Whether depth was measured on the surface at all; where not, fit says nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +58,7 @@ class ConfidenceConfig:
     """Depth that still fits, as a share of the part's reach from its centre, at least 4 mm."""
     color: tuple[float, float, float] = (3.6, 5.3, -0.4)
     """Where there is colour: weights of the logarithm of the weaker of contrast and fit (of the contrast
-    where there is no depth), at least 0.02, and of how like the colours of the surface are to those
+    where no depth was measured), at least 0.02, and of how like the colours of the surface are to those
     known, and log-odds at a perfect contour of colours that are not alike at all. Of poses with a
     quarter of either or less hardly any was right, whatever the colours. Colours alone hardly see a
     tracker drift along the viewing ray."""
@@ -79,7 +81,8 @@ def confidence(
     """Probability that the pose is near the truth, 0 to 1."""
     alike = evidence.contrast if evidence.alike is None else evidence.alike
     if has_color:
-        weaker = min(evidence.contrast, evidence.fit) if has_depth else evidence.contrast
+        asks_depth = has_depth and evidence.measured
+        weaker = min(evidence.contrast, evidence.fit) if asks_depth else evidence.contrast
         first, second, offset = config.color
         logit = first * np.log(min(max(weaker, 0.02), 1.0)) + second * alike + offset
     else:

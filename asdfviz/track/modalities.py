@@ -107,7 +107,7 @@ class Modalities:
     ) -> Evidence:
         """Return what the picture says of a pose; a modality that is not used says nothing."""
         views = self.model.views(T_camera_centre)
-        contrast, fit = 0.0, 0.0
+        contrast, fit, measured = 0.0, 0.0, False
         seen: list[float] = []
         if self.region is not None:
             contrast, share = self.region.evidence(
@@ -128,13 +128,15 @@ class Modalities:
                 silhouettes=silhouettes,
                 number=number,
             )
+            measured = share > 0
             seen.append(share)
         alike = None
         if self.colors is not None and self.frames:  # a pose is like the one it was begun at
             alike = self.colors.alike(
                 self._surface(rgb, depth, T_camera_centre, silhouettes, number)
             )
-        return Evidence(contrast, fit, float(np.mean(seen)) if seen else 0.0, alike)
+        visible = float(np.mean(seen)) if seen else 0.0
+        return Evidence(contrast, fit, visible, alike, measured)
 
     def close_fit(self, depth: MaybeDepth, T_camera_centre: Transform, tolerance: float) -> float:
         """Share of the seen surface points that depth fits within a tolerance, metres; 0 without."""

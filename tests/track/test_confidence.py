@@ -54,7 +54,7 @@ def test_what_a_hand_hides_is_left_out(
     assert half.contrast > 0.8 * open_.contrast
     depth[:] = 0.25
     hidden = replace(frame, rgb=rgb, depth=depth)
-    assert tracker.evidence(hidden)["box"] == Evidence(0.0, 0.0, 0.0)
+    assert tracker.evidence(hidden)["box"] == Evidence(0.0, 0.0, 0.0, measured=False)
     assert tracker.confidence(hidden)["box"] == 0.0
 
 
@@ -71,5 +71,10 @@ def test_confidence_grows_with_each_piece_of_evidence() -> None:
     for seen, share in ((0.075, 0.5), (0.0, 0.0)):
         scarce = confidence(full._replace(visible=seen), config, has_color=True, has_depth=True)
         assert scarce == pytest.approx(share, abs=0.015)
+    # Without a single reading the colours alone are asked, as in a frame without depth.
+    unmeasured = Evidence(0.9, 0.0, 1.0, 0.9, measured=False)
+    assert confidence(unmeasured, config, has_color=True, has_depth=True) > 0.9
+    measured = unmeasured._replace(measured=True)
+    assert confidence(measured, config, has_color=True, has_depth=True) < config.lost_below
     assert confidence(full, config, has_color=True, has_depth=False) > 0.99
     assert confidence(full, config, has_color=False, has_depth=True) > 0.99
