@@ -192,6 +192,7 @@ def set_facts(sequence: FolderSequence) -> SetFacts:
 
 def without_lost(run: Run, config: object) -> Run:
     """A run without the poses that its tracker takes to be lost; others' runs as they are."""
+    from asdfviz.methods.part_poses import sure_enough
     from asdfviz.methods.tracking import PartTrackerConfig
 
     if not isinstance(config, PartTrackerConfig):
@@ -200,20 +201,18 @@ def without_lost(run: Run, config: object) -> Run:
     return dataclasses.replace(
         run,
         predictions=tuple(
-            dataclasses.replace(
-                one, poses={n: pose for n, pose in one.poses.items() if pose.score >= least}
-            )
-            for one in run.predictions
+            dataclasses.replace(one, poses=sure_enough(one.poses, least)) for one in run.predictions
         ),
     )
 
 
 NOTE = (
     "paper: the ASDF paper's own figures, on its own sequences. gbot: ours by its rules, where a "
-    "missing pose costs nothing; kept: the same without what a tracker itself says is lost. strict: a missing pose is a miss. Methods whose start is 'truth' "
-    "were handed the true poses of the first frame, as in the paper, and are not judged on it; "
-    "those trackers give the poses of lost parts too, as published, but run with our settings and "
-    "follow fast and hidden parts, which the published ones do not (`asdfviz run --published`)."
+    "missing pose costs nothing; kept: the same without what a tracker itself says is lost. "
+    "strict: a missing pose is a miss. Methods whose start is 'truth' were handed the true poses "
+    "of the first frame, as in the paper, and are not judged on it; those trackers give the poses "
+    "of lost parts too, as published, but run with our settings and follow fast and hidden parts, "
+    "which the published ones do not (`asdfviz run --published`)."
 )
 
 

@@ -34,6 +34,11 @@ def apply_to_point(T_a_b: Transform, point_b: Vector) -> Vector:
     return T_a_b[:3, :3] @ point_b + T_a_b[:3, 3]
 
 
+def point_distance(T_a_b: Transform, T_a_c: Transform, point: Vector) -> float:
+    """How far apart both frames have a point of these coordinates, in the unit of the translations."""
+    return float(np.linalg.norm(apply_to_point(T_a_b, point) - apply_to_point(T_a_c, point)))
+
+
 def is_rigid(T_a_b: Transform, *, tolerance: float = 1e-3) -> bool:
     """Whether the matrix is finite, right-handed, orthonormal and ends in 0 0 0 1."""
     if not np.isfinite(T_a_b).all():

@@ -14,7 +14,7 @@ import numpy as np
 
 from asdfviz.datatypes import Camera, Frame, Part
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import apply_to_point
+from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
 from asdfviz.track.bodies import Body
 from asdfviz.track.presets import FINE, TrackerConfig
@@ -138,9 +138,8 @@ class ContourFits:
 
     def _is_believed(self, name: str, T: Transform, trial: Trial) -> bool:
         middle = self._bodies[name].model.centre
-        moved = apply_to_point(trial.T_camera_part, middle) - apply_to_point(T, middle)
         return (
             trial.confidence >= self._config.sure
             and trial.evidence.visible >= self._config.visible
-            and float(np.linalg.norm(moved)) <= self._config.farthest
+            and point_distance(trial.T_camera_part, T, middle) <= self._config.farthest
         )

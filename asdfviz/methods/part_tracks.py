@@ -14,7 +14,7 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import apply_to_point, inverse
+from asdfviz.geometry.transforms import apply_to_point, inverse, point_distance
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.refinding import (
@@ -199,8 +199,8 @@ class PartTracks:
                 trial = tracker.trials(frame, name, [start])[0]
                 best = self._believed(track, track.rival, best, trial, value)
         tracker.replace(frame, {name: best.T_camera_part})
-        moved = apply_to_point(best.T_camera_part, centre) - apply_to_point(track.T_now, centre)
-        if np.linalg.norm(moved) > self._assembly.parts[name].diameter:
+        moved = point_distance(best.T_camera_part, track.T_now, centre)
+        if moved > self._assembly.parts[name].diameter:
             tracker.forget_colors(name)  # those of another thing speak against the part
         if track.age == 0:  # its colours were learnt at a pose that may have been poor
             tracker.drop([name])

@@ -18,7 +18,7 @@ from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has
 
 from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import apply_to_point, inverse
+from asdfviz.geometry.transforms import inverse, point_distance
 from asdfviz.state.joints import deviation
 
 NEAR = 0.015
@@ -84,10 +84,8 @@ class PlaceNames:
             cost = np.full((len(group), len(group)), FOLLOWED)
             for (i, now), (j, then) in product(enumerate(group), repeat=2):
                 if now in poses and then in before:
-                    apart = apply_to_point(poses[now], middle) - apply_to_point(
-                        before[then], middle
-                    )
-                    cost[i, j] = min(float(np.linalg.norm(apart)), FOLLOWED)
+                    apart = point_distance(poses[now], before[then], middle)
+                    cost[i, j] = min(apart, FOLLOWED)
             changed |= _cheapest(group, cost)
         return changed
 

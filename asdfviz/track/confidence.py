@@ -15,7 +15,7 @@ import numpy as np
 
 from asdfviz.track.jit import kernel
 from asdfviz.track.region_kernels import place, posterior
-from asdfviz.track.visibility import id_at
+from asdfviz.track.visibility import id_at, pixel_of
 
 INSIDE_PX = (1.5, 3.0, 4.5)
 """Distances from the contour, on both sides, at which colours are asked, pixels."""
@@ -144,14 +144,8 @@ def surface_evidence(depth, points, count, T, lens, tolerance, hidden_by, ids, c
     height, width = depth.shape
     fitting, seen, asked = 0, 0, 0
     for k in range(count):
-        p = points[k]
-        z = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3]
-        if z <= 0.0:
-            continue
-        x = T[0, 0] * p[0] + T[0, 1] * p[1] + T[0, 2] * p[2] + T[0, 3]
-        y = T[1, 0] * p[0] + T[1, 1] * p[1] + T[1, 2] * p[2] + T[1, 3]
-        u, v = int(lens[0] * x / z + lens[2] + 0.5), int(lens[1] * y / z + lens[3] + 0.5)
-        if u < 0 or v < 0 or u >= width or v >= height or depth[v, u] <= 0.0:
+        u, v, z = pixel_of(points[k], T, lens, width, height)
+        if z <= 0.0 or depth[v, u] <= 0.0:
             continue
         asked += 1
         if depth[v, u] < z - hidden_by or (ids.size > 0 and id_at(ids, crop, u, v) != own):

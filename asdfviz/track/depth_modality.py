@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Transform
-from asdfviz.track import depth_kernels, view_choice
+from asdfviz.track import depth_kernels
 from asdfviz.track.confidence import HIDDEN_BY, surface_evidence
-from asdfviz.track.region_modality import at_iteration, nearest_radius
+from asdfviz.track.gathered_points import GatheredPoints
+from asdfviz.track.region_modality import at_iteration
 from asdfviz.track.viewpoint_model import ViewpointModel, Views
 from asdfviz.track.visibility import NO_SILHOUETTES, MaybeDepth, Silhouettes
 
@@ -58,11 +59,15 @@ class DepthModality:
         """Surface points that the last search tried."""
         self._lens = lens
         self._occlusion = np.array([config.occlusion_radius or 0.0, config.occlusion_threshold])
-        self._column = nearest_radius(model, config.occlusion_radius)
         self._search = np.array([config.considered_distances[0], config.stride])
         self._sigma = config.sigmas[0]
-        self._points = np.zeros((config.points, model.surfaces.shape[2]), np.float32)
-        self._offsets = np.zeros(config.points, np.float32)
+        self._surface = GatheredPoints(
+            model,
+            "surface",
+            most=config.points,
+            radius=config.occlusion_radius,
+            adaptive=config.adaptive_coverage,
+        )
         self._matches = np.zeros((config.points, depth_kernels.MATCH_COLUMNS))
 
     def calculate_correspondences(
@@ -81,19 +86,19 @@ class DepthModality:
         `hide` asks for the test of measured occlusion; silhouettes, in which the part has id
         `number`, for the test whether the part itself shows there.
         """
-        self.wanted = self._gather(views)
+        self.wanted = self._surface.gather(views)
         self._search[0] = at_iteration(self.config.considered_distances, iteration)
         self._sigma = at_iteration(self.config.sigmas, iteration)
         self.count = depth_kernels.find_matches(
             depth,
-            self._points,
+            self._surface.points,
             self.wanted,
             T_camera_centre,
             self._lens,
             self._search,
             self.config.scale_by_depth,
             hide,
-            self._offsets,
+            self._surface.offsets,
             self._occlusion,
             silhouettes.ids,
             silhouettes.crop,
@@ -126,8 +131,8 @@ class DepthModality:
         """Return the share of seen surface points that fit within `tolerance` metres, and are seen."""
         return surface_evidence(
             depth,
-            self._points,
-            self._gather(views),
+            self._surface.points,
+            self._surface.gather(views),
             T_camera_centre,
             self._lens,
             tolerance,
@@ -135,20 +140,4 @@ class DepthModality:
             silhouettes.ids,
             silhouettes.crop,
             number,
-        )
-
-    def _gather(self, views: Views) -> int:
-        """Collect the surface points of the views; return how many."""
-        model = self.model
-        return view_choice.gather(
-            model.surfaces,
-            model.surface_offsets,
-            self._column,
-            model.surface_areas,
-            views.indices,
-            views.shares,
-            self.config.points,
-            self.config.adaptive_coverage,
-            self._points,
-            self._offsets,
         )

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Rgb, Transform
-from asdfviz.track.confidence import HIDDEN_BY, Evidence
+from asdfviz.track.confidence import Evidence
 from asdfviz.track.depth_modality import DepthModality
 from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.region_modality import RegionModality
-from asdfviz.track.surface_colors import SeenColors, SurfaceColors
+from asdfviz.track.surface_colors import SurfaceColors
 from asdfviz.track.viewpoint_model import ViewpointModel
 from asdfviz.track.visibility import NO_DEPTH, NO_SILHOUETTES, MaybeDepth, Silhouettes
 
@@ -34,12 +34,15 @@ class Modalities:
         self.frames = 0
         if self.region is not None:
             self.region.start(rgb, T_camera_centre)
-        self._learn_surface(rgb, depth, T_camera_centre, NO_SILHOUETTES, 0)
-
-    def forget_surface(self) -> None:
-        """Let the next frame that is learnt tell the colours of the surface."""
         if self.colors is not None:
-            self.colors.known = None
+            self.colors.learn(
+                rgb,
+                depth,
+                T_camera_centre,
+                views=self.model.views(T_camera_centre),
+                silhouettes=NO_SILHOUETTES,
+                number=0,
+            )
 
     def calculate_correspondences(
         self,
@@ -133,7 +136,12 @@ class Modalities:
         alike = None
         if self.colors is not None and self.frames:  # a pose is like the one it was begun at
             alike = self.colors.alike(
-                self._surface(rgb, depth, T_camera_centre, silhouettes, number)
+                rgb,
+                depth,
+                T_camera_centre,
+                views=views,
+                silhouettes=silhouettes,
+                number=number,
             )
         visible = float(np.mean(seen)) if seen else 0.0
         return Evidence(contrast, fit, visible, alike, measured)
@@ -163,50 +171,27 @@ class Modalities:
         region: int,
     ) -> None:
         """Take the colours of the pose that a frame ended with."""
+        views = self.model.views(T_camera_centre)
         if self.region is not None:
             self.region.learn(
                 rgb,
                 T_camera_centre,
-                views=self.model.views(T_camera_centre),
+                views=views,
                 rate=self.region.config.histogram_rate,
                 depth=self._occluders(depth),
                 silhouettes=silhouettes,
                 region=region,
             )
-        self._learn_surface(rgb, depth, T_camera_centre, silhouettes, number)
-        self.frames += 1
-
-    def _learn_surface(
-        self,
-        rgb: Rgb,
-        depth: MaybeDepth,
-        T_camera_centre: Transform,
-        silhouettes: Silhouettes,
-        number: int,
-    ) -> None:
         if self.colors is not None:
-            self.colors.learn(self._surface(rgb, depth, T_camera_centre, silhouettes, number))
-
-    def _surface(
-        self,
-        rgb: Rgb,
-        depth: MaybeDepth,
-        T_camera_centre: Transform,
-        silhouettes: Silhouettes,
-        number: int,
-    ) -> SeenColors | None:
-        """Colours of what can be seen of the surface."""
-        if self.colors is None:
-            return None
-        return self.colors.seen(
-            rgb,
-            depth,
-            T_camera_centre,
-            views=self.model.views(T_camera_centre),
-            silhouettes=silhouettes,
-            number=number,
-            hidden_by=HIDDEN_BY,
-        )
+            self.colors.learn(
+                rgb,
+                depth,
+                T_camera_centre,
+                views=views,
+                silhouettes=silhouettes,
+                number=number,
+            )
+        self.frames += 1
 
     def _occluders(self, depth: MaybeDepth) -> MaybeDepth:
         """The depth image if the region modality is to ask it for occluders by now."""

@@ -14,9 +14,10 @@ from jaxtyping import Float64
 
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Rgb, Scores, Transform
-from asdfviz.track import color_histograms, region_kernels, view_choice
+from asdfviz.track import color_histograms, region_kernels
 from asdfviz.track.color_histograms import ColorHistograms
 from asdfviz.track.confidence import HIDDEN_BY, INSIDE_PX, contour_evidence
+from asdfviz.track.gathered_points import GatheredPoints
 from asdfviz.track.viewpoint_model import ViewpointModel, Views
 from asdfviz.track.visibility import NO_DEPTH, NO_SILHOUETTES, MaybeDepth, Silhouettes
 
@@ -105,12 +106,16 @@ class RegionModality:
         self._shape = np.array([config.least_continuous, least_variance(config)])
         self._lengths = np.array([config.unconsidered_px, config.considered_px])
         self._occlusion = np.array([config.occlusion_radius or 0.0, config.occlusion_threshold])
-        self._column = nearest_radius(model, config.occlusion_radius)
         self._lines = np.zeros((config.lines, region_kernels.LINE_COLUMNS))
         self._probabilities = np.zeros((config.lines, config.distribution_length))
         self._spread = np.array([self._shape[1], config.sigmas_px[0]])
-        self._points = np.zeros((config.lines, model.contours.shape[2]), np.float32)
-        self._offsets = np.zeros(config.lines, np.float32)
+        self._contour = GatheredPoints(
+            model,
+            "contour",
+            most=config.lines,
+            radius=config.occlusion_radius,
+            adaptive=config.adaptive_coverage,
+        )
 
     def start(self, rgb: Rgb, T_camera_centre: Transform) -> None:
         """Learn the histograms from scratch at a pose that is known."""
@@ -129,17 +134,17 @@ class RegionModality:
         region: int = 0,
     ) -> None:
         """Blend in the colours on both sides of the contour."""
-        count = self._gather(views)
+        count = self._contour.gather(views)
         color_histograms.count_colors(
             rgb,
             self.histograms.bits,
-            self._points,
+            self._contour.points,
             count,
             T_camera_centre,
             self._lens,
             self._lengths,
             depth,
-            self._offsets,
+            self._contour.offsets,
             self._occlusion,
             silhouettes.regions,
             silhouettes.crop,
@@ -165,13 +170,13 @@ class RegionModality:
         which the part has the number `region`, for the test of hidden and shared contours.
         """
         config = self.config
-        self.wanted = self._gather(views)
+        self.wanted = self._contour.gather(views)
         self._spread[1] = at_iteration(config.sigmas_px, iteration)
         self.count = region_kernels.find_lines(
             rgb,
             self.histograms.table,
             self.histograms.bits,
-            self._points,
+            self._contour.points,
             self.wanted,
             T_camera_centre,
             self._lens,
@@ -179,7 +184,7 @@ class RegionModality:
             self._shape,
             self._step,
             depth,
-            self._offsets,
+            self._contour.offsets,
             self._occlusion,
             silhouettes.regions,
             silhouettes.crop,
@@ -225,8 +230,8 @@ class RegionModality:
             rgb,
             self.histograms.table,
             self.histograms.bits,
-            self._points,
-            self._gather(views),
+            self._contour.points,
+            self._contour.gather(views),
             T_camera_centre,
             self._lens,
             depth,
@@ -239,28 +244,7 @@ class RegionModality:
         # Colours that part and surroundings share say little whatever the pose.
         return contrast / max(self.histograms.contrast, 0.1), seen
 
-    def _gather(self, views: Views) -> int:
-        """Collect the contour points of the views; return how many."""
-        model = self.model
-        return view_choice.gather(
-            model.contours,
-            model.contour_offsets,
-            self._column,
-            model.contour_lengths,
-            views.indices,
-            views.shares,
-            self.config.lines,
-            self.config.adaptive_coverage,
-            self._points,
-            self._offsets,
-        )
-
 
 def at_iteration(values: tuple[Value, ...], iteration: int) -> Value:
     """The value for an iteration; the last one repeats."""
     return values[min(iteration, len(values) - 1)]
-
-
-def nearest_radius(model: ViewpointModel, radius: float | None) -> int:
-    """Column of the model's depth offsets whose radius is nearest to the one that is asked."""
-    return int(np.argmin(np.abs(np.array(model.occlusion_radii) - (radius or 0.0))))

@@ -15,10 +15,11 @@ from typing import NamedTuple, no_type_check
 import numpy as np
 
 from asdfviz.geometry.shapes import Rgb, Scores, Transform
+from asdfviz.track.confidence import HIDDEN_BY
+from asdfviz.track.gathered_points import GatheredPoints
 from asdfviz.track.jit import kernel
-from asdfviz.track.view_choice import gather
 from asdfviz.track.viewpoint_model import ViewpointModel, Views
-from asdfviz.track.visibility import MaybeDepth, Silhouettes, id_at
+from asdfviz.track.visibility import MaybeDepth, Silhouettes, id_at, pixel_of
 
 BINS = 16
 """A channel. A colour counts in the bins around it, as near as it is to each: a little more light must
@@ -42,29 +43,25 @@ class SurfaceColorsConfig:
     thing, whose colours would hold it there."""
 
 
-class SeenColors(NamedTuple):
-    """Colours of what can be seen of a surface at a pose."""
-
-    shares: Scores
-    """Share of it a colour, sum 1."""
-    visible: float
-    """Share of the surface's points that can be seen, 0 to 1."""
-
-
 class SurfaceColors:
-    """Colours of one part's visible surface."""
+    """Colours of one part's visible surface.
+
+    At any pose, depth that is nearer than the model hides a point, and silhouettes where the part's
+    `number` does not show.
+    """
 
     def __init__(self, model: ViewpointModel, lens: Scores, config: SurfaceColorsConfig) -> None:
         """Take the camera's (fu, fv, cu, cv) in pixels."""
-        self.model = model
         self.config = config
-        self.known: Scores | None = None
-        """Share of the surface a colour; None until enough of it was seen."""
+        self._known: Scores | None = None
         self._lens = lens
-        self._points = np.zeros((config.points, model.surfaces.shape[2]), np.float32)
-        self._offsets = np.zeros(config.points, np.float32)
+        self._surface = GatheredPoints(model, "surface", most=config.points)
 
-    def seen(
+    def forget(self) -> None:
+        """Let the next colours that are learnt be the part's."""
+        self._known = None
+
+    def alike(
         self,
         rgb: Rgb,
         depth: MaybeDepth,
@@ -73,68 +70,83 @@ class SurfaceColors:
         views: Views,
         silhouettes: Silhouettes,
         number: int,
-        hidden_by: float,
-    ) -> SeenColors | None:
-        """Colours of what can be seen of the surface at a pose; None where that is too little.
+    ) -> float | None:
+        """How like the known colours those at a pose are (Bhattacharyya coefficient), 0 to 1.
 
-        Depth nearer by `hidden_by` (metres) hides a point, and silhouettes where the part's `number`
-        does not show.
+        Half of a surface does not show all of its colours: at right poses the coefficient fell about as
+        the cube root of the share that was seen, which is made up for.
+
+        Returns:
+            None where nothing is known, or too little is seen.
         """
+        if self._known is None:
+            return None
+        seen = self._seen(rgb, depth, T_camera_centre, views, silhouettes, number)
+        if seen is None:
+            return None
+        return min(1.0, _overlap(seen.shares, self._known) / float(np.cbrt(seen.visible)))
+
+    def learn(
+        self,
+        rgb: Rgb,
+        depth: MaybeDepth,
+        T_camera_centre: Transform,
+        *,
+        views: Views,
+        silhouettes: Silhouettes,
+        number: int,
+    ) -> None:
+        """Blend in the colours at a pose if they hardly differ from the known ones.
+
+        The first ones are taken as they are, once enough is seen.
+        """
+        seen = self._seen(rgb, depth, T_camera_centre, views, silhouettes, number)
+        if seen is None:
+            return
+        if self._known is None:
+            self._known = seen.shares
+        elif _overlap(seen.shares, self._known) >= self.config.same:
+            self._known = self._known + self.config.rate * (seen.shares - self._known)
+
+    def _seen(
+        self,
+        rgb: Rgb,
+        depth: MaybeDepth,
+        T_camera_centre: Transform,
+        views: Views,
+        silhouettes: Silhouettes,
+        number: int,
+    ) -> _Seen | None:
+        """What can be seen of the surface; None where that is too little."""
         counts = np.zeros(BINS**3)
-        asked = self._gather(views)
+        asked = self._surface.gather(views)
         count = count_surface(
             rgb,
             depth,
-            self._points,
+            self._surface.points,
             asked,
             T_camera_centre,
             self._lens,
-            hidden_by,
+            HIDDEN_BY,
             silhouettes.ids,
             silhouettes.crop,
             number,
             counts,
         )
-        return SeenColors(counts / count, count / asked) if count >= self.config.least else None
+        return _Seen(counts / count, count / asked) if count >= self.config.least else None
 
-    def alike(self, seen: SeenColors | None) -> float | None:
-        """How like the known colours these are (Bhattacharyya coefficient), 0 to 1; None if unknown.
 
-        Half of a surface does not show all of its colours: at right poses the coefficient fell about as
-        the cube root of the share that was seen, which is made up for.
-        """
-        if seen is None or self.known is None:
-            return None
-        return min(1.0, self._overlap(seen, self.known) / float(np.cbrt(seen.visible)))
+class _Seen(NamedTuple):
+    """Colours of what can be seen of a surface at a pose."""
 
-    def learn(self, seen: SeenColors | None) -> None:
-        """Blend colours in that hardly differ from the known ones; the first ones are taken as they are."""
-        if seen is None:
-            return
-        if self.known is None:
-            self.known = seen.shares
-        elif self._overlap(seen, self.known) >= self.config.same:
-            self.known = self.known + self.config.rate * (seen.shares - self.known)
+    shares: Scores
+    """Share of it a colour, sum 1."""
+    visible: float
+    """Share of the surface's points that can be seen, 0 to 1."""
 
-    @staticmethod
-    def _overlap(seen: SeenColors, known: Scores) -> float:
-        return float(np.sqrt(seen.shares * known).sum())
 
-    def _gather(self, views: Views) -> int:
-        """Collect the surface points of the views; return how many."""
-        model = self.model
-        return gather(
-            model.surfaces,
-            model.surface_offsets,
-            0,
-            model.surface_areas,
-            views.indices,
-            views.shares,
-            self.config.points,
-            False,
-            self._points,
-            self._offsets,
-        )
+def _overlap(shares: Scores, known: Scores) -> float:
+    return float(np.sqrt(shares * known).sum())
 
 
 @kernel
@@ -145,14 +157,8 @@ def count_surface(image, depth, points, count, T, lens, hidden_by, ids, crop, ow
     low, share = np.zeros(3, np.int64), np.zeros(3)
     seen = 0
     for k in range(count):
-        p = points[k]
-        z = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3]
+        u, v, z = pixel_of(points[k], T, lens, width, height)
         if z <= 0.0:
-            continue
-        x = T[0, 0] * p[0] + T[0, 1] * p[1] + T[0, 2] * p[2] + T[0, 3]
-        y = T[1, 0] * p[0] + T[1, 1] * p[1] + T[1, 2] * p[2] + T[1, 3]
-        u, v = int(lens[0] * x / z + lens[2] + 0.5), int(lens[1] * y / z + lens[3] + 0.5)
-        if u < 0 or v < 0 or u >= width or v >= height:
             continue
         if depth.size > 0 and 0.0 < depth[v, u] < z - hidden_by:
             continue

@@ -112,7 +112,9 @@ class Tracker:
 
     def forget_colors(self, name: str) -> None:
         """Learn the surface's colours anew, as a tracked body is another thing than before."""
-        self._tracked[self._place(name)].forget_surface()
+        colors = self._tracked[self._place(name)].colors
+        if colors is not None:
+            colors.forget()
 
     def release(self) -> None:
         """Let every body move freely."""

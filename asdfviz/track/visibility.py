@@ -115,6 +115,21 @@ def _box_around(
 
 @kernel
 @no_type_check
+def pixel_of(point, T, lens, width, height):
+    """Nearest pixel (u, v) of a point at pose T, and its depth; that is 0 where it has no pixel."""
+    z = T[2, 0] * point[0] + T[2, 1] * point[1] + T[2, 2] * point[2] + T[2, 3]
+    if z <= 0.0:
+        return 0, 0, 0.0
+    x = T[0, 0] * point[0] + T[0, 1] * point[1] + T[0, 2] * point[2] + T[0, 3]
+    y = T[1, 0] * point[0] + T[1, 1] * point[1] + T[1, 2] * point[2] + T[1, 3]
+    u, v = int(lens[0] * x / z + lens[2] + 0.5), int(lens[1] * y / z + lens[3] + 0.5)
+    if u < 0 or v < 0 or u >= width or v >= height:
+        return 0, 0, 0.0
+    return u, v, z
+
+
+@kernel
+@no_type_check
 def id_at(ids, crop, u, v):
     """Part number at image pixel (u, v); -1 for background and outside the cut."""
     y = int(np.floor((v - crop[1]) * crop[2] + 0.5))

@@ -78,7 +78,7 @@ def test_one_frame_tells_nothing_of_itself(
 def test_a_corner_of_a_surface_is_like_the_whole_of_it(
     tracker: Tracker, box_poses: list[Transform], box_body: Body, draw: Draw
 ) -> None:
-    """Both halves are of one colour; the box is begun with both."""
+    """Each half has a colour of its own, and the box is begun with both in sight."""
     frames = [draw({"box": box_body}, {"box": box_poses[0]}, i) for i in range(10, 13)]
     for frame in frames:
         frame.rgb[:, 160:] = frame.rgb[:, 160:] // 4  # the right half lies in a shadow
