@@ -29,7 +29,8 @@ class Train:
     validation: tuple[Path, ...] = ()
     """Scene folders that are never trained on."""
     start: Path | None = None
-    """Checkpoint of another run to begin with (best.pt or last.pt): what fits is taken over."""
+    """What to begin with (best.pt or last.pt of a run, or weights.safetensors): what fits is
+    taken over."""
     scale: Literal["n", "s", "m", "l", "x", "x-p6"] = "n"
     """Size of the network."""
     keypoint_width: int = 72

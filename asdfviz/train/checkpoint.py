@@ -19,7 +19,7 @@ from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.joint import SEPARATOR, joint_classes
 from asdfviz.detector.network import Network, Scale
-from asdfviz.detector.weights import save_network
+from asdfviz.detector.weights import load_network, save_network
 from asdfviz.errors import WeightsError
 from asdfviz.train.config import TrainConfig
 from asdfviz.train.record import made_by, without_places
@@ -173,7 +173,8 @@ def begin_from(network: Network, checkpoint: Path, *, classes: Sequence[str]) ->
 
     Args:
         network: to change.
-        checkpoint: best.pt or last.pt of the other run, of the same size of network.
+        checkpoint: best.pt or last.pt of the other run, or its weights.safetensors; of the same
+            size of network.
         classes: what `network` puts out.
 
     Returns:
@@ -182,21 +183,17 @@ def begin_from(network: Network, checkpoint: Path, *, classes: Sequence[str]) ->
     Raises:
         WeightsError: the checkpoint is missing, corrupt or of another size.
     """
-    content = load_checkpoint(checkpoint)
-    if content["scale"] != network.scale:
-        raise WeightsError(
-            f"'{checkpoint}' is of size {content['scale']}, asked for was {network.scale}"
-        )
-    known = [str(name) for name in json.loads(content["about"])["classes"]]
+    scale, known, given = _learned(checkpoint)
+    if scale != network.scale:
+        raise WeightsError(f"'{checkpoint}' is of size {scale}, asked for was {network.scale}")
     rows = [
         (place, known.index(name))
         for place, full in enumerate(classes)
         for name in dict.fromkeys((full, full.split(SEPARATOR)[-1]))
         if name in known
     ]
-    own, given = network.state_dict(), cast(dict[str, Tensor], content["average"])
     taken = 0
-    for name, tensor in own.items():
+    for name, tensor in network.state_dict().items():
         source = given.get(name)
         if source is None:
             continue
@@ -208,6 +205,16 @@ def begin_from(network: Network, checkpoint: Path, *, classes: Sequence[str]) ->
             to, origin = zip(*rows, strict=True)
             tensor[list(to)] = source[list(origin)]
     return taken
+
+
+def _learned(path: Path) -> tuple[str, list[str], dict[str, Tensor]]:
+    """Size of network, classes and averaged weights of another run."""
+    if path.suffix == ".safetensors":
+        loaded = load_network(path)
+        return loaded.scale, list(loaded.classes), loaded.network.state_dict()
+    content = load_checkpoint(path)
+    known = [str(name) for name in json.loads(content["about"])["classes"]]
+    return content["scale"], known, cast(dict[str, Tensor], content["average"])
 
 
 def require_same(

@@ -54,8 +54,8 @@ class TrainConfig:
     validation: tuple[Path, ...] = ()
     """Scene folders that are never trained on."""
     start: Path | None = None
-    """Checkpoint of another run to begin with: layers of the same shape are taken over, outputs of
-    classes by their names."""
+    """Checkpoint of another run, or its weights.safetensors, to begin with: layers of the same
+    shape are taken over, outputs of classes by their names."""
     scale: Scale = "n"
     """Size of the network."""
     keypoint_width: int = 128

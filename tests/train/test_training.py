@@ -250,6 +250,11 @@ def test_a_run_begins_from_another(config: TrainConfig, assembly: Assembly, tmp_
     assert torch.equal(own["model.0.conv.weight"], learned["model.0.conv.weight"])
     last = "model.22.cv3.0.2.weight"
     assert torch.equal(own[last][[0, 1, 2]], learned[last][[1, 0, 2]])
+    again = Network("n", classes=6, keypoint_width=64)
+    weights = export_weights(first.output / "last.pt", tmp_path / "weights.safetensors")
+    assert begin_from(again, weights, classes=classes) == taken
+    rows = [tensors[last][[0, 1, 2]].half() for tensors in (again.state_dict(), own)]
+    assert torch.equal(*rows)
     with pytest.raises(WeightsError, match="of size n, asked for was x"):
         begin_from(Network("x", classes=2), first.output / "last.pt", classes=["a", "b"])
 
