@@ -7,7 +7,7 @@ like a part than the part itself; its outline and its depth hardly ever fit as w
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -57,7 +57,8 @@ class ContestsConfig:
     behind: float = 0.1
     """What lost by more than this (logarithm of a score)"""
     often: int = 3
-    """after so many frames is not the part either while the winner is not to be seen,"""
+    """after so many frames is not the part either while the winner is not to be seen, unless it comes to
+    be worth more by itself,"""
     forgotten: int = 200
     """for so many frames at most."""
 
@@ -92,6 +93,11 @@ class _Thing:
     """and the last frame in which it was seen."""
     beaten_by: _Thing | None = None
     """What it lost to clearly, if it did not win since."""
+
+    @property
+    def value(self) -> float:
+        """How well it is the part, logarithm."""
+        return self.score + self.worth
 
 
 @dataclass(slots=True, eq=False)
@@ -140,12 +146,8 @@ class Contests:
                 del decided[name]
             else:
                 decided[name] = boxes[best]
-        for name in found.keys() - things.keys():
-            alone = self._near(name, found[name].box_xyxy)
-            if alone is not None:
-                alone.box_xyxy, alone.seen = found[name].box_xyxy, self._frame
-                if alone.beaten_by in self._things:
-                    del decided[name]
+        for name in self._still_beaten(found.keys() - things.keys(), found, frame):
+            del decided[name]
         oldest = self._frame - self.config.forgotten
         self._things = [thing for thing in self._things if thing.seen >= oldest]
         return decided
@@ -168,22 +170,48 @@ class Contests:
                 taken.append(detection.box_xyxy)
         return kept
 
+    def _still_beaten(
+        self, alone: Collection[str], found: Mapping[str, Detection], frame: Frame
+    ) -> list[str]:
+        """Parts whose only box shows what lost to another thing, which is not to be seen now.
+
+        It is looked at as if it still contested: what was half hidden when it lost, and now fits better
+        than what it lost to ever did, is the part after all.
+        """
+        known = {name: self._near(name, found[name].box_xyxy) for name in alone}
+        lost: dict[str, _Thing] = {}
+        for name, thing in known.items():
+            if thing is not None:
+                thing.box_xyxy, thing.seen = found[name].box_xyxy, self._frame
+                if thing.beaten_by in self._things:
+                    self._score(thing, found[name])
+                    lost[name] = thing
+        due = {name: found[name] for name, thing in lost.items() if self._is_due(thing)}
+        if due:
+            looks = self.look(due, frame)
+            for name in due:
+                self._hear(lost[name], looks.get(name))
+        for thing in lost.values():
+            winner = thing.beaten_by
+            if winner is not None and thing.value > winner.value:
+                thing.beaten_by = None
+        return [name for name, thing in lost.items() if thing.beaten_by is not None]
+
     def _winner(self, things: Sequence[_Thing]) -> int | None:
         """The place of the thing that is worth most; None if all lost to what is not there now.
 
         What lost to a thing that is hidden or carried now is not the part either.
         """
         alive = [t.beaten_by in things or t.beaten_by not in self._things for t in things]
-        values = [t.score + t.worth if a else -np.inf for t, a in zip(things, alive, strict=True)]
+        values = [t.value if a else -np.inf for t, a in zip(things, alive, strict=True)]
         if not any(alive):
             return None
         best = int(np.argmax(values))
         winner = things[best]
         winner.beaten_by = None
         for thing in things:
-            ahead = winner.score + winner.worth - thing.score - thing.worth
             often = min(thing.frames, winner.frames) >= self.config.often
-            if thing is not winner and often and ahead > self.config.behind:
+            if thing is not winner and often and winner.value - thing.value > self.config.behind:
                 thing.beaten_by = winner
         return best
 
@@ -196,10 +224,14 @@ class Contests:
         if self._frame - thing.contested > 2 * self.config.every:  # it may look otherwise by now
             thing.frames = thing.looks = 0
         thing.box_xyxy, thing.seen, thing.contested = detection.box_xyxy, self._frame, self._frame
+        self._score(thing, detection)
+        return thing
+
+    def _score(self, thing: _Thing, detection: Detection) -> None:
+        """Take in the score that the detector gives a thing."""
         thing.frames += 1
         score = float(np.log(max(detection.score, _LEAST)))
         thing.score += max(self.config.memory, 1 / thing.frames) * (score - thing.score)
-        return thing
 
     def _near(self, name: str, box_xyxy: Box) -> _Thing | None:
         """The thing in the place of a box, if it was not met in this frame yet."""

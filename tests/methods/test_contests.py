@@ -151,6 +151,23 @@ def test_what_lost_is_not_the_part_while_that_is_hidden(
     assert contest.step({"block": sways[-1]}, [sways[-1]], frame) == {"block": sways[-1]}
 
 
+def test_what_lost_while_half_hidden_is_the_part_once_it_fits_better(
+    assembly: Assembly, box_at: Callable, frame: Frame
+) -> None:
+    hand, block = box_at("block", 120, score=0.3), box_at("block", 20, score=0.2)
+    look = Agreeing({120: 0.5, 20: 0.4})
+    contest = contests(assembly, look, every=4)
+    for _ in range(3):
+        decided = contest.step({"block": block}, [hand, block], frame)
+        assert decided["block"].box_xyxy[0] == 120
+    assert contest.step({"block": block}, [block], frame) == {}
+    look.by_x = {20: 0.8}
+    shown = box_at("block", 20, score=0.8)
+    answers = [contest.step({"block": shown}, [shown], frame) for _ in range(12)]
+    assert answers[-1] == {"block": shown}
+    assert answers[0] == {}, "one frame deceives"
+
+
 def test_without_depth_or_switched_off_the_best_box_stays(
     assembly: Assembly, box_at: Callable, frame: Frame
 ) -> None:
