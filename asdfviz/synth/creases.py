@@ -24,7 +24,7 @@ def _folds(rng: np.random.Generator, n: int, *, side: float) -> Plane:
     ones anywhere; the cloth is pinched where strong ones cross.
     """
     x, y = (axis * side for axis in unit_axes(n))
-    wander = 0.0030 * fractal(rng, n, base=3, octaves=3) + 0.0005 * fractal(
+    wander = 0.0030 * fractal(rng, n, base=3, octaves=3) + 0.0002 * fractal(
         rng, n, base=30, octaves=3
     )
     fades = fractal(rng, n, base=5, octaves=3, gain=0.7)
@@ -89,5 +89,5 @@ def _crumples(rng: np.random.Generator, n: int, *, side: float) -> Plane:
         d = cos * (x[here] - cx) + sin * (y[here] - cy) + 0.002 * wobble[here]
         flank, long = rng.uniform(0.0025, 0.009), rng.uniform(0.008, 0.028)
         ridge = np.exp(-np.sqrt(d * d + 0.0007**2) / flank - (along / long) ** 2)
-        height[here] += rng.normal() * 0.16 * flank * ridge
+        height[here] += rng.normal() * 0.09 * flank * ridge
     return height

@@ -153,7 +153,7 @@ def _plane(
 def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tuple[Ground, ...]:
     """Blue drape on a pale round table over a brown carpet, as in the paper's recordings."""
     change = 0.63 * np.exp(rng.normal(size=3) * 0.02 + rng.normal() * 0.05)
-    blue, violet = linear((128, 166, 188)) * change, linear((130, 163, 199)) * change
+    blue, faded = linear((125, 166, 198)) * change, linear((133, 164, 188)) * change
     center = points.mean(axis=0) + rng.normal(size=2) * 0.02
     reach = float(np.linalg.norm(points - center, axis=1).max())
     radius = reach + rng.uniform(0.04, 0.15)
@@ -171,7 +171,7 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         0.0,
         "drape",
         micro="nonwoven",
-        colors=np.stack([blue, violet, linear((215, 220, 222))]),
+        colors=np.stack([blue, faded, linear((215, 220, 222))]),
         edges=outline,
         circle=(float(center[0]), float(center[1]), radius + rng.uniform(0.0, 0.04)),
     )

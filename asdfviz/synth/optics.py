@@ -52,13 +52,21 @@ def developed(image: Linear, *, sharpening: float, halo_px: float, thin_px: floa
 
 
 def grain(rng: np.random.Generator, height: int, width: int, *, colored: bool) -> Linear:
-    """Noise of deviation 1 whose neighbours agree a little; `colored` adds blotches of colour."""
+    """Noise of deviation 1 whose neighbours agree; `colored` adds blotches of colour.
+
+    Its spectrum is that of two real frames' difference: a camera smooths what it delivers, so two
+    thirds of it are several pixels wide.
+    """
     noise = rng.standard_normal((height, width, 3), dtype=np.float32)
     if width > 512:
-        noise = 0.7 * noise + 0.96 * cv2.GaussianBlur(noise, (0, 0), 0.8)
+        fine = cv2.GaussianBlur(noise, (0, 0), 0.8)
+        coarse = cv2.resize(noise[::3, ::3], (width, height), interpolation=cv2.INTER_CUBIC)
+        noise = 0.4 * noise + 0.96 * fine + 0.75 * coarse
     if colored:
-        size = (max(2, height // 4), max(2, width // 4), 3)
-        cells = rng.standard_normal(size, dtype=np.float32)
-        cells = np.asarray(cells - cells.mean(axis=2, keepdims=True), np.float32)
-        noise = noise + 0.5 * cv2.resize(cells, (width, height), interpolation=cv2.INTER_CUBIC)
+        for step, strength in ((4, 0.5), (12, 0.45)):
+            size = (max(2, height // step), max(2, width // step), 3)
+            cells = rng.standard_normal(size, dtype=np.float32)
+            cells = np.asarray(cells - cells.mean(axis=2, keepdims=True), np.float32)
+            wide = cv2.resize(cells, (width, height), interpolation=cv2.INTER_CUBIC)
+            noise = noise + strength * wide
     return np.asarray(noise, np.float32)

@@ -34,11 +34,11 @@ def _drape(rng: np.random.Generator, n: int) -> Map:
     height = folds + 0.0046 * broad + 0.0028 * along
     # Worn folds are a little paler than the cloth, whatever the light.
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
-    blotches = fractal(rng, n, base=18, octaves=5, gain=0.75)
-    shade = 1 + 0.028 * blotches + np.clip(60 * worn, -0.03, 0.05)
+    blotches = fractal(rng, n, base=18, octaves=5, gain=0.6)
+    shade = 1 + 0.02 * blotches + np.clip(120 * np.abs(worn), 0, 0.08)
     bands = cv2.resize(fractal(rng, n, base=16, octaves=3)[: n // 3].copy(), (n, n))
-    hue = 0.45 + 0.12 * fractal(rng, n, base=7, octaves=5, gain=0.8) + 0.13 * bands
-    return _stack(np.clip(hue, 0, 1), _specks(rng, n), shade, height.astype(np.float32))
+    hue = 0.45 + 0.2 * fractal(rng, n, base=7, octaves=5, gain=0.7) + 0.15 * bands
+    return _stack(np.clip(hue, 0, 1), 0.6 * _specks(rng, n), shade, height.astype(np.float32))
 
 
 def _specks(rng: np.random.Generator, n: int) -> Plane:
@@ -159,10 +159,14 @@ def _nonwoven(rng: np.random.Generator, n: int) -> Map:
     clouds = fractal(rng, n, base=5, octaves=3)
     # About as fine as a pixel of the paper's camera: it shows in places only, and as moire.
     first = np.cos(2 * np.pi * (84 * y + 53 * x)) + 0.5 * np.cos(2 * np.pi * (61 * y - 78 * x))
-    fibres = fractal(rng, n, base=100, octaves=2, gain=0.9)
-    drawn = np.mean([np.roll(fibres, k, axis=1) for k in range(8)], axis=0)
-    fibres = 0.6 * drawn / drawn.std() + 0.6 * fractal(rng, n, base=60, octaves=3, gain=0.9)
-    shade = 1 + 0.14 * first * np.clip(0.45 + 0.45 * clouds, 0, 1.3) + 0.038 * fibres
+    fibres = fractal(rng, n, base=230, octaves=2, gain=0.9)
+    fibres = fibres - np.mean([np.roll(fibres, k, axis=1) for k in (-3, -2, 2, 3)], axis=0)
+    drawn = np.mean([np.roll(fibres, k, axis=0) for k in range(8)], axis=0)
+    # Most fibres run as the main folds do: down the map.
+    fibres = drawn / drawn.std() + 0.45 * fractal(rng, n, base=60, octaves=3, gain=0.9)
+    shade = (
+        1 + 0.10 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.022 * (1 + 0.5 * clouds) * fibres
+    )
     return _stack(0.0, 0.0, shade + 0.006 * clouds, (0.000012 * fibres).astype(np.float32))
 
 

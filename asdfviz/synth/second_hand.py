@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from asdfviz.geometry.shapes import Points, Transform, Vector
+from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse, transform_from
 from asdfviz.pose.resting import footprint
 from asdfviz.synth.film import Moment
@@ -57,7 +57,7 @@ def holding(
     """The other hand of the person, at the base for good; None if it finds no grip.
 
     Who assembles looks at the work, nearly as the camera does: of good grips that is taken which hides
-    little of the base and of what is joined to it.
+    little of the base and of what is joined to it, and least of all one part's place wholly.
 
     Args:
         base: the base part.
@@ -70,26 +70,31 @@ def holding(
     left = replace(outfit, mirrored=not outfit.mirrored)
     hold = Hold(stand.T_world_base, tuple(joined))
     bodies = (Body(base, stand.T_world_base), *joined)
-    work = np.concatenate(
-        [apply(b.T, b.solid.samples[:: _WORK_STEP * len(bodies)]) for b in bodies]
-    )
-    also = partial(_unhidden, work, table.T_camera_world @ stand.T_world_base, table, left)
+    step = _WORK_STEP * len(bodies)
+    work = [apply(b.T, b.solid.samples[::step]) for b in bodies]
+    also = partial(unhidden, work, table.T_camera_world @ stand.T_world_base, table, left)
     grip = find_grip(base, [hold], _other_shoulder(stand, outfit), left, rng, also=also)
     if grip is None:
         return None
     return Hand(dressed(left, grip.grasp), (hold.T_world_part @ grip.T_part_hand,))
 
 
-def _unhidden(
-    work: Points,
+def unhidden(
+    work: Sequence[Float64[np.ndarray, "_ 3"]],
     T_camera_base: Transform,
     table: Table,
     outfit: Outfit,
     T_base_hand: Float64[np.ndarray, "n 4 4"],
     grasps: Int64[np.ndarray, "n"],
 ) -> Float64[np.ndarray, "n"]:
-    """Worth of hands at the base: up to _LOOKING_ON for those that hide nothing of `work` (world)."""
-    seen = apply(table.T_camera_world, work)
+    """Worth of hands at the base: up to _LOOKING_ON for those that hide nothing of `work` (world).
+
+    Half of it is for the whole, half for the body of `work` that is hidden most: of a small part's
+    place at the end of a long base a hand can hide all, and then no step that is made there is seen.
+    """
+    seen = apply(table.T_camera_world, np.concatenate(work))
+    first = np.cumsum([0, *(len(points) for points in work[:-1])])
+    counts = np.array([len(points) for points in work])
     rays = seen[:, :2] / seen[:, 2:]
     corner, cell = rays.min(axis=0), _CELL / float(seen[:, 2].mean())
     at = ((rays - corner) / cell).astype(int)
@@ -104,7 +109,9 @@ def _unhidden(
         front = np.full((height + 2, width + 2), np.inf, np.float32)
         np.minimum.at(front, (y[inside] + 1, x[inside] + 1), points[inside, 2])
         front = cv2.erode(front, np.ones((3, 3), np.uint8))  # points lie apart, skin does not
-        worth[k] = _LOOKING_ON * float((front[at[:, 1] + 1, at[:, 0] + 1] > seen[:, 2]).mean())
+        free = front[at[:, 1] + 1, at[:, 0] + 1] > seen[:, 2]
+        least = (np.add.reduceat(free.astype(int), first) / counts).min()
+        worth[k] = _LOOKING_ON * (float(free.mean()) + float(least)) / 2
     return worth
 
 

@@ -137,11 +137,11 @@ def _skin(
     bundle = (1.4 * _at(noise, x / 0.5 + 0.3, y / 0.16 + 0.4 * z) - 1.0).clamp(0, 1) * (1 - arm)
     phase = (y + 0.2 * x + 0.5 * z + 0.0024 * fine + 0.004 * blotch) * (2 * torch.pi / 0.0031)
     line = bundle * (0.5 + 0.5 * torch.cos(phase)).square().square()
-    color = color * (1 - line[:, None] * color.new_tensor([0.14, 0.25, 0.30]))
+    color = color * (1 - line[:, None] * color.new_tensor([0.05, 0.09, 0.11]))
     forward = _cross(finish[:, 9:12], finish[:, 12:15])
     uneven = (
         finish[:, 12:15] * (1.0 * cord + 0.05 * fine)[:, None]
-        + forward * (0.16 * fold + 0.05 * blotch)[:, None]
+        + forward * (0.09 * fold + 0.05 * blotch)[:, None]
     )
     return color, unit(normal + uneven * (finish[:, 8:9] / 0.35))
 

@@ -12,8 +12,11 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.geometry.transforms import apply, inverse
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.grasping import hand_points, scaled
+from asdfviz.synth.hands import OPEN_HAND
+from asdfviz.synth.layout import Table, dress
 from asdfviz.synth.penetration import depth, solid_of
 from asdfviz.synth.render import render
+from asdfviz.synth.second_hand import unhidden
 from asdfviz.synth.sequences import condition_config, plan_sequence
 from asdfviz.synth.studio import Studio
 
@@ -53,3 +56,32 @@ def test_loose_parts_are_seen_and_free_under_hands(
     )
     distances = np.linalg.norm(ways, axis=1)
     assert distances[0] > distances[20:].max()
+
+
+def test_a_hand_that_hides_all_of_a_small_part_is_worth_less_than_one_that_hides_more_of_the_base() -> (
+    None
+):
+    looking_down = np.diag([1.0, -1.0, -1.0, 1.0])
+    looking_down[2, 3] = 0.6
+    table = Table(np.diag([600.0, 600.0, 1.0]), looking_down, 640, 360, reach=0.4)
+    rng = np.random.default_rng(0)
+    base = np.column_stack(
+        [rng.uniform(-0.2, 0.2, 4000), rng.uniform(-0.1, 0.1, 4000), [0.0] * 4000]
+    )
+    small = np.column_stack([0.3 + rng.uniform(-0.01, 0.01, (100, 2)), [0.0] * 100])
+    small[:, 1] -= 0.3
+    hand = dress(rng, grasp=OPEN_HAND)
+    over_base, over_small, aside = (np.eye(4) for _ in range(3))
+    over_base[:3, 3], over_small[:3, 3], aside[:3, 3] = (
+        (0, 0, 0.1),
+        (0.3, 0.03, 0.1),
+        (0, -0.5, 0.1),
+    )
+    poses = np.stack([over_base, over_small, aside])
+    grasps = np.full(3, OPEN_HAND)
+    of_base, of_small, of_nothing = unhidden(
+        [base, small], looking_down, table, hand, poses, grasps
+    )
+    whole = unhidden([np.concatenate([base, small])], looking_down, table, hand, poses, grasps)
+    assert whole[0] < whole[1] < whole[2]
+    assert of_small < of_base < of_nothing
