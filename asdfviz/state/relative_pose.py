@@ -19,6 +19,11 @@ wrong, every part seems to be far from its place whatever the state, so that
 - L(state) = P(base in its place) * product of the parts' likelihoods
              + P(base elsewhere) * product of their likelihoods as if nothing were joined.
 
+A step may add several parts, which come one after the other: while some are in and others are not,
+the step before is the state (that is how truth is labelled). So under a state whose next step adds
+several parts, L is (1 - h) of the product above and h of its mean over the ways in which some, but
+not all, of them are joined already (`half_done` = h).
+
 A lightly trained network finds parts long before it tells their rotations apart, and its scores say
 so: then a part as far from the base as it should be speaks for the joined states whatever its
 rotation, though less than one that fits. With scores of 1 the full pose alone decides. A part far
@@ -36,6 +41,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -97,6 +103,9 @@ class RelativePoseConfig:
     """What a score says of the place."""
     wrong_rotations: float = 0.4
     """u of a pose with score 0: share of joined parts of which the rotation says nothing, 0 to 1."""
+    half_done: float = 0.3
+    """h: share of a state's time in which a part of its next step is in already, 0 to 1, where that
+    step adds several."""
     temperature: float = 1.5
     """Above 1 the parts are trusted less than independent witnesses."""
 
@@ -107,11 +116,13 @@ class RelativePoseConfig:
                 raise MethodError(
                     f"relative_pose.{name} is {getattr(self, name):g}, use more than 0"
                 )
-        for name in ("outliers", "doubted", "wrong_rotations"):
+        for name in ("outliers", "doubted", "wrong_rotations", "half_done"):
             if not 0 <= getattr(self, name) <= 1:
                 raise MethodError(f"relative_pose.{name} is {getattr(self, name):g}, use 0 to 1")
 
 
+_MOST_ADDED = 6
+"""Steps that add more parts have too many ways of being half done."""
 _LEAST = 1e-9
 """No base pose is surer than this, none more doubtful, and so many poses at least are plainly wrong."""
 
@@ -135,8 +146,7 @@ def relative_pose_probabilities(
     if base is None:
         return None
     T_base_camera = inverse(base.T_camera_part)
-    joined, alone = np.zeros(len(assembly.states)), 0.0
-    compared = 0
+    logs, alone = dict[str, Scores](), 0.0
     for name, estimate in poses.items():
         places = _places(assembly, name) if name != assembly.base else ()
         if places:
@@ -145,15 +155,38 @@ def relative_pose_probabilities(
             astray = config.doubted * (1.0 - config.in_place.probability(estimate.score))
             outliers = max(config.outliers + (1.0 - config.outliers) * astray, _LEAST)
             fits, apart = _fits(T_base_part, name, places, assembly, doubt=doubt, config=config)
-            joined += np.log(outliers + (1.0 - outliers) * fits)
+            logs[name] = np.log(outliers + (1.0 - outliers) * fits)
             alone += math.log(outliers + (1.0 - outliers) * apart)
-            compared += 1
-    if not compared:
+    if not logs:
         return None
+    joined = _also_half_done(logs, assembly, share=config.half_done)
     there = min(max(config.in_place.probability(base.score), _LEAST), 1.0 - _LEAST)
     log_likelihood = np.logaddexp(math.log(there) + joined, math.log(1.0 - there) + alone)
     odds = np.exp((log_likelihood - log_likelihood.max()) / config.temperature)
     return odds / odds.sum()
+
+
+def _also_half_done(logs: Mapping[str, Scores], assembly: Assembly, *, share: float) -> Scores:
+    """Log-likelihood of every state from those of the parts, half-done next steps counted in."""
+    nominal = np.sum(list(logs.values()), axis=0)
+    if share <= 0:
+        return nominal
+    result = nominal.copy()
+    for state, following in pairwise(assembly.steps):
+        added = [n for n in following.T_base_part if n not in state.T_base_part]
+        if not 2 <= len(added) <= _MOST_ADDED:
+            continue
+        more = [
+            sum(float(logs[n][following.index] - logs[n][state.index]) for n in some if n in logs)
+            for count in range(1, len(added))
+            for some in combinations(added, count)
+        ]
+        half = nominal[state.index] + np.logaddexp.reduce(more) - math.log(len(more))
+        result[state.index] = np.logaddexp(
+            math.log1p(-share) + nominal[state.index] if share < 1 else -np.inf,
+            math.log(share) + half,
+        )
+    return result
 
 
 def _places(assembly: Assembly, part: str) -> tuple[_Place, ...]:

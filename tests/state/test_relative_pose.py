@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, transform_from
@@ -192,3 +193,20 @@ def test_tolerances_that_are_none_are_refused(options: dict[str, Any], named: st
         RelativePoseConfig(**options)
     with pytest.raises(MethodError, match="in_place"):
         PlaceOdds(offset=float("nan"))
+
+
+@pytest.mark.parametrize("first", ["pinion", "wheel"])
+def test_a_step_of_which_one_part_is_still_out_is_not_done(place: Callable, first: str) -> None:
+    caliper = load_assembly("geared_caliper")
+    before, done = (state.index for state in caliper.steps[1:3])
+    T_base_part = caliper.states[done].T_base_part
+    half = {**scene(caliper, before), first: T_base_part[first]}
+    told = fitting(caliper, place(half))
+    assert told is not None
+    assert told[before] > 2 * told[done]
+    untold = fitting(caliper, place(half), half_done=0.0)
+    assert untold is not None
+    assert untold[before] < 2 * untold[done], "else this asks nothing"
+    both = fitting(caliper, place(scene(caliper, done)))
+    assert both is not None
+    assert both[done] > 3 * both[before]
