@@ -45,17 +45,22 @@ from asdfviz.geometry.shapes import Scores
 
 @dataclass(frozen=True)
 class FusionConfig:
-    """The weights of equations 3 to 5; the paper names them and gives no values."""
+    """The weights of equations 3 to 5; the paper names them and gives no values.
 
-    w_dl: float = 0.3
+    Chosen on twenty sequences under GBOT's conditions, every first, second and third frame of them: with
+    0.3, 0.25 and 0.013 for w_DL, w_f and n 70.5, 72.2 and 70.3 % of their states were right, with these
+    74.1, 74.4 and 71.8.
+    """
+
+    w_dl: float = 0.15
     """w_DL, equation 3: weight of the network's state boxes."""
-    w_p: float = 0.7
+    w_p: float = 0.85
     """w_P, equation 3: weight of the relative poses."""
-    w_f: float = 0.25
+    w_f: float = 0.3
     """w_f, equation 5: weight of this frame."""
-    w_previous: float = 0.75
+    w_previous: float = 0.7
     """w_{f-1}, equation 5: weight of the previous frame."""
-    neighbour: float = 0.013
+    neighbour: float = 0.006
     """n, equation 4: share of each neighbour's previous probability."""
 
     def __post_init__(self) -> None:

@@ -162,7 +162,7 @@ def test_a_single_wrong_frame_does_not_change_the_state() -> None:
 
 def test_a_term_that_is_missing_lends_no_weight() -> None:
     """w_f 0.25, w_DL 0.3 of 1: what looks alone say counts 0.075 to the 0.75 of the frame before."""
-    config = FusionConfig(neighbour=0.0)
+    config = FusionConfig(w_dl=0.3, w_p=0.7, w_f=0.25, w_previous=0.75, neighbour=0.0)
     both, looks, places = (Pose2State(chain(2), config=config) for _ in range(3))
     for fusion in (both, looks, places):
         fusion.step(peak(0, 2, 1.0), peak(0, 2, 1.0))
