@@ -21,6 +21,8 @@ What the paper leaves open, and what is done here:
 - No base part (S_P is None): S_f is S_DL alone. No state box and no base, or no state classes (S_DL
   is None): S_f is S_P alone. In (5) it then has its own share of w_f, w_DL or w_P: what is missing
   lends no weight, so that one term alone does not overrule what both have said before.
+- What is told is P raised to a power (`sharpness`) and divided by its sum: means of means are flat, and
+  of states that had 0.8 of P all were right, but they were one frame in a hundred. P itself goes on.
 - Neither term: nothing was seen; the previous result is kept as it is, and before any evidence the
   state is unknown (None).
 - State 0, which has no class: see `asdfviz.state.appearance`.
@@ -62,6 +64,9 @@ class FusionConfig:
     """w_{f-1}, equation 5: weight of the previous frame."""
     neighbour: float = 0.006
     """n, equation 4: share of each neighbour's previous probability."""
+    sharpness: float = 2.5
+    """Power of what is told; 1: equation 5 as it is. Of 2.5 the probabilities of those twenty sequences
+    are calibrated best (the mean logarithm of the true state's is -0.84, with 1 -1.14)."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where a weight is out of its range."""
@@ -74,6 +79,8 @@ class FusionConfig:
             raise MethodError(
                 "fusion: w_dl and w_p are both 0, or w_f is: nothing seen would count"
             )
+        if not 0 < self.sharpness < math.inf:
+            raise MethodError(f"fusion.sharpness is {self.sharpness:g}, use a power above 0")
         if not 0 <= self.neighbour <= 1:
             raise MethodError(f"fusion.neighbour is {self.neighbour:g}, use a share from 0 to 1")
 
@@ -92,7 +99,7 @@ class Pose2State:
 
     @property
     def belief(self) -> Scores | None:
-        """The probability of every state after the last frame; None before anything was ever seen."""
+        """P of the last frame, not sharpened; None before anything was ever seen."""
         return self._previous
 
     def step(self, appearance: Scores | None, relative_pose: Scores | None) -> StateEstimate | None:
@@ -103,8 +110,8 @@ class Pose2State:
             relative_pose: S_P, or None where it says nothing.
 
         Returns:
-            The probabilities, and every term that was there under "appearance", "relative_pose"
-            and "previous".
+            The probabilities, sharpened, and every term that was there under "appearance",
+            "relative_pose" and "previous".
         """
         terms: dict[str, Scores] = {}
         if appearance is not None:
@@ -119,7 +126,8 @@ class Pose2State:
         if fused is None:
             return None
         self._previous = fused
-        return StateEstimate(probabilities=fused, terms=terms)
+        sharp = (fused / fused.max()) ** self._config.sharpness
+        return StateEstimate(probabilities=_normalized(sharp), terms=terms)
 
     def _current(self, S_dl: Scores | None, S_p: Scores | None) -> Scores | None:
         """Equation 3."""

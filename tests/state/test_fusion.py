@@ -21,7 +21,7 @@ def peak(index: int, count: int = 5, height: float = 0.8) -> np.ndarray:
 
 
 def test_the_first_frame_is_the_weighted_sum_of_its_own_terms(assembly: Assembly) -> None:
-    fusion = Pose2State(assembly, config=FusionConfig(w_dl=0.3, w_p=0.9))
+    fusion = Pose2State(assembly, config=FusionConfig(w_dl=0.3, w_p=0.9, sharpness=1.0))
     estimate = fusion.step(peak(1), peak(2))
     assert estimate is not None
     assert estimate.probabilities == pytest.approx(0.25 * peak(1) + 0.75 * peak(2))
@@ -29,7 +29,7 @@ def test_the_first_frame_is_the_weighted_sum_of_its_own_terms(assembly: Assembly
 
 
 def test_a_later_frame_follows_equations_3_to_5(assembly: Assembly) -> None:
-    config = FusionConfig(w_dl=0.4, w_p=0.6, w_f=0.3, w_previous=0.7, neighbour=0.1)
+    config = FusionConfig(0.4, 0.6, 0.3, 0.7, neighbour=0.1, sharpness=1.0)
     fusion = Pose2State(assembly, config=config)
     first = fusion.step(peak(1), None)
     second = fusion.step(peak(2), peak(3))
@@ -52,6 +52,18 @@ def test_a_later_frame_follows_equations_3_to_5(assembly: Assembly) -> None:
     assert second.probabilities.sum() == pytest.approx(1.0)
 
 
+def test_what_is_told_is_sharper_than_what_goes_on(assembly: Assembly) -> None:
+    plain = Pose2State(assembly, config=FusionConfig(sharpness=1.0))
+    sharp = Pose2State(assembly, config=FusionConfig(sharpness=2.0))
+    for place in (1, 2, 2):
+        expected, told = (f.step(peak(place), peak(2)) for f in (plain, sharp))
+        assert expected is not None
+        assert told is not None
+        squares = expected.probabilities**2
+        assert told.probabilities == pytest.approx(squares / squares.sum())
+        assert sharp.belief == pytest.approx(expected.probabilities)
+
+
 def test_before_any_evidence_the_state_is_unknown(assembly: Assembly) -> None:
     fusion = Pose2State(assembly)
     assert fusion.step(None, None) is None
@@ -62,7 +74,7 @@ def test_before_any_evidence_the_state_is_unknown(assembly: Assembly) -> None:
 def test_one_term_alone_takes_the_whole_weight_of_the_first_frame(
     assembly: Assembly, missing: str
 ) -> None:
-    fusion = Pose2State(assembly)
+    fusion = Pose2State(assembly, config=FusionConfig(sharpness=1.0))
     estimate = fusion.step(*((None, peak(3)) if missing == "appearance" else (peak(3), None)))
     assert estimate is not None
     assert estimate.probabilities == pytest.approx(peak(3))
@@ -162,7 +174,7 @@ def test_a_single_wrong_frame_does_not_change_the_state() -> None:
 
 def test_a_term_that_is_missing_lends_no_weight() -> None:
     """w_f 0.25, w_DL 0.3 of 1: what looks alone say counts 0.075 to the 0.75 of the frame before."""
-    config = FusionConfig(w_dl=0.3, w_p=0.7, w_f=0.25, w_previous=0.75, neighbour=0.0)
+    config = FusionConfig(0.3, 0.7, 0.25, 0.75, neighbour=0.0, sharpness=1.0)
     both, looks, places = (Pose2State(chain(2), config=config) for _ in range(3))
     for fusion in (both, looks, places):
         fusion.step(peak(0, 2, 1.0), peak(0, 2, 1.0))
@@ -187,6 +199,7 @@ def test_without_a_weight_the_frame_before_says_nothing() -> None:
         ({"w_dl": -0.1}, "w_dl is -0.1"),
         ({"w_p": float("inf")}, "w_p is inf"),
         ({"w_dl": 0.0, "w_p": 0.0}, "both 0"),
+        ({"sharpness": 0.0}, "sharpness is 0"),
         ({"w_f": 0.0}, "nothing seen"),
         ({"neighbour": 1.7}, "neighbour is 1.7"),
     ],
