@@ -139,9 +139,10 @@ class Asdf:
         return self._started().shapes
 
     @property
-    def place_looks(self) -> PlaceLooks:
-        """Looks at the places of joined parts, once reset() was called."""
-        return self._started().place_looks
+    def looker(self) -> LooksAtParts | None:
+        """The crop network, if first poses come from it; once reset() was called."""
+        first = self._started().crop_poses
+        return None if first is None else first.looker
 
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""

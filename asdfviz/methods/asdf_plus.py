@@ -21,9 +21,8 @@ from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.contour_fits import ContourConfig, ContourFit, ContourFits
 from asdfviz.methods.first_pose import LooksAtParts
-from asdfviz.methods.followed_state import followed_state
+from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_contours import GroupContours
-from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.kept_poses import Decision, HypothesesConfig, Proposal, pose_confidence
 from asdfviz.methods.looked_at import LookedAt
@@ -40,8 +39,8 @@ from asdfviz.methods.tolerances import REGISTERED_PLACES
 from asdfviz.methods.tracking import load_bodies
 from asdfviz.pose.confidence import ConfidenceConfig, confidence_held
 from asdfviz.state.group_fit import GroupFitConfig
-from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
-from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig, StateFilter
+from asdfviz.state.relative_pose import RelativePoseConfig
+from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
 
 
@@ -84,8 +83,7 @@ class _Scene:
 
     assembly: Assembly
     hypotheses: dict[str, PartHypotheses]
-    states: StateFilter
-    fits: GroupFits
+    state: FollowedState
     group: GroupPoses
     twins: PlaceNames
     one_place: OnePlace
@@ -136,8 +134,15 @@ class AsdfPlus:
                 )
                 for name, part in assembly.parts.items()
             },
-            StateFilter(assembly, config=config.smoothing),
-            GroupFits(assembly, shapes, config=config.group_fit),
+            FollowedState(
+                assembly,
+                shapes,
+                self._asdf.looker,
+                smoothing=config.smoothing,
+                relative_pose=config.relative_pose,
+                group_fit=config.group_fit,
+                place_looks=config.place_looks,
+            ),
             GroupPoses(assembly, shapes, config=config.joined),
             PlaceNames(assembly),
             OnePlace(assembly),
@@ -162,16 +167,11 @@ class AsdfPlus:
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
             poses = self._named_by_place(followed, scene)
-            looks = self._asdf.looks
-            places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
             first = proposed.poses.get(scene.assembly.base)
-            seen = scene.fits.step(poses, scene.states.belief, frame, first=first)
-            base = scene.fits.base or poses.get(scene.assembly.base)
-            stands = self._asdf.place_looks.step(base, poses, scene.states.belief, frame)
-            state = followed_state(scene.states, looks, places, seen, stands)
+            state = scene.state.step(self._asdf.looks, poses, frame, first=first)
         if config.joined.enabled:
             with timed("group"):
-                poses = scene.group.step(poses, state, frame, base=scene.fits.base)
+                poses = scene.group.step(poses, state, frame, base=scene.state.base)
                 poses = self._settled_together(poses, state, frame, scene)
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)

@@ -28,8 +28,7 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
-from asdfviz.methods.followed_state import followed_state
-from asdfviz.methods.group_fits import GroupFits
+from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.network import Detects
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.part_poses import sure_enough
@@ -43,8 +42,8 @@ from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
-from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
-from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig, StateFilter
+from asdfviz.state.relative_pose import RelativePoseConfig
+from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
 from asdfviz.track.presets import PROPOSED, TrackerConfig
 
@@ -100,8 +99,7 @@ class _Scene:
 
     assembly: Assembly
     parts: PartTracks
-    states: StateFilter
-    fits: GroupFits
+    followed: FollowedState
     twins: PlaceNames
     places: JointPlaces
     state: StateEstimate | None = None
@@ -138,8 +136,15 @@ class AsdfTrack:
                 refind=config.refind,
                 turns=config.turns,
             ),
-            states=StateFilter(assembly, config=config.smoothing),
-            fits=GroupFits(assembly, self._asdf.shapes, config=config.group_fit),
+            followed=FollowedState(
+                assembly,
+                self._asdf.shapes,
+                self._asdf.looker,
+                smoothing=config.smoothing,
+                relative_pose=config.relative_pose,
+                group_fit=config.group_fit,
+                place_looks=config.place_looks,
+            ),
             twins=PlaceNames(assembly),
             places=JointPlaces(assembly),
         )
@@ -174,13 +179,10 @@ class AsdfTrack:
         with timed("fuse"):
             # What the state holds together cannot bear witness for the state.
             free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
-            places = relative_pose_probabilities(free, assembly, config=config.relative_pose)
             first = proposed.poses.get(assembly.base)
-            fits = scene.fits.step(poses, scene.states.belief, frame, first=first)
-            base = scene.fits.base or poses.get(assembly.base)
-            stands = self._asdf.place_looks.step(base, poses, scene.states.belief, frame)
-            looks = self._asdf.looks
-            scene.state = followed_state(scene.states, looks, places, fits, stands)
+            scene.state = scene.followed.step(
+                self._asdf.looks, poses, frame, first=first, free=free
+            )
         runtime = {**proposed.runtime, **timed.seconds}
         said = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)

@@ -2,34 +2,93 @@
 
 from __future__ import annotations
 
-from asdfviz.datatypes import StateEstimate
+from collections.abc import Mapping
+from dataclasses import replace
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, StateEstimate
 from asdfviz.geometry.shapes import Scores
-from asdfviz.state.smoothing import StateFilter
+from asdfviz.methods.group_fits import GroupFits
+from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig
+from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.half_done import HalfDone
+from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
+from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 
 
-def followed_state(
-    states: StateFilter,
-    looks: Scores | None,
-    places: Scores | None,
-    group_fit: Scores | None,
-    place_looks: Scores | None,
-) -> StateEstimate | None:
-    """Take one frame's terms into the model; None before anything was ever seen.
+class FollowedState:
+    """One for each sequence. Half-done steps are states of their own within, and none outside."""
 
-    Args:
-        states: the model.
-        looks: the term "appearance".
-        places: the term "relative_pose".
-        group_fit: the term of that name.
-        place_looks: the term of that name.
-    """
-    belief = states.step(looks, places, group_fit, place_looks)
-    if belief is None:
-        return None
-    terms = {
-        "appearance": looks,
-        "relative_pose": places,
-        "group_fit": group_fit,
-        "place_looks": place_looks,
-    }
-    return StateEstimate(belief, {name: term for name, term in terms.items() if term is not None})
+    def __init__(
+        self,
+        assembly: Assembly,
+        shapes: Mapping[str, PartShape],
+        looker: object | None,
+        *,
+        smoothing: SmoothingConfig,
+        relative_pose: RelativePoseConfig,
+        group_fit: GroupFitConfig,
+        place_looks: PlaceLooksConfig,
+    ) -> None:
+        """Begin a sequence.
+
+        Args:
+            assembly: whose states.
+            shapes: of the parts.
+            looker: the crop network, or None.
+            smoothing: the model.
+            relative_pose: the term of that name; with its `half_done` at 0 there are no such states.
+            group_fit: the term of that name.
+            place_looks: the term of that name.
+        """
+        self._ways = (
+            HalfDone.of(assembly) if relative_pose.half_done > 0 else HalfDone.none(assembly)
+        )
+        self._unfolded = self._ways.assembly
+        self._relative_pose = replace(relative_pose, half_done=0.0)
+        half_done = self._ways.indices
+        self._states = StateFilter(self._unfolded, config=smoothing, half_done=half_done)
+        self._fits = GroupFits(self._unfolded, shapes, config=group_fit)
+        self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=place_looks)
+
+    @property
+    def base(self) -> PoseEstimate | None:
+        """Where the base is by all that was seen of the group in the last frame, if anything was."""
+        return self._fits.base
+
+    def step(
+        self,
+        looks: Scores | None,
+        poses: Mapping[str, PoseEstimate],
+        frame: Frame,
+        *,
+        first: PoseEstimate | None,
+        free: Mapping[str, PoseEstimate] | None = None,
+    ) -> StateEstimate | None:
+        """Take one frame into the model; None before anything was ever seen.
+
+        Args:
+            looks: the term "appearance".
+            poses: of the parts.
+            frame: that they are of.
+            first: the base's pose by this frame alone.
+            free: the poses that bear witness for states; None for all.
+        """
+        ways, before = self._ways, self._states.belief
+        places = relative_pose_probabilities(
+            poses if free is None else free, self._unfolded, config=self._relative_pose
+        )
+        fits = self._fits.step(poses, before, frame, first=first)
+        base = self._fits.base or poses.get(self._unfolded.base)
+        stands = self._place_looks.step(base, poses, before, frame)
+        belief = self._states.step(ways.unfolded(looks), places, fits, stands)
+        if belief is None:
+            return None
+        terms = {
+            "appearance": looks,
+            "relative_pose": ways.told(places),
+            "group_fit": ways.told(fits),
+            "place_looks": ways.told(stands),
+        }
+        said = {name: term for name, term in terms.items() if term is not None}
+        return StateEstimate(ways.summed(belief), said)

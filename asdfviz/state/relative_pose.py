@@ -41,7 +41,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -50,6 +49,7 @@ from asdfviz.datatypes import Assembly, Joint, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
+from asdfviz.state.half_done import ways_half_done
 from asdfviz.state.joints import deviation
 
 
@@ -121,8 +121,6 @@ class RelativePoseConfig:
                 raise MethodError(f"relative_pose.{name} is {getattr(self, name):g}, use 0 to 1")
 
 
-_MOST_ADDED = 6
-"""Steps that add more parts have too many ways of being half done."""
 _LEAST = 1e-9
 """No base pose is surer than this, none more doubtful, and so many poses at least are plainly wrong."""
 
@@ -169,23 +167,14 @@ def relative_pose_probabilities(
 def _also_half_done(logs: Mapping[str, Scores], assembly: Assembly, *, share: float) -> Scores:
     """Log-likelihood of every state from those of the parts, half-done next steps counted in."""
     nominal = np.sum(list(logs.values()), axis=0)
-    if share <= 0:
-        return nominal
+    ways: dict[int, list[float]] = {}
+    for state, following, some in ways_half_done(assembly) if share > 0 else ():
+        more = [logs[n][following.index] - logs[n][state.index] for n in some if n in logs]
+        ways.setdefault(state.index, []).append(float(sum(more)))
     result = nominal.copy()
-    for state, following in pairwise(assembly.steps):
-        added = [n for n in following.T_base_part if n not in state.T_base_part]
-        if not 2 <= len(added) <= _MOST_ADDED:
-            continue
-        more = [
-            sum(float(logs[n][following.index] - logs[n][state.index]) for n in some if n in logs)
-            for count in range(1, len(added))
-            for some in combinations(added, count)
-        ]
-        half = nominal[state.index] + np.logaddexp.reduce(more) - math.log(len(more))
-        result[state.index] = np.logaddexp(
-            math.log1p(-share) + nominal[state.index] if share < 1 else -np.inf,
-            math.log(share) + half,
-        )
+    for k, more in ways.items():
+        half = math.log(share) + np.logaddexp.reduce(more) - math.log(len(more))
+        result[k] += np.logaddexp(math.log1p(-share) if share < 1 else -np.inf, half)
     return result
 
 

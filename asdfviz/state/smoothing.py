@@ -8,7 +8,7 @@ reported apart from it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -60,9 +60,16 @@ counts less than once a frame."""
 class StateFilter:
     """The model online: the probability of every state given all frames so far."""
 
-    def __init__(self, assembly: Assembly, *, config: SmoothingConfig | None = None) -> None:
+    def __init__(
+        self,
+        assembly: Assembly,
+        *,
+        config: SmoothingConfig | None = None,
+        half_done: Collection[int] = (),
+    ) -> None:
+        """Begin a sequence; `half_done` as for `transition_matrix`."""
         self._config = config or SmoothingConfig()
-        self._move = transition_matrix(assembly, config=self._config)
+        self._move = transition_matrix(assembly, config=self._config, half_done=half_done)
         self._belief: Scores | None = None
 
     def reset(self) -> None:
@@ -157,20 +164,28 @@ def most_likely_path(
     return path[::-1]
 
 
-def transition_matrix(assembly: Assembly, *, config: SmoothingConfig) -> Float64[np.ndarray, "n n"]:
+def transition_matrix(
+    assembly: Assembly, *, config: SmoothingConfig, half_done: Collection[int] = ()
+) -> Float64[np.ndarray, "n n"]:
     """Return P(next state | state): stay, move on along a legal transition, or rarely jump or fall back.
 
     Correct states lead to the next one even where assembly.yaml lists no transition.
+
+    Args:
+        assembly: its states and transitions.
+        config: how fast states change.
+        half_done: states that last and are entered as correct ones although they are no steps.
     """
     count = len(assembly.states)
+    wrong = {state.index for state in assembly.errors} - set(half_done)
     legal = np.zeros((count, count))
     for a, b in pairwise(state.index for state in assembly.steps):
         legal[a, b] = 1.0
     for a, b in assembly.transitions:
         if a != b:
-            legal[a, b] = config.mistakes if assembly.states[b].is_error else 1.0
+            legal[a, b] = config.mistakes if b in wrong else 1.0
     ways = legal.sum(axis=1, keepdims=True)
-    lasting = np.array([config.stay_wrong if s.is_error else config.stay for s in assembly.states])
+    lasting = np.array([config.stay_wrong if k in wrong else config.stay for k in range(count)])
     onward = (1 - lasting[:, None]) * legal / np.where(ways > 0, ways, 1.0)
     stay = np.where(ways[:, 0] > 0, lasting, 1.0)
     completed = np.array([state.completed for state in assembly.states])

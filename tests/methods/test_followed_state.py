@@ -1,0 +1,66 @@
+"""The state that is followed, where a step adds two parts of which one is in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, StateEstimate
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.followed_state import FollowedState
+from asdfviz.methods.part_poses import part_shapes
+from asdfviz.methods.place_looks import PlaceLooksConfig
+from asdfviz.methods.tolerances import TRACKED_PLACES
+from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.smoothing import FOLLOWED
+
+IN_VIEW = transform_from(np.eye(3), np.array([0.0, 0.0, 0.5]))
+
+
+@pytest.fixture(scope="module")
+def caliper() -> Assembly:
+    return load_assembly("geared_caliper")
+
+
+@pytest.fixture
+def followed(caliper: Assembly) -> FollowedState:
+    return FollowedState(
+        caliper,
+        part_shapes(caliper, surface_points=100),
+        None,
+        smoothing=FOLLOWED,
+        relative_pose=TRACKED_PLACES,
+        group_fit=GroupFitConfig(),
+        place_looks=PlaceLooksConfig(),
+    )
+
+
+def after(
+    followed: FollowedState, caliper: Assembly, state: int, away: tuple[str, ...], frames: int
+) -> StateEstimate:
+    """What is said after frames in which the state's parts are in their places, but for some."""
+    camera = Camera(np.diag([600.0, 600.0, 1.0]), 640, 360)
+    frame = Frame(0, 0.0, np.zeros((360, 640, 3), np.uint8), None, camera)
+    aside = transform_from(np.eye(3), np.array([0.3, 0.0, 0.0]))
+    poses = {
+        name: PoseEstimate(name, IN_VIEW @ (aside if name in away else T), 0.95, "refined")
+        for name, T in caliper.states[state].T_base_part.items()
+    }
+    said = None
+    for _ in range(frames):
+        said = followed.step(None, poses, frame, first=None)
+    assert said is not None
+    assert said.probabilities.sum() == pytest.approx(1.0)
+    assert len(said.probabilities) == len(caliper.states)
+    assert all(len(term) == len(caliper.states) for term in said.terms.values())
+    return said
+
+
+@pytest.mark.parametrize("out", ["pinion", "wheel"])
+def test_a_step_is_done_when_its_last_part_is_in(
+    followed: FollowedState, caliper: Assembly, out: str
+) -> None:
+    assert after(followed, caliper, 1, (), 20).index == 1
+    assert after(followed, caliper, 2, (out,), 60).index == 1
+    assert after(followed, caliper, 2, (), 30).index == 2

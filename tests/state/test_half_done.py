@@ -1,0 +1,112 @@
+"""Steps of which some parts are in and others are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.data.assembly import load_assembly
+from asdfviz.datatypes import Assembly, State
+from asdfviz.state.half_done import HalfDone, ways_half_done
+from asdfviz.state.smoothing import SmoothingConfig, StateFilter, transition_matrix
+
+
+@pytest.fixture(scope="module")
+def caliper() -> Assembly:
+    return load_assembly("geared_caliper")
+
+
+def stacked(*steps: tuple[str, ...]) -> Assembly:
+    """An assembly whose steps add these parts, all at one place."""
+    joined: dict[str, np.ndarray] = {"base": np.eye(4)}
+    states = [State(0, "s0", dict(joined))]
+    for k, names in enumerate(steps, start=1):
+        joined |= {name: np.eye(4) for name in names}
+        states.append(State(k, f"s{k}", dict(joined)))
+    links = frozenset((k, k + 1) for k in range(len(steps)))
+    return Assembly("x", "X", "base", {}, tuple(states), links, (), "assembly.yaml")
+
+
+def test_only_steps_that_add_several_parts_can_be_half_done(caliper: Assembly) -> None:
+    ways = [(a.index, b.index, some) for a, b, some in ways_half_done(caliper)]
+    assert ways == [(1, 2, ("pinion",)), (1, 2, ("wheel",))]
+    same = HalfDone.of(load_assembly("corner_clamp"))
+    assert same.indices == frozenset()
+    assert len(same.assembly.states) == len(load_assembly("corner_clamp").states)
+
+
+def test_half_done_states_have_the_later_places_and_joints(caliper: Assembly) -> None:
+    unfolded = HalfDone.of(caliper)
+    for index in unfolded.indices:
+        state = unfolded.assembly.states[index]
+        (new,) = set(state.attached) - set(caliper.states[1].attached)
+        assert state.T_base_part[new] is caliper.states[2].T_base_part[new]
+        assert state.joints.get(new) is caliper.states[2].joints.get(new)
+        assert state.completed == 1
+        assert state.index == index
+    assert unfolded.assembly.steps == caliper.steps
+    assert unfolded.assembly.states[: len(caliper.states)] == caliper.states
+
+
+def test_what_is_an_error_already_is_not_half_done() -> None:
+    assembly = stacked(("a", "b"))
+    wrong = State(2, "wrong", {"base": np.eye(4), "a": np.eye(4)}, is_error=True, after=0)
+    known = replace(assembly, states=(*assembly.states, wrong))
+    assert [some for _, _, some in ways_half_done(known)] == [("b",)]
+
+
+def test_three_parts_come_one_after_the_other() -> None:
+    unfolded = HalfDone.of(stacked(("a", "b", "c")))
+    states, links = unfolded.assembly.states, unfolded.assembly.transitions
+    added = {s.index: frozenset(s.attached) - {"base"} for s in states}
+    assert len(unfolded.indices) == 6
+    for one, other in links - {(0, 1)}:
+        assert added[one] < added[other]
+        assert len(added[other] - added[one]) == 1
+    assert len(links) == 1 + 3 + 6 + 3
+
+
+def test_probabilities_and_terms_come_back_to_the_state_before(caliper: Assembly) -> None:
+    unfolded = HalfDone.of(caliper)
+    count = len(caliper.states)
+    scores = np.arange(1.0, count + 3)
+    summed = unfolded.summed(scores / scores.sum())
+    assert summed.sum() == pytest.approx(1.0)
+    assert summed[1] == pytest.approx((scores[1] + scores[-1] + scores[-2]) / scores.sum())
+    told = unfolded.told(scores)
+    assert told is not None
+    assert told[1] / told[2] == pytest.approx(scores[-1] / scores[2])
+    looks = unfolded.unfolded(np.eye(count)[2])
+    assert looks is not None
+    assert looks[2] == pytest.approx(2 * looks[-1])
+    assert unfolded.unfolded(None) is None
+    assert unfolded.told(None) is None
+    plain = HalfDone.none(caliper)
+    assert plain.summed(scores[:count]) == pytest.approx(scores[:count])
+
+
+def test_half_done_states_last_and_lead_on(caliper: Assembly) -> None:
+    unfolded = HalfDone.of(caliper)
+    config = SmoothingConfig(leak=0.0, fall=0.0)
+    move = transition_matrix(unfolded.assembly, config=config, half_done=unfolded.indices)
+    for index in unfolded.indices:
+        assert move[index, index] == pytest.approx(config.stay)
+        assert move[index, 2] == pytest.approx(1 - config.stay)
+        assert move[1, index] == pytest.approx(move[1, 2])
+    count = len(unfolded.assembly.states)
+    online = StateFilter(unfolded.assembly, config=config, half_done=unfolded.indices)
+    online.step(None, np.eye(count)[1])
+    pinion = min(unfolded.indices)
+    seen = np.full(count, 0.01)
+    seen[pinion] = seen[2] = 0.4  # the wheel cannot be seen: neither for nor against
+    wheel_out = np.full(count, 0.01)
+    wheel_out[pinion] = wheel_out[1] = 0.4
+    for _ in range(30):
+        online.step(None, seen, wheel_out)
+    assert online.belief is not None
+    assert int(unfolded.summed(online.belief).argmax()) == 1
+    for _ in range(30):
+        online.step(None, np.eye(count)[2] + 0.01)
+    assert int(unfolded.summed(online.belief).argmax()) == 2
