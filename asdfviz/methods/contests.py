@@ -133,13 +133,8 @@ class Contests:
             for name, boxes in things.items()
         }
         for place in range(1 + self.config.most):
-            due = {
-                n: i[place] for n, i in known.items() if place < len(i) and self._is_due(i[place])
-            }
-            if due:
-                looks = self.look({name: things[name][place] for name in due}, frame)
-                for name, thing in due.items():
-                    self._hear(thing, looks.get(name))
+            here = {name: seen[place] for name, seen in known.items() if place < len(seen)}
+            self._look_again(here, {name: things[name][place] for name in here}, frame)
         for name, boxes in things.items():
             best = self._winner(known[name])
             if best is None:
@@ -178,19 +173,15 @@ class Contests:
         It is looked at as if it still contested: what was half hidden when it lost, and now fits better
         than what it lost to ever did, is the part after all.
         """
-        known = {name: self._near(name, found[name].box_xyxy) for name in alone}
         lost: dict[str, _Thing] = {}
-        for name, thing in known.items():
+        for name in alone:
+            thing = self._near(name, found[name].box_xyxy)
             if thing is not None:
                 thing.box_xyxy, thing.seen = found[name].box_xyxy, self._frame
                 if thing.beaten_by in self._things:
                     self._score(thing, found[name])
                     lost[name] = thing
-        due = {name: found[name] for name, thing in lost.items() if self._is_due(thing)}
-        if due:
-            looks = self.look(due, frame)
-            for name in due:
-                self._hear(lost[name], looks.get(name))
+        self._look_again(lost, found, frame)
         for thing in lost.values():
             winner = thing.beaten_by
             if winner is not None and thing.value > winner.value:
@@ -246,6 +237,16 @@ class Contests:
             return None
         smaller = min(float((box[2:] - box[:2]).max()) for box in (near.box_xyxy, box_xyxy))
         return near if distance(near) <= self.config.reach * smaller else None
+
+    def _look_again(
+        self, things: Mapping[str, _Thing], boxes: Mapping[str, Detection], frame: Frame
+    ) -> None:
+        """Look at those of the parts' things that are due."""
+        due = {name: boxes[name] for name, thing in things.items() if self._is_due(thing)}
+        if due:
+            looks = self.look(due, frame)
+            for name in due:
+                self._hear(things[name], looks.get(name))
 
     def _is_due(self, thing: _Thing) -> bool:
         """Whether to look at it in this frame: twice at first, then now and then."""
