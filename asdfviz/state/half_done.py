@@ -54,24 +54,22 @@ class HalfDone:
         """The half-done states of an assembly; it stays as it is if no step adds several parts."""
         states, before = list(assembly.states), [state.index for state in assembly.states]
         after, links = list(before), set(assembly.transitions)
-        index: dict[tuple[int, frozenset[str]], int] = {}
+        joined: dict[int, dict[frozenset[str], int]] = {}
         for state, following, some in ways_half_done(assembly):
+            own = frozenset(state.attached)
+            ends = {own: state.index, frozenset(following.attached): following.index}
+            joined.setdefault(state.index, ends)[own | set(some)] = len(states)
             named = f"{state.name} with {' and '.join(some)}"
-            index[state.index, frozenset(some)] = len(states)
             states.append(_between(state, following, some, index=len(states), name=named))
             before.append(state.index)
             after.append(following.index)
-        for (start, some), place in index.items():
-            added = set(assembly.states[after[place]].attached) - set(
-                assembly.states[start].attached
-            )
-            less = (
-                [index.get((start, some - {name})) for name in some] if len(some) > 1 else [start]
-            )
-            more = [index.get((start, some | {name})) for name in added - some]
-            ends = more if len(some) + 1 < len(added) else [after[place]]
-            links |= {(a, place) for a in less if a is not None}
-            links |= {(place, b) for b in ends if b is not None}
+        for step in joined.values():  # one part after the other
+            links |= {
+                (step[less], step[more])
+                for less in step
+                for more in step
+                if less < more and len(more) == len(less) + 1
+            }
         unfolded = replace(assembly, states=tuple(states), transitions=frozenset(links))
         return cls(unfolded, tuple(before), tuple(after))
 
