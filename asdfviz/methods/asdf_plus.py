@@ -83,7 +83,7 @@ class _Scene:
 
     assembly: Assembly
     hypotheses: dict[str, PartHypotheses]
-    state: FollowedState
+    followed: FollowedState
     group: GroupPoses
     twins: PlaceNames
     one_place: OnePlace
@@ -168,10 +168,10 @@ class AsdfPlus:
             followed = self._followed(proposed, decided, fits, frame, scene)
             poses = self._named_by_place(followed, scene)
             first = proposed.poses.get(scene.assembly.base)
-            state = scene.state.step(self._asdf.looks, poses, frame, first=first)
+            state = scene.followed.step(self._asdf.looks, poses, frame, first=first)
         if config.joined.enabled:
             with timed("group"):
-                poses = scene.group.step(poses, state, frame, base=scene.state.base)
+                poses = scene.group.step(poses, state, frame, base=scene.followed.base)
                 poses = self._settled_together(poses, state, frame, scene)
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)

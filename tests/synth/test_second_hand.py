@@ -58,9 +58,7 @@ def test_loose_parts_are_seen_and_free_under_hands(
     assert distances[0] > distances[20:].max()
 
 
-def test_a_hand_that_hides_all_of_a_small_part_is_worth_less_than_one_that_hides_more_of_the_base() -> (
-    None
-):
+def test_a_hand_rather_hides_some_of_the_base_than_all_of_a_small_part() -> None:
     looking_down = np.diag([1.0, -1.0, -1.0, 1.0])
     looking_down[2, 3] = 0.6
     table = Table(np.diag([600.0, 600.0, 1.0]), looking_down, 640, 360, reach=0.4)
