@@ -30,7 +30,7 @@ def _folds(rng: np.random.Generator, n: int, *, side: float) -> Plane:
     fades = fractal(rng, n, base=5, octaves=3, gain=0.7)
     near = np.zeros((2, n, n), np.float32)
     height = np.zeros((n, n), np.float32)
-    for axis, share, apart in ((0, 1.0, 0.088), (1, 0.6, 0.27), (0, 0.35, 0.2), (1, 0.35, 0.3)):
+    for axis, share, apart in ((0, 1.0, 0.088), (1, 0.55, 0.27), (0, 0.35, 0.2), (1, 0.35, 0.3)):
         pitch = apart * rng.uniform(0.85, 1.2)
         sign = 1.0
         for place in np.arange(rng.random() * pitch, 1.1 * side, pitch).tolist():
@@ -44,12 +44,12 @@ def _folds(rng: np.random.Generator, n: int, *, side: float) -> Plane:
             flank = 0.0016 * 6.0 ** rng.random()
             fade = share + 0.75 * np.roll(fades, shift[::-1], (0, 1))
             power = sign * share * np.clip(fade, -0.5, 1.8)
-            height += power * rng.uniform(0.15, 0.5) * flank * np.exp(-sharp / flank)
+            height += power * rng.uniform(0.13, 0.42) * flank * np.exp(-sharp / flank)
             height += float(power.mean()) * rng.uniform(0.0, 0.02) * sharp
             near[axis] = np.maximum(near[axis], np.abs(power) * np.exp(-((d / 0.011) ** 2)))
             sign *= -1.0 if rng.random() < 0.8 else 1.0
     pinched = near[0] * near[1] * fractal(rng, n, base=48, octaves=2)
-    return (height + 0.0011 * pinched).astype(np.float32)
+    return (height + 0.0009 * pinched).astype(np.float32)
 
 
 def _bends(rng: np.random.Generator, n: int, *, side: float) -> Plane:
@@ -79,7 +79,7 @@ def _crumples(rng: np.random.Generator, n: int, *, side: float) -> Plane:
     wobble = fractal(rng, n, base=5, octaves=4)
     height = np.zeros((n, n), np.float32)
     window = n // 7
-    for _ in range(130):
+    for _ in range(190):
         row, column = rng.integers(0, n - window, 2)
         here = (slice(row, row + window), slice(column, column + window))
         cx, cy = (float(k + window / 2) / n * side for k in (column, row))
@@ -89,5 +89,5 @@ def _crumples(rng: np.random.Generator, n: int, *, side: float) -> Plane:
         d = cos * (x[here] - cx) + sin * (y[here] - cy) + 0.002 * wobble[here]
         flank, long = rng.uniform(0.0025, 0.009), rng.uniform(0.008, 0.028)
         ridge = np.exp(-np.sqrt(d * d + 0.0007**2) / flank - (along / long) ** 2)
-        height[here] += rng.normal() * 0.09 * flank * ridge
+        height[here] += rng.normal() * 0.13 * flank * ridge
     return height

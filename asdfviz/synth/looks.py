@@ -163,7 +163,7 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
     normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     limits = np.maximum(
         (points @ normals.T).max(axis=0) + 0.02,
-        normals @ center + radius * rng.uniform(0.75, 1.05, k),
+        normals @ center + radius * rng.uniform(0.85, 1.15, k),
     )
     outline = _corners_cut(np.column_stack([normals, limits]), rng)
     cloth = _plane(
@@ -175,7 +175,7 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         edges=outline,
         circle=(float(center[0]), float(center[1]), radius + rng.uniform(0.0, 0.04)),
     )
-    pale = linear((252, 212, 175)) * rng.uniform(0.68, 0.78)
+    pale = linear((252, 205, 172)) * rng.uniform(0.54, 0.68)
     table = _plane(
         rng,
         -0.001,

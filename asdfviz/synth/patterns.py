@@ -16,6 +16,8 @@ from jaxtyping import Float32, Shaped
 from asdfviz.synth.creases import creased
 from asdfviz.synth.fractals import Plane, fractal, unit_axes
 
+FINE = 0.00006
+"""Height of a drape's fine wrinkles, metres."""
 Map = Float32[np.ndarray, "n n 4"]
 Weight = Shaped[np.ndarray, "n n"] | float
 Pattern: TypeAlias = Callable[[np.random.Generator, int], np.ndarray]
@@ -31,7 +33,10 @@ def _drape(rng: np.random.Generator, n: int) -> Map:
     folds = creased(rng, n, side=1.0)
     broad = fractal(rng, n, base=5, octaves=3, gain=0.45)
     along = cv2.resize(fractal(rng, n, base=6, octaves=3)[:, : n // 3].copy(), (n, n))
-    height = folds + 0.0046 * broad + 0.0028 * along
+    # Fine wrinkles run as the folds do, in some places more than in others.
+    fine = cv2.resize(fractal(rng, n, base=34, octaves=3, gain=0.6)[: n // 9].copy(), (n, n))
+    fine *= np.clip(0.6 + 0.6 * fractal(rng, n, base=5, octaves=2), 0, 1.6)
+    height = folds + 0.0046 * broad + 0.0028 * along + FINE * fine
     # Worn folds are a little paler than the cloth, whatever the light.
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
     blotches = fractal(rng, n, base=18, octaves=5, gain=0.6)
@@ -44,7 +49,7 @@ def _drape(rng: np.random.Generator, n: int) -> Map:
 def _specks(rng: np.random.Generator, n: int) -> Plane:
     """Lint: short faint threads of the third colour."""
     plane = np.zeros((n, n), np.float32)
-    for _ in range(n * n // 40000):
+    for _ in range(n * n // 25000):
         start = rng.integers(4, n - 8, 2)
         end = start + rng.integers(-3, 4, 2)
         ends = [tuple(int(v) for v in p) for p in (start, end)]
@@ -161,9 +166,7 @@ def _nonwoven(rng: np.random.Generator, n: int) -> Map:
     first = np.cos(2 * np.pi * (84 * y + 53 * x)) + 0.5 * np.cos(2 * np.pi * (61 * y - 78 * x))
     fibres = fractal(rng, n, base=230, octaves=2, gain=0.9)
     fibres = fibres - np.mean([np.roll(fibres, k, axis=1) for k in (-3, -2, 2, 3)], axis=0)
-    drawn = np.mean([np.roll(fibres, k, axis=0) for k in range(8)], axis=0)
-    # Most fibres run as the main folds do: down the map.
-    fibres = drawn / drawn.std() + 0.45 * fractal(rng, n, base=60, octaves=3, gain=0.9)
+    fibres = fibres / fibres.std() + 0.6 * fractal(rng, n, base=60, octaves=3, gain=0.9)
     shade = (
         1 + 0.10 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.022 * (1 + 0.5 * clouds) * fibres
     )

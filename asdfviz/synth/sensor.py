@@ -40,6 +40,8 @@ class RgbSensor:
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     vignette: float = 0.12
     """Loss of light in the corners."""
+    shading: tuple[float, float] = (0.0, 0.0)
+    """Further loss of red and of blue there; below 0 there is more of them."""
     blur_px: float = 0.6
     """Lens and demosaicing, at 1280 pixels width."""
     softness_px: float = 0.0
@@ -114,6 +116,7 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
         fringe_px=float(rng.normal() * 0.6),
         jpeg_quality=int(rng.integers(78, 97)),
         motion_px=(float(motion[0]), float(motion[1])),
+        shading=(float(rng.normal() * 0.06), float(rng.normal() * 0.1 + 0.05)),
     )
 
 
@@ -175,7 +178,8 @@ def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator)
     image = image * np.float32(sensor.exposure / max(metered(image), 1e-4))
     image = (image + sensor.flare * image.mean(axis=(0, 1))) / (1 + sensor.flare)
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
-    image *= (1 - sensor.vignette * (x * x + y * y) / 2)[:, :, None]
+    losses = np.array([sensor.shading[0], 0.0, sensor.shading[1]], np.float32) + sensor.vignette
+    image *= 1 - losses * ((x * x + y * y) / 2)[:, :, None]
     if abs(sensor.fringe_px) * scale > 0.1:
         image = fringed(image.astype(np.float32), sensor.fringe_px * scale)
     image = cv2.GaussianBlur(image, (0, 0), max(sensor.blur_px * scale, 0.25))

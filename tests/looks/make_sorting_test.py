@@ -1,12 +1,14 @@
-"""Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY SEED [SHRINK] [MESHES]`.
+"""Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY SEED [MESHES]`.
 
-Twenty crops of synthetic scenes among twenty of real frames, shuffled and numbered, as one sheet
-(OUT/sheet.png) and as single files; OUT_key.txt beside the folder says which are synthetic. Somebody
-who made neither sorts all forty: errors near one half mean that the two cannot be told apart.
+Twenty crops of synthetic frames among twenty of real ones, at random places over the covered table (with
+as much cloth in both), shuffled and numbered, as two sheets (OUT/sheet_1.png, OUT/sheet_2.png) and as single files; OUT_key.txt
+beside the folder says which are synthetic. Somebody who made neither sorts all forty: errors near one
+half mean that the two cannot be told apart. OUT/frames holds the synthetic frames whole.
 
-REAL_FOLDER holds rgb/*.png of a fixed camera over a table; ASSEMBLY is what lies there. SHRINK is how
-many pixels of the camera make one of the crop: 1 (what the camera sees) or 2 (what the detector is given
-of 1280x720). MESHES holds finer meshes of its parts, PART.ply in millimetres, where there are any.
+The frames are what `asdfviz synth images` draws where its throws come out as the real table did: the
+drape, a room's lights, the first step in bare hands, parts in the colours of the real prints. What is
+set here lies within what the generator draws. REAL_FOLDER holds rgb/*.png of a fixed camera over a table;
+ASSEMBLY is what lies there; MESHES holds finer meshes of its parts, PART.ply in millimetres.
 """
 
 from __future__ import annotations
@@ -21,215 +23,225 @@ import numpy as np
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.meshes import read_mesh
 from asdfviz.datatypes import Part
-from asdfviz.geometry.transforms import rotation_about
+from asdfviz.geometry.shapes import Mask, Rgb, Vector
 from asdfviz.synth.assets import Assets, load_assets
-from asdfviz.synth.description import Light, Placed, Scene
+from asdfviz.synth.description import Finish, Light, Placed, Scene
 from asdfviz.synth.looks import linear
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, make_scene
-from asdfviz.synth.sensor import RgbSensor, blur_moving, metered, photograph
+from asdfviz.synth.sensor import RgbSensor, blur_moving, photograph
 
 COUNT = 20
-SIDE = 160
-SHOWN = 240
+SIDE = 128
+SHOWN = 300
 """Pixels of a crop on the sheet."""
-REAL_PLACES = (
-    (410, 385), (430, 560), (615, 530), (770, 555), (930, 540), (920, 375), (950, 235), (600, 175),
-    (650, 260), (740, 350), (730, 430), (800, 210), (560, 90), (880, 110), (1120, 320), (330, 230),
-    (560, 640), (230, 420), (1000, 640), (880, 480), (300, 90), (480, 480),
-)  # fmt: skip
-"""Parts, hands, cloth and rims in the real frames, pixels."""
-COLORS = {
-    (20, 90, 170): (33, 67, 162),
-    (132, 132, 132): (190, 172, 157),
-    (25, 25, 28): (29, 23, 21),
-    (235, 235, 232): (230, 216, 198),
+SHOTS = 3
+"""Of one scene: the real frames show one, and what is seen twice would tell."""
+ALIKE = 0.1
+"""Shares of cloth in two crops differ by less."""
+PRINTS = {
+    (20, 90, 170): (20, 58, 146),
+    (132, 132, 132): (173, 165, 154),
+    (25, 25, 28): (22, 17, 16),
+    (235, 235, 232): (226, 218, 207),
 }
 """Colours of the real prints, where the mesh files say otherwise."""
+BRIGHT = ((20, 60, 152), "CLAMP_BASE")
+"""A print of another blue, and the end of its part's name."""
+CONFIG = SceneConfig(
+    width=1280, height=720, distance=(0.5, 0.58), tilt=(0.0, 0.1), true_colors=1.0, theatre=1.0,
+    room_light=1.0, held=1.0, stray=0.0, hand_when_held=1.0, passing_hand=1.0, present=1.0,
+    tilted=0.0, duplicates=0, distractors=0,
+)  # fmt: skip
 SENSOR = RgbSensor(
-    vignette=0.13, blur_px=0.48, softness_px=1.15, noise=0.0076, flare=0.014, contrast=1.12,
-    sharpening=0.22, knee=0.5, thin_px=1.6, fringe_px=1.2, jpeg_quality=90,
+    blur_px=0.6, noise=0.0052, sharpening=0.75, knee=0.7, thin_px=1.6, contrast=1.08,
+    saturation=1.12, jpeg_quality=94, vignette=0.08, shading=(-0.06, 0.2),
 )  # fmt: skip
 """What the real frames look like to have been taken with."""
+WARM = np.array([1.03, 1.0, 0.97])
+SKIN = (200, 162, 146)
 
 
-CLOTH = np.array([0.250, 0.383, 0.492])
-"""Linear colour that the real camera's exposure and white balance give to the cloth."""
-
-
-def main(out: Path, real: Path, name: str, seed: int, shrink: int, meshes: Path | None) -> None:
-    """Write the sheet, the crops and the key."""
+def main(out: Path, real: Path, name: str, seed: int, meshes: Path | None) -> None:
+    """Write the sheets, the crops, the whole frames and the key."""
     rng = np.random.default_rng(seed)
-    crops = [(c, "real") for c in _real_crops(real, rng)]
-    crops += [(c, "synthetic") for c in _synthetic_crops(_matching_assets(name, meshes), rng)]
-    order = rng.permutation(len(crops))
-    out.mkdir(parents=True, exist_ok=True)
-    tiles: list[np.ndarray] = []
-    for place, k in enumerate(order):
-        crop = cv2.resize(
-            crops[k][0], None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA
-        )
-        cv2.imwrite(str(out / f"{place + 1:02d}.png"), crop)
-        tile = cv2.resize(crop, (SHOWN, SHOWN), interpolation=cv2.INTER_CUBIC)
-        tile = cv2.copyMakeBorder(tile, 26, 4, 2, 2, cv2.BORDER_CONSTANT, value=(255, 255, 255))
-        cv2.putText(tile, str(place + 1), (6, 20), cv2.FONT_HERSHEY_SIMPLEX, 0.65, (0, 0, 0), 2)
-        tiles.append(tile)
-    rows = [np.hstack(tiles[i : i + 8]) for i in range(0, len(tiles), 8)]
-    cv2.imwrite(str(out / "sheet.png"), np.vstack(rows))
-    key = "\n".join(f"{place + 1} {crops[k][1]}" for place, k in enumerate(order))
+    photos = [_read(f) for f in sorted((real / "rgb").glob("*.png"))]
+    cloth = np.median([_cloth_color(p) for p in photos], axis=0)
+    assets = _matching_assets(name, meshes)
+    (out / "frames").mkdir(parents=True, exist_ok=True)
+    frames = _shots(assets, cloth, rng)
+    for k, frame in enumerate(frames):
+        cv2.imwrite(str(out / f"frames/{k}.png"), frame[:, :, ::-1])
+    crops = [(_crop(photos, rng), "real") for _ in range(COUNT)]
+    crops += [(_crop_like(c, frames, rng), "synthetic") for c, _ in crops]
+    shuffled = [crops[k] for k in rng.permutation(len(crops))]
+    for k, (crop, _) in enumerate(shuffled):
+        cv2.imwrite(str(out / f"{k + 1:02d}.png"), crop[:, :, ::-1])
+    tiles = [_tile(crop, k + 1) for k, (crop, _) in enumerate(shuffled)]
+    for page in range(2):
+        rows = [tiles[i : i + 5] for i in range(20 * page, 20 * page + 20, 5)]
+        cv2.imwrite(str(out / f"sheet_{page + 1}.png"), np.vstack([np.hstack(r) for r in rows]))
+    key = "\n".join(f"{k + 1} {kind}" for k, (_, kind) in enumerate(shuffled))
     out.with_name(out.name + "_key.txt").write_text(key + "\n")
 
 
-def _cut(image: np.ndarray, u: float, v: float) -> np.ndarray:
-    height, width = image.shape[:2]
-    x = int(np.clip(u - SIDE / 2, 0, width - SIDE))
-    y = int(np.clip(v - SIDE / 2, 0, height - SIDE))
-    return image[y : y + SIDE, x : x + SIDE]
+def _read(file: Path) -> Rgb:
+    return np.ascontiguousarray(np.asarray(cv2.imread(str(file)))[:, :, ::-1])
 
 
-def _real_crops(folder: Path, rng: np.random.Generator) -> list[np.ndarray]:
-    files = sorted((folder / "rgb").glob("*.png"))
-    frames = [np.asarray(cv2.imread(str(f))) for f in files]
-    chosen = rng.permutation(len(REAL_PLACES))[:COUNT]
-    crops: list[np.ndarray] = []
-    for k in chosen:
-        u, v = REAL_PLACES[k] + rng.uniform(-35, 35, 2)
-        crops.append(_turned(_cut(frames[int(rng.integers(len(frames)))], u, v), rng))
-    return crops
+def _tile(crop: Rgb, number: int) -> Rgb:
+    """A crop enlarged, with its number in a corner (BGR)."""
+    tile = cv2.resize(crop[:, :, ::-1], (SHOWN, SHOWN), interpolation=cv2.INTER_CUBIC)
+    cv2.rectangle(tile, (0, 0), (44, 28), (255, 255, 255), -1)
+    cv2.putText(tile, str(number), (4, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 2)
+    white = (255, 255, 255)
+    return np.asarray(cv2.copyMakeBorder(tile, 3, 3, 3, 3, cv2.BORDER_CONSTANT, value=white))
 
 
-def _turned(crop: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Any of four sides up, so that the known direction of the real light gives nothing away."""
-    return np.ascontiguousarray(np.rot90(crop, int(rng.integers(4))))
+def _cloth(image: Rgb) -> Mask:
+    """Where the drape is seen, by its colour."""
+    hue, saturation, value = np.moveaxis(cv2.cvtColor(image, cv2.COLOR_RGB2HSV), 2, 0)
+    blue = (hue > 95) & (hue < 114) & (saturation > 50) & (saturation < 170)
+    return blue & (value > 90)
+
+
+def _cloth_color(image: Rgb) -> Vector:
+    """Its median colour, sRGB."""
+    return np.median(image[cv2.erode(_cloth(image).astype(np.uint8), np.ones((9, 9))) > 0], axis=0)
+
+
+def _covered(image: Rgb) -> Mask:
+    """The covered part of the table with all that lies on it or is held over it."""
+    seen = cv2.erode(_cloth(image).astype(np.uint8), np.ones((5, 5)))
+    outlines = cv2.findContours(seen, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)[0]
+    filled = np.zeros_like(seen)
+    cv2.fillConvexPoly(filled, cv2.convexHull(max(outlines, key=cv2.contourArea)), 1)
+    covered = cv2.erode(filled, np.ones((9, 9))) > 0
+    half = SIDE // 2
+    covered[:half] = covered[-half:] = covered[:, :half] = covered[:, -half:] = False
+    return covered
+
+
+def _crop(frames: list[Rgb], rng: np.random.Generator) -> Rgb:
+    """A random place over the covered table in a random frame."""
+    frame, half = frames[int(rng.integers(len(frames)))], SIDE // 2
+    v, u = np.nonzero(_covered(frame))
+    k = int(rng.integers(len(u)))
+    return frame[v[k] - half : v[k] + half, u[k] - half : u[k] + half]
+
+
+def _crop_like(crop: Rgb, frames: list[Rgb], rng: np.random.Generator) -> Rgb:
+    """One that shows about as much cloth, or else how full a table is would tell."""
+    wanted = _cloth(crop).mean()
+    while True:
+        other = _crop(frames, rng)
+        if abs(_cloth(other).mean() - wanted) < ALIKE:
+            return other
 
 
 def _matching_assets(name: str, meshes: Path | None) -> Assets:
-    """The assembly in its real colours, in its first states only."""
+    """The assembly in its real colours, in the state of the real frames only."""
     assembly = load_assembly(name)
     parts = {n: _as_printed(n, p, meshes) for n, p in assembly.parts.items()}
-    return load_assets(replace(assembly, parts=parts, states=assembly.states[:2]))
+    return load_assets(replace(assembly, parts=parts, states=assembly.states[1:2]))
 
 
 def _as_printed(name: str, part: Part, meshes: Path | None) -> Part:
     """The part in the real print's colour and, if there is one, with its finer mesh."""
-    color = np.array(COLORS.get(tuple(part.color.tolist()), part.color), np.uint8)
+    color = PRINTS.get(tuple(part.color.tolist()), tuple(part.color.tolist()))
+    color = BRIGHT[0] if name.endswith(BRIGHT[1]) else color
     file = None if meshes is None else meshes / f"{name}.ply"
     fine = file if file is not None and file.exists() else None
     mesh = part.mesh if fine is None else read_mesh(fine, unit="mm", part=name)
-    return replace(part, color=color, mesh=mesh)
+    return replace(part, color=np.array(color, np.uint8), mesh=mesh)
 
 
-def _synthetic_crops(assets: Assets, rng: np.random.Generator) -> list[np.ndarray]:
-    config = SceneConfig(
-        width=1280, height=720, distance=(0.5, 0.56), tilt=(0.0, 0.05), true_colors=1.0,
-        theatre=1.0, room_light=1.0, present=1.0, distractors=0, duplicates=0, tilted=0.0, held=0.6,
-        passing_hand=0.5,
-    )  # fmt: skip
-    crops: list[np.ndarray] = []
-    while len(crops) < COUNT:
-        image, scene, picture = _photo(assets, config, rng)
-        for u, v in _places(scene, picture, rng)[: COUNT - len(crops)]:
-            crops.append(_turned(_cut(image, u, v), rng))
-    return crops
+def _shots(assets: Assets, cloth: Vector, rng: np.random.Generator) -> list[Rgb]:
+    """One scene as the real camera takes it a few times, some hands in motion.
 
-
-def _photo(
-    assets: Assets, config: SceneConfig, rng: np.random.Generator
-) -> tuple[np.ndarray, Scene, Picture]:
-    """One scene as the real camera takes it (BGR), hands sometimes in motion."""
-    scene = make_scene(assets, rng=rng, config=config).scene
-    scene = replace(
-        scene, placed=tuple(_real(assets, p, rng) for p in scene.placed if not _foreign(p))
-    )
-    scene = _squared(scene, rng)
-    scene = replace(scene, lights=_across_folds(scene, rng), sky=scene.sky * 1.35)
-    picture = render([scene], assets.bank, rng=rng, supersampling=3.0)[0]
-    radiance = picture.radiance
-    for i, thing in enumerate(scene.placed):
-        if thing.kind == "hand" and rng.random() < 0.5:
+    It is exposed so that the drape has its colour.
+    """
+    scene = _like_the_real_one(_scene(assets, rng), assets, rng)
+    still = render([scene], assets.bank, rng=rng, supersampling=2.5)[0]
+    moving = [i for i, p in enumerate(scene.placed) if p.kind == "hand" and rng.random() < 0.5]
+    shots: list[Rgb] = []
+    for _ in range(SHOTS):
+        radiance, seed = still.radiance, int(rng.integers(2**31))
+        for i in moving:
             dx, dy = rng.normal(size=2) * 4.5
-            radiance = blur_moving(radiance, picture.ids == i, (float(dx), float(dy)))
-    radiance = _balanced(radiance, picture, rng)
-    sensor = replace(SENSOR, exposure=metered(radiance))
-    rgb = photograph(radiance, sensor=sensor, rng=rng)
+            radiance = blur_moving(radiance, still.ids == i, (float(dx), float(dy)))
+        shots.append(_exposed(replace(still, radiance=radiance), cloth, seed))
+    return shots
+
+
+def _exposed(picture: Picture, cloth: Vector, seed: int) -> Rgb:
+    sensor = replace(SENSOR, exposure=0.455)
+    for _ in range(7):
+        color = _cloth_color(_taken(picture, sensor, seed))
+        r, g, b = (cloth / np.maximum(color, 1)) ** 2.0
+        tint = np.array(sensor.white_balance) * np.array([r / g, 1.0, b / g]) ** 0.7
+        balance = (float(tint[0]), float(tint[1]), float(tint[2]))
+        sensor = replace(sensor, exposure=sensor.exposure * float(g), white_balance=balance)
+    return _taken(picture, sensor, seed)
+
+
+def _taken(picture: Picture, sensor: RgbSensor, seed: int) -> Rgb:
+    rgb = photograph(picture.radiance, sensor=sensor, rng=np.random.default_rng(seed))
     setting = [cv2.IMWRITE_JPEG_QUALITY, sensor.jpeg_quality]
     encoded = cv2.imencode(".jpg", rgb[:, :, ::-1], setting)[1]
-    return np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR)), scene, picture
+    return np.ascontiguousarray(np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR))[:, :, ::-1])
 
 
-def _squared(scene: Scene, rng: np.random.Generator) -> Scene:
-    """The cloth laid as the real one is: its folds along the sides of the picture."""
-    x, y = scene.T_camera_world[0, :2]
-    turn = np.arctan2(y, x) + rng.normal() * 0.05 + np.pi / 2 * rng.integers(4)
-    cloth, *others = scene.grounds
-    return replace(scene, grounds=(replace(cloth, angle=float(turn)), *others))
+def _scene(assets: Assets, rng: np.random.Generator) -> Scene:
+    """The next scene whose hands wear neither gloves nor sleeves: the real ones are bare."""
+    while True:
+        scene = make_scene(assets, rng=rng, config=CONFIG).scene
+        hands = [p.finish for p in scene.placed if p.kind == "hand"]
+        if hands and all(f.translucency > 0 for f in hands):
+            return scene
 
 
-def _across_folds(scene: Scene, rng: np.random.Generator) -> tuple[Light, ...]:
-    """The lights turned about the table so that the first shines across the cloth's folds."""
-    x, y, _ = scene.lights[0].position
-    turn = scene.grounds[0].angle + rng.normal() * 0.5 - np.arctan2(y, x)
-    R = rotation_about(np.array([0.0, 0.0, 1.0]), float(turn))
-    return tuple(replace(light, position=R @ light.position) for light in scene.lights)
+def _like_the_real_one(scene: Scene, assets: Assets, rng: np.random.Generator) -> Scene:
+    """Two panels to one side, folds along the picture, all hands of one skin."""
+    right = scene.T_camera_world[0, :2]
+    turn = float(np.arctan2(right[1], right[0]) + np.pi / 2 + rng.normal() * 0.12)
+    drape, *others = scene.grounds
+    return replace(
+        scene,
+        grounds=(replace(drape, angle=turn, bump=2.0), *others),
+        lights=_panels(rng),
+        sky=WARM * [0.9, 1.0, 1.12] * 0.42,
+        placed=tuple(replace(p, finish=_finish(p, assets)) for p in scene.placed),
+    )
 
 
-def _on_table(picture: Picture) -> np.ndarray:
-    return (picture.ids < 0) & (picture.depth > 0) & (picture.depth < 1.0)
+def _panels(rng: np.random.Generator) -> tuple[Light, ...]:
+    side = rng.random() * 2 * np.pi
+    lights: list[Light] = []
+    for share, radius, beside in ((0.6, 0.3, 0.0), (0.5, 0.5, 0.9)):
+        azimuth, elevation = side + beside + rng.normal() * 0.2, rng.uniform(0.7, 1.0)
+        flat = np.cos(elevation)
+        where = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)]) * 2.0
+        lights.append(Light(where, radius, WARM * share))
+    return tuple(lights)
 
 
-def _balanced(radiance: np.ndarray, picture: Picture, rng: np.random.Generator) -> np.ndarray:
-    """The light scaled so that the cloth comes out as bright and as blue as the real camera has it."""
-    cloth = np.median(radiance[_on_table(picture) & (picture.albedo < 0.5)], axis=0)
-    return (radiance * (CLOTH * np.exp(rng.normal(size=3) * 0.012) / cloth)).astype(np.float32)
-
-
-def _foreign(thing: Placed) -> bool:
-    """A sleeve or a stand: the real frames show none."""
-    return thing.kind == "distractor" or (thing.kind == "hand" and thing.finish.roughness > 0.9)
-
-
-def _real(assets: Assets, thing: Placed, rng: np.random.Generator) -> Placed:
-    """The same hand and the same filaments for all."""
+def _finish(thing: Placed, assets: Assets) -> Finish:
+    """Skin of one tone; prints in fine layers, deepest on the black ones, hardly any on the bright."""
     if thing.kind == "hand":
-        tone = linear((192, 148, 123)) * np.exp(rng.normal() * 0.06)
-        finish = replace(thing.finish, color=tone, translucency=0.35, roughness=0.5)
-    else:
-        color = linear(assets.assembly.parts[thing.name].color) * np.exp(rng.normal() * 0.06)
-        dark = bool(color.max() < 0.1)
-        finish = replace(
-            thing.finish,
-            color=np.clip(color, 0.003, 0.95),
-            roughness=float(rng.uniform(0.42, 0.6)),
-            mottling=float(rng.uniform(0.05, 0.25)),
-            layer_axis=int(rng.integers(3)) if dark and rng.random() < 0.5 else _level_axis(thing),
-            layer_height=float(rng.uniform(0.0006, 0.0018)),
-            layer_depth=float(rng.uniform(0.07, 0.16)),
-        )
-    return replace(thing, finish=finish)
-
-
-def _level_axis(thing: Placed) -> int:
-    """The mesh's axis that stands upright."""
-    return int(np.abs(thing.T_world_mesh[2, :3]).argmax())
-
-
-def _places(scene: Scene, picture: Picture, rng: np.random.Generator) -> list[np.ndarray]:
-    """Up to five places in one picture: three things, a hand if there is one, cloth or a rim."""
-    things = [i for i, p in enumerate(scene.placed) if p.kind == "part"]
-    hands = [i for i, p in enumerate(scene.placed) if p.kind == "hand"]
-    wanted = [int(i) for i in rng.permutation(things)[:3]]
-    wanted += [int(i) for i in rng.permutation(hands)[:1]]
-    places: list[np.ndarray] = []
-    for i in wanted:
-        v, u = np.nonzero(picture.ids == i)
-        if len(u) > 200:
-            k = int(rng.integers(len(u)))
-            middle = np.array([u.mean(), v.mean()])
-            spot = middle + 0.5 * (np.array([u[k], v[k]]) - middle)
-            places.append(spot + rng.uniform(-35, 35, 2))
-    v, u = np.nonzero(_on_table(picture))
-    k = int(rng.integers(len(u)))
-    return [*places, np.array([u[k], v[k]], np.float64)]
+        return replace(thing.finish, color=linear(SKIN), translucency=0.3)
+    if not thing.truth:
+        return thing.finish
+    black = bool(np.max(assets.assembly.parts[thing.name].color) < 60)
+    bright = thing.name.endswith(BRIGHT[1])
+    return replace(
+        thing.finish,
+        color=linear(assets.assembly.parts[thing.name].color),
+        roughness=0.42 if black else 0.5,
+        mottling=0.08,
+        layer_height=0.0011,
+        layer_depth=0.03 if black else 0.008 if bright else 0.02,
+    )
 
 
 if __name__ == "__main__":
@@ -238,6 +250,5 @@ if __name__ == "__main__":
         Path(sys.argv[2]),
         sys.argv[3],
         int(sys.argv[4]),
-        int(sys.argv[5]) if len(sys.argv) > 5 else 1,
-        Path(sys.argv[6]) if len(sys.argv) > 6 else None,
+        Path(sys.argv[5]) if len(sys.argv) > 5 else None,
     )

@@ -183,3 +183,20 @@ def test_noise_is_weak_in_the_dark_and_flare_lifts_black() -> None:
     dark, light = plain[:, 20:140].astype(float), plain[:, 180:300].astype(float)
     assert dark.std() < 2.5 * light.std()
     assert flared[:, 20:140].mean() > dark.mean() + 10
+
+
+def test_corners_may_lose_red_and_blue_beside_green() -> None:
+    radiance = np.full((HEIGHT, WIDTH, 3), 0.3, np.float32)
+    plain, shaded = (
+        photograph(
+            radiance,
+            sensor=RgbSensor(vignette=0.0, noise=0.0, flare=0.0, shading=shading),
+            rng=np.random.default_rng(0),
+        ).astype(float)
+        for shading in ((0.0, 0.0), (-0.1, 0.3))
+    )
+    assert np.ptp(plain, axis=(0, 1)).max() <= 1
+    red, green, blue = (shaded[:4, :4] - shaded[HEIGHT // 2, WIDTH // 2]).mean(axis=(0, 1))
+    assert red > 3
+    assert abs(green) <= 1
+    assert blue < -10
