@@ -25,7 +25,7 @@ from asdfviz.methods.first_pose import (
 from asdfviz.methods.group_poses import GroupPoses
 from asdfviz.methods.looked_at import Before, LookedAt
 from asdfviz.methods.network import Detects, load_detector
-from asdfviz.methods.on_table import on_table
+from asdfviz.methods.on_table import none_below, on_table
 from asdfviz.methods.part_finder import PartFinder
 from asdfviz.methods.part_poses import (
     PartShape,
@@ -239,6 +239,7 @@ class Asdf:
         )
         if scene.crop_poses is None or config.refinement == "none":
             return refined
+        refined = none_below(refined, scene.shapes, frame)
         return on_table(refined, scene.assembly, scene.shapes, frame, config=config.on_table)
 
     def _started(self) -> _Scene:

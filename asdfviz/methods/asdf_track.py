@@ -29,6 +29,7 @@ from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.followed_state import FollowedState
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.part_poses import sure_enough
@@ -36,8 +37,10 @@ from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.still_there import StillThere, StillThereConfig
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.tolerances import TRACKED_PLACES
+from asdfviz.methods.track_memory import surely_placed
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joint_places import JointPlaces
@@ -86,6 +89,8 @@ class AsdfTrackConfig(AsdfConfig):
     """From where parts are looked for."""
     turns: TurnConfig = field(default_factory=TurnConfig)
     """How it is told over time that a part is turned otherwise."""
+    still_there: StillThereConfig = field(default_factory=StillThereConfig)
+    """How a thing that lay there all along is told from a part that came to lie there."""
     join: JoinConfig = field(default_factory=JoinConfig)
     """When parts are tracked as one."""
     least_score: float = 0.0
@@ -102,6 +107,7 @@ class _Scene:
     followed: FollowedState
     twins: PlaceNames
     places: JointPlaces
+    still: StillThere
     state: StateEstimate | None = None
 
 
@@ -147,6 +153,7 @@ class AsdfTrack:
             ),
             twins=PlaceNames(assembly),
             places=JointPlaces(assembly),
+            still=StillThere(assembly, config=config.still_there),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -159,20 +166,17 @@ class AsdfTrack:
         if frame.depth is None:  # to the tracker, depth that measured nothing
             frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
         with timed("refind"):
-            names = self._named_by_tracks(proposed.poses, scene)
-            parts.refind(
-                frame,
-                renamed_poses(proposed.poses, names),
-                renamed(self._asdf.looked_at, names),
-                scene.state,
-            )
+            mine, looks = self._proposals(frame, proposed.poses, scene)
+            parts.refind(frame, mine, looks, scene.state)
             names = scene.twins.changes(parts.tracker.poses)
             parts.rename(frame, names)
             self._asdf.rename(names)
+            scene.still.rename(names)
         with timed("track"):
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
             poses = parts.settle(frame, joined)
+            scene.still.see(frame, surely_placed(parts.tracks))
             if assembly.base in poses:
                 seen = {n: pose for n, pose in poses.items() if not parts.tracks[n].unsure}
                 scene.places.see(poses[assembly.base].T_camera_part, seen)
@@ -187,14 +191,30 @@ class AsdfTrack:
         said = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)
 
+    def _proposals(
+        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene
+    ) -> tuple[dict[str, PoseEstimate], dict[str, LookedAt]]:
+        """The detector's poses, and what they came from, by the names that the tracks have.
+
+        Without those of things that lay there while the part was elsewhere.
+        """
+        names = self._named_by_tracks(poses, scene)
+        mine = renamed_poses(poses, names)
+        found = {name: pose.T_camera_part for name, pose in mine.items()}
+        others = scene.still.others(frame, found, scene.parts.last, scene.parts.out_of_sight)
+        looks = renamed(self._asdf.looked_at, names)
+        return (
+            {name: pose for name, pose in mine.items() if name not in others},
+            {name: look for name, look in looks.items() if name not in others},
+        )
+
     def _named_by_tracks(self, poses: Mapping[str, PoseEstimate], scene: _Scene) -> dict[str, str]:
         """How the detector's twins are called by the tracker that follows them; it learns that.
 
         Else one that is tracked would be proposed by the other's name for good, which so is never found.
         """
-        before = {name: track.T_now for name, track in scene.parts.tracks.items() if track.age}
         found = {name: pose.T_camera_part for name, pose in poses.items()}
-        names = scene.twins.follows(found, before)
+        names = scene.twins.follows(found, scene.parts.last)
         self._asdf.rename(names)
         return names
 

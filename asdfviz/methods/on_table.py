@@ -10,13 +10,16 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import apply
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
-from asdfviz.methods.seen_table import table_near
-from asdfviz.pose.depth_fit import depth_fit
+from asdfviz.methods.seen_table import ANY_TABLE, table_near, table_of
+from asdfviz.pose.depth_fit import DepthFit, depth_fit
 from asdfviz.pose.standing import StandingConfig, laid_flat, lifted, sides
 from asdfviz.pose.table import SunkConfig, Table
 
+BELOW = 0.05
+"""All of a pose lies lower than this under the table that is far below it, metres."""
 MARGIN = 0.004
 """Readings this near to the surface agree with it, metres."""
 
@@ -65,6 +68,27 @@ def on_table(
     return result
 
 
+def none_below(
+    poses: Mapping[str, PoseEstimate], shapes: Mapping[str, PartShape], frame: Frame
+) -> dict[str, PoseEstimate]:
+    """The poses without those that lie far below the table where depth says nothing of them.
+
+    A small thing at the image's rim, where the depth camera sees nothing, may look like a part a metre
+    below; readings would have told.
+    """
+    unmeasured = [n for n, p in poses.items() if _fit(p.T_camera_part, shapes[n], frame) is None]
+    table = table_of(frame, ANY_TABLE) if unmeasured else None
+    if table is None:
+        return dict(poses)
+    below: set[str] = set()
+    for name in unmeasured:
+        corners = apply(poses[name].T_camera_part, shapes[name].corners)
+        heights = corners @ table.normal + table.offset
+        if heights.max() < -BELOW:
+            below.add(name)
+    return {name: pose for name, pose in poses.items() if name not in below}
+
+
 def _moved(
     T: Transform,
     shape: PartShape,
@@ -95,7 +119,13 @@ def _moved(
 
 def _share(T: Transform, shape: PartShape, frame: Frame) -> float:
     """Of the readings, those that agree; 0 where depth says nothing."""
-    fit = depth_fit(
+    fit = _fit(T, shape, frame)
+    return 0.0 if fit is None else fit.share
+
+
+def _fit(T: Transform, shape: PartShape, frame: Frame) -> DepthFit | None:
+    """How a pose agrees with depth; None where that says nothing."""
+    return depth_fit(
         T,
         shape.surface[::3],
         shape.normals[::3],
@@ -103,4 +133,3 @@ def _share(T: Transform, shape: PartShape, frame: Frame) -> float:
         K=frame.camera.K,
         margin=MARGIN,
     )
-    return 0.0 if fit is None else fit.share

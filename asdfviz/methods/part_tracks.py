@@ -18,15 +18,13 @@ from asdfviz.geometry.transforms import apply_to_point, inverse, point_distance
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.refinding import (
-    QUARTER_TURNS,
-    TILTS,
     RefindConfig,
     carried_on,
     distinct,
     found_elsewhere,
     is_mistaken,
+    jumps,
     places_in,
-    turned,
 )
 from asdfviz.methods.track_memory import Rival, Track
 from asdfviz.methods.tracking import load_bodies
@@ -90,6 +88,16 @@ class PartTracks:
         self.tracker.replace(frame, otherwise)
         for name in otherwise:
             self.tracks[name].rival = None
+
+    @property
+    def last(self) -> dict[str, Transform]:
+        """Where parts last surely were, T_camera_part."""
+        return {name: track.T_now for name, track in self.tracks.items() if track.age}
+
+    def out_of_sight(self, frame: Frame, names: frozenset[str]) -> frozenset[str]:
+        """Those of some parts that were lost, or are hidden where they are tracked."""
+        seen, least = self.tracker.evidence(frame), self._config.hidden_below
+        return frozenset(n for n in names if self.tracks[n].unsure or seen[n].visible < least)
 
     def begin(self, frame: Frame, poses: Mapping[str, Transform]) -> None:
         """Take in parts that were not tracked, at poses T_camera_part; all others are let go."""
@@ -158,10 +166,10 @@ class PartTracks:
         track = self.tracks[name]
         if not track.explore and not track.unsure:  # the state holds it
             return
-        is_elsewhere = look is not None and found_elsewhere(
+        is_elsewhere = found_elsewhere(
             track,
             proposal,
-            look.detection.score,
+            proposal.score if look is None else look.detection.score,
             centre=self.bodies[name].model.centre,
             diameter=self._assembly.parts[name].diameter,
             config=self._config.support,
@@ -184,8 +192,9 @@ class PartTracks:
         config, track, tracker = self._config, self.tracks[name], self.tracker
         centre = self.bodies[name].model.centre
         on = tracker.trials(frame, name, carried_on(track, proposal, centre=centre))
-        best = max(on, key=attrgetter("score"))
-        starts = self._jumps(name, track, proposal, look, state)
+        best = carried = max(on, key=attrgetter("score"))
+        starts = self._joined_places(name, track, state)
+        starts += jumps(track, proposal, look, centre=centre, frames=self._frames, config=config)
         starts = [T for T in starts if self._checks.allows(frame, name, best.T_camera_part, T)]
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
@@ -200,7 +209,9 @@ class PartTracks:
                 best = self._believed(track, track.rival, best, trial, value)
         tracker.replace(frame, {name: best.T_camera_part})
         moved = point_distance(best.T_camera_part, track.T_now, centre)
-        if moved > self._assembly.parts[name].diameter:
+        is_hidden = carried.evidence.visible < config.hidden_below
+        known = track.is_established and is_hidden
+        if moved > self._assembly.parts[name].diameter and not known:
             tracker.forget_colors(name)  # those of another thing speak against the part
         if track.age == 0:  # its colours were learnt at a pose that may have been poor
             tracker.drop([name])
@@ -251,34 +262,6 @@ class PartTracks:
         rival.ahead = max(ahead, 0.0)
         rival.T_track_rival = inverse(best.T_camera_part) @ trial.T_camera_part
         return best
-
-    def _jumps(
-        self,
-        name: str,
-        track: Track,
-        proposal: PoseEstimate | None,
-        look: LookedAt | None,
-        state: StateEstimate | None,
-    ) -> list[Transform]:
-        """Starts that jump: as the detector sees it, as the states have it, quarter turns.
-
-        While a part is searched for, the turns begin at another tilt in every frame, so that they
-        come to lie ever denser.
-        """
-        centre = self.bodies[name].model.centre
-        starts = self._joined_places(name, track, state)
-        searching = track.is_new or track.unsure > 0
-        tilt = TILTS[(track.age + track.unsure) % len(TILTS) if searching else 0]
-        if proposal is not None:
-            T = proposal.T_camera_part
-            starts.append(T)
-            starts += [one.T_camera_part for one in look.settled[1:]] if look is not None else []
-            if searching:
-                starts += [turned(T, R @ tilt, centre=centre) for R in QUARTER_TURNS]
-        others = QUARTER_TURNS[1:]
-        count = len(others) if track.is_new else self._config.turns * track.explore
-        turns = [others[(self._frames * count + k) % len(others)] for k in range(count)]
-        return starts + [turned(track.T_now, R @ tilt, centre=centre) for R in turns]
 
     def _joined_places(
         self, name: str, track: Track, state: StateEstimate | None

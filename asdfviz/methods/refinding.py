@@ -23,6 +23,7 @@ from asdfviz.geometry.transforms import (
     rotation_angle,
     transform_from,
 )
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.track_memory import Track
 from asdfviz.state.joints import nearest_in_joint
@@ -122,6 +123,43 @@ def carried_on(track: Track, proposal: PoseEstimate | None, *, centre: Vector) -
         place = apply_to_point(proposal.T_camera_part, centre)
         starts.append(moved_to(track.T_now, place, centre=centre))
     return distinct(starts, centre=centre)
+
+
+def jumps(
+    track: Track,
+    proposal: PoseEstimate | None,
+    look: LookedAt | None,
+    *,
+    centre: Vector,
+    frames: int,
+    config: RefindConfig,
+) -> list[Transform]:
+    """Starts that jump: as the detector sees the part, and quarter turns.
+
+    While a part is searched for, the turns begin at another tilt in every frame, so that they come to
+    lie ever denser.
+
+    Args:
+        track: what is remembered of the part.
+        proposal: the detector's pose, if it has one,
+        look: and what that came from.
+        centre: of the part, in its frame.
+        frames: how many there were so far.
+        config: how many turns of a sure part are tried.
+    """
+    starts: list[Transform] = []
+    searching = track.is_new or track.unsure > 0
+    tilt = TILTS[(track.age + track.unsure) % len(TILTS) if searching else 0]
+    if proposal is not None:
+        T = proposal.T_camera_part
+        starts.append(T)
+        starts += [one.T_camera_part for one in look.settled[1:]] if look is not None else []
+        if searching:
+            starts += [turned(T, R @ tilt, centre=centre) for R in QUARTER_TURNS]
+    others = QUARTER_TURNS[1:]
+    count = len(others) if track.is_new else config.turns * track.explore
+    turns = [others[(frames * count + k) % len(others)] for k in range(count)]
+    return starts + [turned(track.T_now, R @ tilt, centre=centre) for R in turns]
 
 
 def found_elsewhere(

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.place_support import PlaceSupport
 
+FOUND = 1.0
+"""Support of a place from which the detector is taken to have found the part there."""
 YOUNG = 5
 """Frames in which a part must have been sure before its pose has a start on others."""
 
@@ -49,3 +52,13 @@ class Track:
     def is_new(self) -> bool:
         """Whether it was sure too seldom yet to be believed."""
         return self.age < YOUNG
+
+    @property
+    def is_established(self) -> bool:
+        """Whether it was sure often enough, where the detector had it, too."""
+        return not self.is_new and self.support.own >= FOUND
+
+
+def surely_placed(tracks: Mapping[str, Track]) -> tuple[str, ...]:
+    """Parts that are established and fitted the picture in the last frame."""
+    return tuple(n for n, track in tracks.items() if track.is_established and not track.unsure)

@@ -7,7 +7,7 @@ import pytest
 
 from asdfviz.datatypes import PoseEstimate
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.methods.on_table import NO_TABLE, OnTableConfig, on_table
+from asdfviz.methods.on_table import NO_TABLE, OnTableConfig, none_below, on_table
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.seen_table import ANY_TABLE, table_of
 
@@ -72,3 +72,21 @@ def test_nothing_is_lifted_against_what_depth_shows(toy) -> None:
     deep = STEEP.copy()
     deep[:3, 3] *= 1 + 0.02 / deep[2, 3]
     assert np.array_equal(settled(toy, deep, true=deep).T_camera_part, deep)
+
+
+def test_nothing_is_far_below_the_table_that_depth_does_not_show_there(toy) -> None:
+    frame = toy.frame(0, {"base": LYING})
+    assert frame.depth is not None
+    frame.depth[:, :80] = 0.0  # where the depth camera sees nothing
+    shapes = part_shapes(toy.assembly, surface_points=1500)
+    unseen = {
+        "base": LYING,
+        "block": transform_from(np.eye(3), np.array([-0.75, 0.0, 1.8])),
+        "pin": transform_from(np.eye(3), np.array([-0.3, 0.0, 0.72])),
+    }
+    poses = {name: PoseEstimate(name, T, 0.7, "refined") for name, T in unseen.items()}
+    assert set(none_below(poses, shapes, frame)) == {"base", "pin"}
+    # Where there are readings they are left to tell, and without a table nobody can.
+    frame.depth[:, :80] = 0.75
+    assert set(none_below(poses, shapes, frame)) == set(poses)
+    assert set(none_below(poses, shapes, toy.frame(0))) == set(poses)

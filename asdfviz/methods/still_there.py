@@ -1,0 +1,122 @@
+"""What already stood somewhere while a part was surely elsewhere is not that part.
+
+Not in the paper. While a hand hides a part, a detector that must find it takes the next thing of its
+colour and size. Such a thing mostly lay there all along, and the pictures of its place then and now show
+that; a part that was put there changes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from asdfviz.datatypes import Assembly, Frame
+from asdfviz.errors import MethodError
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import apply, point_distance
+from asdfviz.state.twins import renamed
+
+
+@dataclass(frozen=True)
+class StillThereConfig:
+    """When two pictures of a place show the same; a moved camera or light changes all places."""
+
+    enabled: bool = True
+    """On or off."""
+    apart: float = 1.0
+    """Of two places farther apart than this times the part's diameter one alone can be the part's."""
+    side: float = 0.8
+    """Of the square that is compared, as a share of the part's diameter."""
+    color: float = 14.0
+    """A pixel whose red, green and blue all change by less shows the same, of 255,"""
+    depth: float = 0.008
+    """if its depth changes by less, too, metres."""
+    share: float = 0.85
+    """Least share of such pixels."""
+    memory: int = 90
+    """After so many frames a picture says nothing any more."""
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot work.
+
+        Raises:
+            MethodError: the share is none.
+        """
+        if not 0 < self.share <= 1:
+            raise MethodError(f"still_there.share is {self.share:g}, use more than 0, at most 1")
+
+
+class StillThere:
+    """Frames in which parts were last surely where they were tracked."""
+
+    def __init__(self, assembly: Assembly, *, config: StillThereConfig) -> None:
+        """Start without frames."""
+        self._parts = assembly.parts
+        self._config = config
+        self._then: dict[str, Frame] = {}
+
+    def see(self, frame: Frame, names: Iterable[str]) -> None:
+        """Keep a frame for parts that are surely where they are tracked in it."""
+        self._then |= dict.fromkeys(names, frame)
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._then = renamed(self._then, names)
+
+    def others(
+        self,
+        frame: Frame,
+        proposed: Mapping[str, Transform],
+        last: Mapping[str, Transform],
+        hidden: Callable[[Frame, frozenset[str]], frozenset[str]],
+    ) -> frozenset[str]:
+        """Parts out of sight that are proposed where something else stands.
+
+        Args:
+            frame: the new frame.
+            proposed: poses T_camera_part in it.
+            last: those of tracked parts, where they last surely were.
+            hidden: says which of some parts cannot be seen there now.
+        """
+        if not self._config.enabled:
+            return frozenset()
+        known = [name for name in proposed if name in last and name in self._then]
+        suspect = {n for n in known if self._is_other(n, frame, proposed[n], last[n])}
+        return hidden(frame, frozenset(suspect)) if suspect else frozenset()
+
+    def _is_other(self, name: str, frame: Frame, T_new: Transform, T_last: Transform) -> bool:
+        then, config, part = self._then[name], self._config, self._parts[name]
+        middle = part.mesh.middle
+        if frame.index - then.index > config.memory:
+            return False
+        if point_distance(T_new, T_last, middle) < config.apart * part.diameter:
+            return False
+        place = apply(T_new, middle[None])
+        half = 0.5 * config.side * part.diameter * frame.camera.K[0, 0] / max(place[0, 2], 0.01)
+        u, v = project(place, frame.camera.K)[0]
+        height, width = frame.rgb.shape[:2]
+        rows = slice(*np.clip([round(v - half), round(v + half) + 1], 0, height))
+        columns = slice(*np.clip([round(u - half), round(u + half) + 1], 0, width))
+        return self._shows_the_same(then, frame, rows, columns)
+
+    def _shows_the_same(self, then: Frame, now: Frame, rows: slice, columns: slice) -> bool:
+        before, after = then.rgb[rows, columns], now.rgb[rows, columns]
+        if before.size == 0:
+            return False
+        change = np.abs(_smooth(after).astype(np.int16) - _smooth(before)).max(axis=2)
+        same = change < self._config.color
+        if then.depth is not None and now.depth is not None:
+            z_before, z_after = then.depth[rows, columns], now.depth[rows, columns]
+            moved = np.abs(z_after - z_before) >= self._config.depth
+            same &= ~(moved & (z_before > 0) & (z_after > 0))
+        return bool(same.mean() >= self._config.share)
+
+
+def _smooth(rgb: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:
+    """Without most of the camera's noise."""
+    return np.asarray(cv2.blur(np.ascontiguousarray(rgb), (3, 3)))

@@ -1,0 +1,65 @@
+"""asdf_track while a board hides the block, and something just like it lies elsewhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Frame
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.still_there import StillThereConfig
+
+pytestmark = pytest.mark.usefixtures("small_models")
+
+BASE = transform_from(np.eye(3), np.array([0.0, 0.0, 0.6]))
+BLOCK = transform_from(np.eye(3), np.array([-0.15, -0.05, 0.6]))
+LIKE_IT = transform_from(np.eye(3), np.array([0.18, 0.08, 0.6]))
+HIDDEN = 8
+"""Frame from which the board is there."""
+FRAMES = 16
+
+
+def frames(toy) -> list[Frame]:
+    """Coloured boxes on a grey table; the board comes near the camera."""
+    box = toy.detection("block", BLOCK).box_xyxy + np.array([-12, -12, 12, 12])
+    place = np.round(box).astype(int)
+    made: list[Frame] = []
+    for i in range(FRAMES):
+        base, block = toy.depth({"base": BASE}), toy.depth({"block": BLOCK})
+        block = np.minimum(block, toy.depth({"block": LIKE_IT}))
+        rgb = np.where((base < 0.7)[:, :, None], (30, 60, 200), (110, 115, 120))
+        rgb = np.where((block < 0.7)[:, :, None], (220, 120, 20), rgb)
+        depth = np.minimum(base, block)
+        if i >= HIDDEN:
+            rows, columns = slice(place[1], place[3]), slice(place[0], place[2])
+            rgb[rows, columns], depth[rows, columns] = (60, 90, 60), 0.4
+        noise = np.random.default_rng(i).normal(size=rgb.shape) * 3
+        rgb = np.clip(rgb + noise, 0, 255).astype(np.uint8)
+        rgb[0, 0] = i  # what the fake detector reads
+        made.append(replace(toy.frame(i), rgb=rgb, depth=depth.astype(np.float32)))
+    return made
+
+
+def last_seen(toy, detector, config: StillThereConfig) -> Transform | None:
+    """Where the block is said to be in the last frame."""
+    for i in range(FRAMES):
+        block = BLOCK if i < HIDDEN else LIKE_IT
+        detector.answers[i] = (toy.detection("base", BASE), toy.detection("block", block))
+    method = AsdfTrack(AsdfTrackConfig(still_there=config), detector=detector)
+    shots = frames(toy)
+    method.reset(toy.assembly, shots[0].camera, None)
+    said = [method.step(frame) for frame in shots][-1].poses.get("block")
+    return None if said is None else said.T_camera_part
+
+
+def test_a_hidden_part_is_not_taken_for_what_lay_elsewhere_all_along(toy, detector) -> None:
+    there = last_seen(toy, detector, StillThereConfig())
+    assert there is not None
+    np.testing.assert_allclose(there[:3, 3], BLOCK[:3, 3], atol=5e-3)
+    believed = last_seen(toy, detector, StillThereConfig(enabled=False))
+    assert believed is not None
+    np.testing.assert_allclose(believed[:3, 3], LIKE_IT[:3, 3], atol=5e-3)

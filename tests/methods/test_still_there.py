@@ -1,0 +1,103 @@
+"""The toy's block on the right, something like it on the left, and a board that hides the block."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Frame
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.still_there import StillThere, StillThereConfig
+from asdfviz.methods.track_memory import FOUND, YOUNG, Track, surely_placed
+
+
+def at(x: float, y: float = 0.0, z: float = 0.6) -> Transform:
+    return transform_from(np.eye(3), np.array([x, y, z]))
+
+
+RIGHT, LEFT, BELOW = at(0.1), at(-0.15), at(-0.15, 0.12)
+
+
+def photo(toy, index: int, blocks: list[Transform], seed: int = 0) -> Frame:
+    """Orange blocks on a grey table, with a camera's noise."""
+    depth = np.min([toy.depth({"block": T}) for T in blocks], axis=0)
+    rgb = np.where((depth < 0.7)[:, :, None], (220, 120, 20), (110, 115, 120))
+    noise = np.random.default_rng([seed, index]).normal(size=rgb.shape) * 3
+    plain = toy.frame(index)
+    return replace(plain, rgb=(rgb + noise).astype(np.uint8), depth=depth.astype(np.float32))
+
+
+def all_hidden(frame: Frame, names: frozenset[str]) -> frozenset[str]:
+    return names
+
+
+def others(
+    toy,
+    frame: Frame,
+    proposed: Mapping[str, Transform],
+    config: StillThereConfig | None = None,
+    hidden=all_hidden,
+) -> frozenset[str]:
+    """What is said of a frame after one in which the block was seen on the right, a twin on the left."""
+    still = StillThere(toy.assembly, config=config or StillThereConfig())
+    still.see(photo(toy, 0, [RIGHT, LEFT]), ["block"])
+    return still.others(frame, proposed, {"block": RIGHT}, hidden)
+
+
+def test_what_lay_there_all_along_is_not_the_part(toy) -> None:
+    gone = photo(toy, 5, [LEFT])
+    assert others(toy, gone, {"block": LEFT}) == {"block"}
+
+
+def test_what_was_put_there_may_be_the_part(toy) -> None:
+    moved = photo(toy, 5, [LEFT, BELOW])
+    assert others(toy, moved, {"block": BELOW}) == frozenset()
+    # Nor is anything said of its own place, or of a picture that changed as a whole.
+    assert others(toy, photo(toy, 5, [LEFT]), {"block": at(0.09)}) == frozenset()
+    dark = replace(moved, rgb=moved.rgb // 2)
+    assert others(toy, dark, {"block": LEFT}) == frozenset()
+    lower = replace(moved, depth=moved.depth + 0.02)
+    assert others(toy, lower, {"block": LEFT}) == frozenset()
+
+
+def test_nothing_is_said_of_what_is_in_sight_unknown_or_long_ago(toy) -> None:
+    gone = photo(toy, 5, [LEFT])
+    assert others(toy, gone, {"block": LEFT}, hidden=lambda *_: frozenset()) == frozenset()
+    assert others(toy, gone, {"pin": LEFT}) == frozenset()
+    later = replace(gone, index=StillThereConfig().memory + 1)
+    assert others(toy, later, {"block": LEFT}) == frozenset()
+    assert others(toy, gone, {"block": LEFT}, StillThereConfig(enabled=False)) == frozenset()
+
+
+def test_pictures_go_by_the_new_names_of_twins(toy) -> None:
+    still = StillThere(toy.assembly, config=StillThereConfig())
+    still.see(photo(toy, 0, [RIGHT, LEFT]), ["pin"])
+    still.rename({"pin": "pin-copy", "pin-copy": "pin"})
+    gone, last = photo(toy, 3, [LEFT]), {"pin": RIGHT, "pin-copy": RIGHT}
+    proposed = {"pin": LEFT, "pin-copy": LEFT}
+    assert still.others(gone, proposed, last, all_hidden) == {"pin-copy"}
+
+
+def test_a_place_outside_the_image_shows_nothing(toy) -> None:
+    assert others(toy, photo(toy, 5, [LEFT]), {"block": at(-3.0)}) == frozenset()
+
+
+@pytest.mark.parametrize("share", [0.0, 1.5])
+def test_no_share_is_refused(share: float) -> None:
+    with pytest.raises(MethodError, match=r"still_there\.share"):
+        StillThereConfig(share=share)
+
+
+def test_parts_are_surely_placed_that_tracker_and_detector_agreed_on() -> None:
+    tracks = {name: Track(RIGHT, age=YOUNG) for name in ("sure", "young", "hidden", "unheard")}
+    for track in tracks.values():
+        track.support.own = FOUND
+    tracks["young"].age -= 1
+    tracks["hidden"].unsure = 1
+    tracks["unheard"].support.own /= 2
+    assert surely_placed(tracks) == ("sure",)
