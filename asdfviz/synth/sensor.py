@@ -94,8 +94,7 @@ class DepthSensor:
 def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
     """Draw a setting, from a good camera in good light to a poor one."""
     temperature = rng.normal() * 0.06
-    shaken = rng.random() < 0.12
-    motion = rng.normal(size=2) * 3.0 if shaken else np.zeros(2)
+    motion = rng.normal(size=2) * 3.0 if rng.random() < 0.12 else np.zeros(2)
     return RgbSensor(
         exposure=float(rng.uniform(0.26, 0.56)),
         white_balance=(
