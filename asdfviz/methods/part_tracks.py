@@ -17,6 +17,7 @@ from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply_to_point, inverse, point_distance
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.one_place import OnePlace
+from asdfviz.methods.place_support import PlaceSupport
 from asdfviz.methods.refinding import (
     RefindConfig,
     carried_on,
@@ -209,10 +210,11 @@ class PartTracks:
                 best = self._believed(track, track.rival, best, trial, value)
         tracker.replace(frame, {name: best.T_camera_part})
         moved = point_distance(best.T_camera_part, track.T_now, centre)
-        is_hidden = carried.evidence.visible < config.hidden_below
-        known = track.is_established and is_hidden
-        if moved > self._assembly.parts[name].diameter and not known:
-            tracker.forget_colors(name)  # those of another thing speak against the part
+        if moved > self._assembly.parts[name].diameter:
+            is_hidden = carried.evidence.visible < config.hidden_below
+            if not (track.is_established and is_hidden):
+                tracker.forget_colors(name)  # those of another thing speak against the part
+            track.support = PlaceSupport()  # the detector's word was for another place
         if track.age == 0:  # its colours were learnt at a pose that may have been poor
             tracker.drop([name])
             tracker.add(frame, {name: best.T_camera_part})

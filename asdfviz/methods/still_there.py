@@ -32,10 +32,13 @@ class StillThereConfig:
     """Of two places farther apart than this times the part's diameter one alone can be the part's."""
     side: float = 0.8
     """Of the square that is compared, as a share of the part's diameter."""
-    color: float = 14.0
-    """A pixel whose red, green and blue all change by less shows the same, of 255,"""
-    depth: float = 0.008
-    """if its depth changes by less, too, metres."""
+    depth: float = 0.006
+    """A pixel whose depth changes by less, metres,"""
+    color: float = 60.0
+    """and red, green and blue by less than this, of 255, shows the same: shadows and moving arms that
+    smear change colours alone."""
+    color_alone: float = 14.0
+    """The same where no depth was measured."""
     share: float = 0.85
     """Least share of such pixels."""
     memory: int = 90
@@ -109,11 +112,12 @@ class StillThere:
         if before.size == 0:
             return False
         change = np.abs(_smooth(after).astype(np.int16) - _smooth(before)).max(axis=2)
-        same = change < self._config.color
+        same = change < self._config.color_alone
         if then.depth is not None and now.depth is not None:
             z_before, z_after = then.depth[rows, columns], now.depth[rows, columns]
-            moved = np.abs(z_after - z_before) >= self._config.depth
-            same &= ~(moved & (z_before > 0) & (z_after > 0))
+            rests = np.abs(z_after - z_before) < self._config.depth
+            measured = (z_before > 0) & (z_after > 0)
+            same = np.where(measured, rests & (change < self._config.color), same)
         return bool(same.mean() >= self._config.share)
 
 

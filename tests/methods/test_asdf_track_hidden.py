@@ -7,11 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Frame
+from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.part_tracks import PartTracks
+from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.still_there import StillThereConfig
+from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.track.presets import PROPOSED
 
 pytestmark = pytest.mark.usefixtures("small_models")
 
@@ -44,22 +48,41 @@ def frames(toy) -> list[Frame]:
     return made
 
 
-def last_seen(toy, detector, config: StillThereConfig) -> Transform | None:
-    """Where the block is said to be in the last frame."""
-    for i in range(FRAMES):
-        block = BLOCK if i < HIDDEN else LIKE_IT
-        detector.answers[i] = (toy.detection("base", BASE), toy.detection("block", block))
+def last_seen(
+    toy, detector, shots: list[Frame], found: list[Transform], config: StillThereConfig
+) -> Transform | None:
+    """Where the block is said to be at the end, if it is found so frame by frame."""
+    for i, T in enumerate(found):
+        detector.answers[i] = (toy.detection("base", BASE), toy.detection("block", T))
     method = AsdfTrack(AsdfTrackConfig(still_there=config), detector=detector)
-    shots = frames(toy)
     method.reset(toy.assembly, shots[0].camera, None)
-    said = [method.step(frame) for frame in shots][-1].poses.get("block")
+    said = [method.step(shots[i]) for i in range(len(found))][-1].poses.get("block")
     return None if said is None else said.T_camera_part
 
 
 def test_a_hidden_part_is_not_taken_for_what_lay_elsewhere_all_along(toy, detector) -> None:
-    there = last_seen(toy, detector, StillThereConfig())
+    shots = frames(toy)
+    found = [BLOCK] * HIDDEN + [LIKE_IT] * (FRAMES - HIDDEN)
+    there = last_seen(toy, detector, shots, found, StillThereConfig())
     assert there is not None
     np.testing.assert_allclose(there[:3, 3], BLOCK[:3, 3], atol=5e-3)
-    believed = last_seen(toy, detector, StillThereConfig(enabled=False))
+    believed = last_seen(toy, detector, shots, found, StillThereConfig(enabled=False))
     assert believed is not None
     np.testing.assert_allclose(believed[:3, 3], LIKE_IT[:3, 3], atol=5e-3)
+
+
+def test_what_the_detector_said_of_one_place_does_not_speak_for_the_next(toy) -> None:
+    shots = frames(toy)
+    parts = PartTracks(
+        toy.assembly, shots[0].camera, tracker=PROPOSED, refind=RefindConfig(), turns=TurnConfig()
+    )
+    for frame in shots[: HIDDEN + 1]:
+        T = BLOCK if frame.index < HIDDEN else LIKE_IT
+        assert frame.index < HIDDEN or parts.tracks["block"].is_established
+        parts.refind(frame, {"block": PoseEstimate("block", T, 0.8, "refined")}, {}, None)
+        parts.tracker.move(frame)
+        parts.settle(frame, frozenset())
+    track = parts.tracks["block"]
+    np.testing.assert_allclose(track.T_now[:3, 3], LIKE_IT[:3, 3], atol=5e-3)
+    assert track.support.own == 0
+    assert not track.is_established

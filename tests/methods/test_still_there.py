@@ -61,6 +61,9 @@ def test_what_was_put_there_may_be_the_part(toy) -> None:
     assert others(toy, photo(toy, 5, [LEFT]), {"block": at(0.09)}) == frozenset()
     dark = replace(moved, rgb=moved.rgb // 2)
     assert others(toy, dark, {"block": LEFT}) == frozenset()
+    shadowed = replace(moved, rgb=(moved.rgb * 0.9).astype(np.uint8))
+    assert others(toy, shadowed, {"block": LEFT}) == {"block"}
+    assert others(toy, replace(shadowed, depth=None), {"block": LEFT}) == frozenset()
     assert moved.depth is not None
     lower = replace(moved, depth=moved.depth + 0.02)
     assert others(toy, lower, {"block": LEFT}) == frozenset()
