@@ -117,7 +117,7 @@ class StillThere:
             z_before, z_after = then.depth[rows, columns], now.depth[rows, columns]
             rests = np.abs(z_after - z_before) < self._config.depth
             measured = (z_before > 0) & (z_after > 0)
-            same = np.where(measured, rests & (change < self._config.color), same)
+            same = (measured & rests & (change < self._config.color)) | (~measured & same)
         return bool(same.mean() >= self._config.share)
 
 
