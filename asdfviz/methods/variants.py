@@ -21,6 +21,7 @@ from asdfviz.methods.part_poses import PAPER_ICP
 from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.turn_checks import TurnConfig, TurnTableConfig
@@ -148,7 +149,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     known, unaware = OnTableConfig(), TurnTableConfig(enabled=False)
     afloat = ContourConfig(turns=TurnConfig(table=unaware))
     unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
-    best_box = ContestsConfig(enabled=False)
+    best_box, credulous = ContestsConfig(enabled=False), StillThereConfig(enabled=False)
     return [
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=blind)),
@@ -186,6 +187,9 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
         Variant("asdf_track, one look", "asdf_track", replace(track, second_look=once)),
         Variant("asdf_track, rivals by picture alone", "asdf_track", replace(track, refind=turned)),
         Variant("asdf_track, never begun anew", "asdf_track", replace(track, refind=stays)),
+        Variant(
+            "asdf_track, hidden parts anywhere", "asdf_track", replace(track, still_there=credulous)
+        ),
     ]
 
 
