@@ -194,29 +194,22 @@ class AsdfTrack:
     def _proposals(
         self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene
     ) -> tuple[dict[str, PoseEstimate], dict[str, LookedAt]]:
-        """The detector's poses, and what they came from, by the names that the tracks have.
+        """The detector's poses, and what they came from, without those of things that lay there while
+        the part was elsewhere.
 
-        Without those of things that lay there while the part was elsewhere.
+        The detector's twins are called as the tracker calls those that it follows, and it learns that:
+        else one that is tracked would be proposed by the other's name for good, which so is never found.
         """
-        names = self._named_by_tracks(poses, scene)
-        mine = renamed_poses(poses, names)
-        found = {name: pose.T_camera_part for name, pose in mine.items()}
-        others = scene.still.others(frame, found, scene.parts.last, scene.parts.out_of_sight)
-        looks = renamed(self._asdf.looked_at, names)
+        last = scene.parts.last
+        found = {name: pose.T_camera_part for name, pose in poses.items()}
+        names = scene.twins.follows(found, last)
+        self._asdf.rename(names)
+        others = scene.still.others(frame, renamed(found, names), last, scene.parts.out_of_sight)
+        mine, looks = renamed_poses(poses, names), renamed(self._asdf.looked_at, names)
         return (
             {name: pose for name, pose in mine.items() if name not in others},
             {name: look for name, look in looks.items() if name not in others},
         )
-
-    def _named_by_tracks(self, poses: Mapping[str, PoseEstimate], scene: _Scene) -> dict[str, str]:
-        """How the detector's twins are called by the tracker that follows them; it learns that.
-
-        Else one that is tracked would be proposed by the other's name for good, which so is never found.
-        """
-        found = {name: pose.T_camera_part for name, pose in poses.items()}
-        names = scene.twins.follows(found, scene.parts.last)
-        self._asdf.rename(names)
-        return names
 
     def _join(self, frame: Frame, scene: _Scene) -> frozenset[str]:
         """Hold the parts together that the state joins; return their names without the base.

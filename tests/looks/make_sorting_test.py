@@ -1,14 +1,16 @@
 """Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY SEED [MESHES]`.
 
 Twenty crops of synthetic frames among twenty of real ones, at random places over the covered table (with
-as much cloth in both), shuffled and numbered, as two sheets (OUT/sheet_1.png, OUT/sheet_2.png) and as single files; OUT_key.txt
-beside the folder says which are synthetic. Somebody who made neither sorts all forty: errors near one
-half mean that the two cannot be told apart. OUT/frames holds the synthetic frames whole.
+as much cloth in both), shuffled and numbered, as two sheets (OUT/sheet_1.png, OUT/sheet_2.png) and as
+single files; OUT_key.txt beside the folder says which are synthetic. Somebody who made neither sorts all
+forty: errors near one half mean that the two cannot be told apart. OUT/frames holds the synthetic frames
+whole.
 
 The frames are what `asdfviz synth images` draws where its throws come out as the real table did: the
 drape, a room's lights, the first step in bare hands, parts in the colours of the real prints. What is
-set here lies within what the generator draws. REAL_FOLDER holds rgb/*.png of a fixed camera over a table;
-ASSEMBLY is what lies there; MESHES holds finer meshes of its parts, PART.ply in millimetres.
+set here lies within what the generator draws, or a little beyond (one lamp's size, the sky's blue).
+REAL_FOLDER holds rgb/*.png of a fixed camera over a table; ASSEMBLY is what lies there; MESHES
+holds finer meshes of its parts, PART.ply in millimetres.
 """
 
 from __future__ import annotations

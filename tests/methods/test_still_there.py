@@ -23,11 +23,11 @@ def at(x: float, y: float = 0.0, z: float = 0.6) -> Transform:
 RIGHT, LEFT, BELOW = at(0.1), at(-0.15), at(-0.15, 0.12)
 
 
-def photo(toy, index: int, blocks: list[Transform], seed: int = 0) -> Frame:
+def photo(toy, index: int, blocks: list[Transform]) -> Frame:
     """Orange blocks on a grey table, with a camera's noise."""
     depth = np.min([toy.depth({"block": T}) for T in blocks], axis=0)
     rgb = np.where((depth < 0.7)[:, :, None], (220, 120, 20), (110, 115, 120))
-    noise = np.random.default_rng([seed, index]).normal(size=rgb.shape) * 3
+    noise = np.random.default_rng(index).normal(size=rgb.shape) * 3
     plain = toy.frame(index)
     return replace(plain, rgb=(rgb + noise).astype(np.uint8), depth=depth.astype(np.float32))
 
