@@ -76,3 +76,8 @@ def rotation_about(axis: Vector, angle: float) -> Rotation:
             [rest * x * z - sine * y, rest * y * z + sine * x, 1.0 - rest * (x * x + y * y)],
         ]
     )
+
+
+def turns_freely(turn: tuple[float, float]) -> bool:
+    """Whether a joint of this range, radians, turns so far that its link does not tell how far."""
+    return turn[1] - turn[0] > 1.9 * np.pi

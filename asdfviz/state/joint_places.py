@@ -17,7 +17,13 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Joint, PoseEstimate, State
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
-from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
+from asdfviz.geometry.transforms import (
+    apply,
+    inverse,
+    rotation_about,
+    transform_from,
+    turns_freely,
+)
 from asdfviz.state.joints import deviation, nearest_in_joint
 
 _Key: TypeAlias = tuple[object, ...]
@@ -187,8 +193,7 @@ class JointPlaces:
 
 
 def _turns_freely(joint: Joint) -> bool:
-    """Whether it turns so far that its link does not tell how far it is turned."""
-    return joint.kind in ("revolute", "cylindrical") and joint.turn[1] - joint.turn[0] > 1.9 * np.pi
+    return joint.kind in ("revolute", "cylindrical") and turns_freely(joint.turn)
 
 
 def _turn(joint: Joint, angle: float) -> Transform:

@@ -4,7 +4,8 @@ A group is a root part with six freedoms and parts that are fixed to it or move 
 poses here are of the parts' centres (see `ViewpointModel`); a variation theta = (rotation,
 translation) acts on the part's side, T <- T * [Exp(theta_r) | theta_t]. Equations of Stoiber et
 al., "A Multi-body Tracking Framework" (2022): a root variation theta_0 moves a fixed part by
-Ad(T_part_root) theta_0, and a joint with screw s and freedom q by Ad(T_part_root) s q.
+Ad(T_part_root) theta_0, and a joint with screw s and freedom q by Ad(T_part_root) s q. Joints that are
+geared together have one q.
 """
 
 from __future__ import annotations
@@ -14,11 +15,11 @@ from dataclasses import dataclass
 from typing import no_type_check
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float64, Int64
 
 from asdfviz.geometry.shapes import Transforms
 from asdfviz.track.jit import kernel
-from asdfviz.track.links import Link
+from asdfviz.track.links import Freedom, Link, gear
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +38,19 @@ class Group:
     def __init__(self, root: int, links: Sequence[Link], config: OptimizerConfig) -> None:
         self.members: tuple[int, ...] = (root, *(link.member for link in links))
         self._links = tuple(links)
+        gear(self._links)
         self._Ts_root_member: Transforms = np.stack([np.eye(4), *(k.T_root_member for k in links)])
-        screws = [(place, s) for place, link in enumerate(links, 1) for s in link.screws()]
-        self._owners = np.array([place for place, _ in screws], np.int64)
+        free = [(place, one) for place, link in enumerate(links, 1) for one in link.freedoms]
+        self._owners = np.array([place for place, _ in free], np.int64)
+        self._columns = _columns([one for _, one in free])
         self._screws: Float64[np.ndarray, "d 6"] = np.array(
-            [s for _, s in screws], np.float64
+            [one.screw for _, one in free], np.float64
         ).reshape(-1, 6)
-        turns = np.array([True] * 3 + [False] * 3 + [bool(s[:3].any()) for _, s in screws])
-        self._regularisation = np.where(turns, config.rotation, config.translation)
+        self._regularisation = np.zeros(6 + int(self._columns.max(initial=-1)) + 1)
+        self._regularisation[:3], self._regularisation[3:6] = config.rotation, config.translation
+        for column, (_, one) in zip(self._columns, free, strict=True):
+            strength = config.rotation * one.turn**2 + config.translation * one.slide**2
+            self._regularisation[6 + column] += strength
         size = len(self._regularisation)
         self._A, self._theta = np.zeros((size, size)), np.zeros(size)
 
@@ -70,6 +76,7 @@ class Group:
             hessians,
             self._Ts_root_member,
             self._owners,
+            self._columns,
             self._screws,
             self._regularisation,
             self._A,
@@ -78,11 +85,10 @@ class Group:
         if not solved:
             return False
         move(Ts_camera_centre[root], self._theta)
-        first = 6
         for place, link in enumerate(self._links, 1):
-            if link.freedoms:
-                link.move(self._theta[first : first + link.freedoms])
-                first += link.freedoms
+            own = self._columns[self._owners == place]
+            if len(own):
+                link.move(self._theta[6 + own])
                 self._Ts_root_member[place] = link.T_root_member
         self.place(Ts_camera_centre)
         return True
@@ -94,6 +100,13 @@ class Group:
             np.dot(
                 Ts_camera_centre[root], self._Ts_root_member[place], out=Ts_camera_centre[member]
             )
+
+
+def _columns(free: Sequence[Freedom]) -> Int64[np.ndarray, "d"]:
+    """The place of every freedom among the numbers that are sought: one for all of a link."""
+    known: dict[object, int] = {}
+    keys = (one.shared or place for place, one in enumerate(free))
+    return np.array([known.setdefault(key, len(known)) for key in keys], np.int64)
 
 
 @kernel
@@ -182,18 +195,22 @@ def substitute(L, b, x):
 
 @kernel
 @no_type_check
-def jacobian(T_root_member, place, owners, screws, J):
-    """Fill J (6,n) = Ad(T_member_root) [1 | the member's own screws, 0 for those of others]."""
+def jacobian(T_root_member, place, owners, columns, screws, J):
+    """Fill J (6,n) = Ad(T_member_root) [1 | the member's own screws, 0 for those of others].
+
+    `columns` (d,) says which number moves each of the screws (d,6), `owners` (d,) whose it is.
+    """
     Ad = np.empty((6, 6))
     adjoint(T_root_member, Ad)
     for i in range(6):
         for c in range(6):
             J[i, c] = Ad[i, c]
+        for c in range(6, J.shape[1]):
+            J[i, c] = 0.0
         for d in range(len(owners)):
-            J[i, 6 + d] = 0.0
             if owners[d] == place:
                 for k in range(6):
-                    J[i, 6 + d] += Ad[i, k] * screws[d, k]
+                    J[i, 6 + columns[d]] += Ad[i, k] * screws[d, k]
 
 
 @kernel
@@ -215,10 +232,12 @@ def add_member(gradient, hessian, J, A, b):
 
 @kernel
 @no_type_check
-def newton_step(gradients, hessians, Ts_root_member, owners, screws, regularisation, A, theta):
+def newton_step(
+    gradients, hessians, Ts_root_member, owners, columns, screws, regularisation, A, theta
+):
     """Fill theta from (sum J^T H J + regularisation) theta = sum J^T g; False if it has none.
 
-    A is working space; `owners` (d,) says whose each of the screws (d,6) is.
+    A is working space; `owners`, `columns` and `screws` are as for `jacobian`.
     """
     n = len(regularisation)
     J, b = np.zeros((6, n)), np.zeros(n)
@@ -226,6 +245,6 @@ def newton_step(gradients, hessians, Ts_root_member, owners, screws, regularisat
         for c in range(n):
             A[r, c] = regularisation[r] if r == c else 0.0
     for p in range(len(gradients)):
-        jacobian(Ts_root_member[p], p, owners, screws, J)
+        jacobian(Ts_root_member[p], p, owners, columns, screws, J)
         add_member(gradients[p], hessians[p], J, A, b)
     return factorise(A) and substitute(A, b, theta)

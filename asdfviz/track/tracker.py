@@ -7,6 +7,7 @@ together as a state has them. Whether poses are still right is `confidence`'s to
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -262,9 +263,7 @@ class Tracker:
         """A state's joint, moved from the CAD frames to the centres' frames."""
         c_base, c_part = self._bodies[base].model.centre, self._bodies[name].model.centre
         if joint is not None:
-            joint = Joint(
-                joint.kind, joint.axis, joint.origin - c_base, slide=joint.slide, turn=joint.turn
-            )
+            joint = replace(joint, origin=joint.origin - c_base)
         link = Link(member, _shift(-c_base) @ T_base_part @ _shift(c_part), joint)
         T_root = self._Ts_camera_centre[self._place(base)]
         link.adopt(inverse(T_root) @ self._Ts_camera_centre[member])

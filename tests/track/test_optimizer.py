@@ -52,9 +52,9 @@ def test_adjoint_moves_a_fixed_part_as_its_root_moves() -> None:
 @pytest.mark.parametrize("kind", ["prismatic", "revolute", "cylindrical", "ball"])
 def test_joint_columns_are_those_of_finite_differences(kind: str) -> None:
     joint = Joint(kind, AXIS, np.array([0.01, 0.02, 0.0]), slide=(-0.1, 0.1), turn=(-2.0, 2.0))  # type: ignore[arg-type]
-    screws = np.array(Link(1, T_ROOT_PART, joint).screws())
-    J = np.zeros((6, 6 + len(screws)))
-    jacobian(T_ROOT_PART, 1, np.ones(len(screws), np.int64), screws, J)
+    screws = np.array([one.screw for one in Link(1, T_ROOT_PART, joint).freedoms])
+    J, columns = np.zeros((6, 6 + len(screws))), np.arange(len(screws))
+    jacobian(T_ROOT_PART, 1, np.ones(len(screws), np.int64), columns, screws, J)
     for d in range(len(screws)):
         link = Link(1, T_ROOT_PART, joint)
         step = np.zeros(len(screws))
@@ -74,7 +74,15 @@ def test_newton_step_equals_numpy() -> None:
     regularisation = rng.uniform(1, 2, 8)
     theta = np.zeros(8)
     assert newton_step(
-        gradients, np.tril(hessians), poses, owners, screws, regularisation, np.zeros((8, 8)), theta
+        gradients,
+        np.tril(hessians),
+        poses,
+        owners,
+        np.arange(2),
+        screws,
+        regularisation,
+        np.zeros((8, 8)),
+        theta,
     )
     Ad = np.zeros((6, 6))
     adjoint(T_ROOT_PART, Ad)
@@ -134,3 +142,47 @@ def test_a_link_adopts_an_observed_pose(kind: str, slide: float, turn: float) ->
     fixed = Link(1, T_ROOT_PART)
     fixed.adopt(there.T_root_member)
     np.testing.assert_array_equal(fixed.T_root_member, T_ROOT_PART)
+
+
+def geared(kind: str, *, member: int, **ranges: tuple[float, float]) -> Link:
+    joint = Joint(kind, AXIS, np.array([0.01, 0.02, 0.0]), link="rack", **ranges)  # type: ignore[arg-type]
+    return Link(member, T_ROOT_PART, joint)
+
+
+def test_geared_joints_are_as_far_as_most_that_slide_say() -> None:
+    """A wheel whose pose says something else, and one rack of three that is quite elsewhere."""
+    racks = [geared("prismatic", member=k, slide=(-0.02, 0.06)) for k in (1, 2, 3)]
+    wheel = geared("revolute", member=4, turn=(-1.0, 1.5))
+    screw = geared("cylindrical", member=5, slide=(0.0, 0.04), turn=(-9.0, 9.0))
+    for rack, at in zip(racks, (0.019, 0.021, -0.02), strict=True):
+        rack.slide = at
+    screw.slide, screw.turn, wheel.turn = 0.0195, 2.0, -0.9
+    Group(0, [*racks, wheel, screw], OptimizerConfig())
+    assert [rack.slide for rack in racks] == pytest.approx([0.019] * 3)
+    assert wheel.turn == pytest.approx(-1.0 + 2.5 * 0.4875)
+    assert screw.slide == pytest.approx(0.0195)
+    assert screw.turn == 2.0, "what turns freely is turned as it was"
+
+
+def test_where_nothing_slides_turns_tell_how_far_geared_joints_are() -> None:
+    wheels = [geared("revolute", member=k, turn=(0.0, 2.0 * k)) for k in (1, 2)]
+    wheels[0].turn, wheels[1].turn = 1.0, 2.4
+    Group(0, wheels, OptimizerConfig())
+    assert [wheel.turn for wheel in wheels] == pytest.approx([1.1, 2.2])
+    alone = Link(1, T_ROOT_PART, Joint("prismatic", AXIS, np.zeros(3), slide=(0.0, 1.0)))
+    assert alone.share is None
+
+
+def test_a_rack_that_is_pulled_turns_its_wheel() -> None:
+    rack = geared("prismatic", member=1, slide=(0.0, 0.05))
+    wheel = geared("revolute", member=2, turn=(-1.0, 1.0))
+    wheel.share = rack.share  # type: ignore[assignment]
+    group = Group(0, [rack, wheel], OptimizerConfig(rotation=1e-9, translation=1e-9))
+    poses = np.stack([T_CAMERA_ROOT, *(T_CAMERA_ROOT @ k.T_root_member for k in (rack, wheel))])
+    pull = np.concatenate([np.zeros(3), T_ROOT_PART[:3, :3].T @ (0.01 * AXIS)])
+    gradients = np.stack([np.zeros(6), pull, np.zeros(6)])
+    hessians = np.stack([np.eye(6) * 1e9, np.diag([0.0, 0, 0, 1, 1, 1]), np.zeros((6, 6))])
+    assert group.step(poses, gradients, hessians)
+    assert 0.005 < rack.slide <= 0.0101
+    assert wheel.share == pytest.approx(rack.share)
+    np.testing.assert_allclose(poses[2], poses[0] @ wheel.T_root_member, atol=1e-12)
