@@ -42,6 +42,7 @@ from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.tolerances import TRACKED_PLACES
 from asdfviz.methods.track_memory import surely_placed
 from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.methods.unlike_twins import UnlikeTwins, UnlikeTwinsConfig
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
@@ -91,6 +92,8 @@ class AsdfTrackConfig(AsdfConfig):
     """How it is told over time that a part is turned otherwise."""
     still_there: StillThereConfig = field(default_factory=StillThereConfig)
     """How a thing that lay there all along is told from a part that came to lie there."""
+    unlike_twins: UnlikeTwinsConfig = field(default_factory=UnlikeTwinsConfig)
+    """What looks quite unlike a part of the same kind is not the part."""
     join: JoinConfig = field(default_factory=JoinConfig)
     """When parts are tracked as one."""
     least_score: float = 0.0
@@ -108,6 +111,7 @@ class _Scene:
     twins: PlaceNames
     places: JointPlaces
     still: StillThere
+    unlike: UnlikeTwins
     state: StateEstimate | None = None
 
 
@@ -154,6 +158,7 @@ class AsdfTrack:
             twins=PlaceNames(assembly),
             places=JointPlaces(assembly),
             still=StillThere(assembly, config=config.still_there),
+            unlike=UnlikeTwins(assembly, config=config.unlike_twins),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -172,11 +177,14 @@ class AsdfTrack:
             parts.rename(frame, names)
             self._asdf.rename(names)
             scene.still.rename(names)
+            scene.unlike.rename(names)
         with timed("track"):
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
-            poses = parts.settle(frame, joined)
-            scene.still.see(frame, surely_placed(parts.tracks))
+            poses = self._without_strangers(frame, parts.settle(frame, joined), scene)
+            sure = surely_placed(parts.tracks)
+            scene.still.see(frame, sure)
+            scene.unlike.see(frame, {n: parts.tracks[n].T_now for n in sure})
             if assembly.base in poses:
                 seen = {n: pose for n, pose in poses.items() if not parts.tracks[n].unsure}
                 scene.places.see(poses[assembly.base].T_camera_part, seen)
@@ -206,10 +214,25 @@ class AsdfTrack:
         self._asdf.rename(names)
         others = scene.still.others(frame, renamed(found, names), last, scene.parts.out_of_sight)
         mine, looks = renamed_poses(poses, names), renamed(self._asdf.looked_at, names)
+        others |= scene.unlike.strangers(frame, {n: p.T_camera_part for n, p in mine.items()})
         return (
             {name: pose for name, pose in mine.items() if name not in others},
             {name: look for name, look in looks.items() if name not in others},
         )
+
+    def _without_strangers(
+        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene
+    ) -> dict[str, PoseEstimate]:
+        """The poses without those on things that only have a part's shape, which are tracked no longer.
+
+        What the state holds stays.
+        """
+        free = {n: pose.T_camera_part for n, pose in poses.items() if pose.stage != "group"}
+        strangers = scene.unlike.strangers(frame, free)
+        if strangers:
+            scene.unlike.forget(strangers)
+            scene.parts.let_go(strangers)
+        return {n: pose for n, pose in poses.items() if n not in strangers}
 
     def _join(self, frame: Frame, scene: _Scene) -> frozenset[str]:
         """Hold the parts together that the state joins; return their names without the base.

@@ -13,8 +13,8 @@ from typing import TypeAlias
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, State, StateEstimate
-from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import apply_to_point, inverse, point_distance
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import inverse, point_distance
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.place_support import PlaceSupport
@@ -26,6 +26,7 @@ from asdfviz.methods.refinding import (
     is_mistaken,
     jumps,
     places_in,
+    preferred,
 )
 from asdfviz.methods.track_memory import Rival, Track
 from asdfviz.methods.tracking import load_bodies
@@ -36,6 +37,8 @@ from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
 Value: TypeAlias = Callable[[Trial], float]
+Ahead: TypeAlias = Callable[[Trial, Trial], tuple[float, bool]]
+"""By how much the second one fits better, and whether a single frame tells so."""
 
 
 class PartTracks:
@@ -106,6 +109,11 @@ class PartTracks:
             self.tracker.add(frame, poses)
             self.tracks |= {name: Track(T) for name, T in poses.items()}
 
+    def let_go(self, names: frozenset[str]) -> None:
+        """Track these parts no longer."""
+        self.tracks = {name: track for name, track in self.tracks.items() if name not in names}
+        self.tracker.drop(names)
+
     def settle(self, frame: Frame, joined: frozenset[str]) -> dict[str, PoseEstimate]:
         """Keep the tracker's poses that fit, put the others back, and return what is to be said.
 
@@ -118,11 +126,8 @@ class PartTracks:
         least = self.tracker.config.confidence.lost_below
         said: dict[str, PoseEstimate] = {}
         back: dict[str, Transform] = {}
-        seen: list[str] = []
-        poses = self.tracker.poses
+        seen, poses = list[str](), self.tracker.poses
         intruders = self._one_place.intruders(poses, sure, joined=joined)
-        for name in intruders:
-            del self.tracks[name]
         for name, T_found in poses.items():
             if name in intruders:
                 continue
@@ -147,7 +152,7 @@ class PartTracks:
             stage = "group" if name in joined else "tracked"
             said[name] = PoseEstimate(name, track.T_now, sure[name], stage)
         self.tracker.learn(frame, seen)
-        self.tracker.drop(intruders)  # lets all go that were held
+        self.let_go(intruders)  # and all that were held move freely
         self.tracker.replace(frame, back)
         return said
 
@@ -199,15 +204,16 @@ class PartTracks:
         starts = [T for T in starts if self._checks.allows(frame, name, best.T_camera_part, T)]
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
-        value = partial(self._value, look, frame, centre)
+        value = partial(preferred, look=look, K=frame.camera.K, centre=centre, config=config)
+        ahead = partial(self._ahead, frame, name, value)
         rough = sorted(rough, key=value, reverse=True)[: config.kept]
         promising = [t.T_camera_part for t in rough if value(t) > value(best) - config.doubt]
-        best = self._decided(track, best, tracker.trials(frame, name, promising), value)
+        best = self._decided(track, best, tracker.trials(frame, name, promising), ahead)
         if track.rival is not None and track.explore:
             start = best.T_camera_part @ track.rival.T_track_rival
             if self._checks.allows(frame, name, best.T_camera_part, start):
                 trial = tracker.trials(frame, name, [start])[0]
-                best = self._believed(track, track.rival, best, trial, value)
+                best = self._believed(track, track.rival, best, trial, ahead)
         tracker.replace(frame, {name: best.T_camera_part})
         moved = point_distance(best.T_camera_part, track.T_now, centre)
         if moved > self._assembly.parts[name].diameter:
@@ -219,29 +225,28 @@ class PartTracks:
             tracker.drop([name])
             tracker.add(frame, {name: best.T_camera_part})
 
-    def _value(self, look: LookedAt | None, frame: Frame, centre: Vector, trial: Trial) -> float:
-        """How a trial fits, and what the networks think of its rotation and its place.
+    def _ahead(
+        self, frame: Frame, name: str, value: Value, now: Trial, other: Trial
+    ) -> tuple[float, bool]:
+        """By how much another pose of a part fits better, and whether a single frame tells so.
 
-        The tracker's colours and depth hardly tell a part from the same part turned round.
+        The tracker's own colours and depth do not where the part would only be turned otherwise. Parts
+        that the state joins are not drawn: what is beside them is not the table.
         """
-        if look is None:
-            return trial.sharp_score
-        T, K = trial.T_camera_part, frame.camera.K
-        x, y, z = K @ apply_to_point(T, centre)
-        x0, y0, x1, y1 = look.detection.box_xyxy
-        is_inside = z > 0 and x0 * z <= x <= x1 * z and y0 * z <= y <= y1 * z
-        liked = self._config.rotation_weight * trial.evidence.visible * look.likely(T)
-        return (
-            trial.sharp_score + liked + self._config.box_weight * look.detection.score * is_inside
-        )
+        looks: float | None = None
+        if self.tracks[name].explore:
+            T_now, T_other = now.T_camera_part, other.T_camera_part
+            looks = self._checks.in_favour(frame, name, T_now, T_other)
+        is_clear = other.score - now.score > self._config.margin
+        ahead = value(other) - value(now) + (looks or 0.0)
+        return ahead, is_clear and (looks is None or looks > self._config.looks)
 
-    def _decided(self, track: Track, best: Trial, jumps: list[Trial], value: Value) -> Trial:
+    def _decided(self, track: Track, best: Trial, jumps: list[Trial], ahead_of: Ahead) -> Trial:
         """The pose that carries on, or one that is clearly better; one a little better is watched."""
         if not jumps:
             return best
-        jump = max(jumps, key=value)
-        ahead = value(jump) - value(best)
-        is_clear = jump.score - best.score > self._config.margin
+        jump = max(jumps, key=partial(ahead_of, best))
+        ahead, is_clear = ahead_of(best, jump)
         if ahead > 0.0 and (track.is_new or is_clear):
             track.rival = None
             return jump
@@ -251,10 +256,10 @@ class PartTracks:
         return best
 
     def _believed(
-        self, track: Track, rival: Rival, best: Trial, trial: Trial, value: Value
+        self, track: Track, rival: Rival, best: Trial, trial: Trial, ahead_of: Ahead
     ) -> Trial:
         """The rival once it has been ahead for long enough; it is forgotten when it falls behind."""
-        ahead = value(trial) - value(best)
+        ahead, _ = ahead_of(best, trial)
         rival.lead += float(np.clip(ahead, -self._config.step, self._config.step))
         if rival.lead > self._config.lead:
             track.rival = None
@@ -272,9 +277,8 @@ class PartTracks:
         base = self.tracks.get(self._assembly.base)
         if base is None or not base.age or state is None:
             return []
-        states: list[State] = [
-            self._assembly.states[i] for i in np.argsort(-state.probabilities)[:2]
-        ]
+        two = np.argsort(-state.probabilities)[:2]
+        states: list[State] = [self._assembly.states[i] for i in two]
         return places_in(
             states,
             name,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from asdfviz.datatypes import Assembly, PoseEstimate, State
-from asdfviz.geometry.shapes import Rotation, Transform, Vector
+from asdfviz.geometry.shapes import Intrinsics, Rotation, Transform, Vector
 from asdfviz.geometry.transforms import (
     apply_to_point,
     inverse,
@@ -41,6 +41,9 @@ class RefindConfig:
 
     margin: float = 0.15
     """A start that jumps must fit better than those that carry on by this."""
+    looks: float = 0.05
+    """Where it is turned otherwise in about the same place, only if it looks more like that by so much
+    (`DrawnConfig`): a part is not turned end for end from frame to frame."""
     turns: int = 2
     """Quarter turns of a sure part that are tried a frame, in turn: it may sit in a wrong one. Parts
     that the state joins, or that are hidden, are left in peace."""
@@ -238,3 +241,27 @@ def distinct(
 def _same(T_a: Transform, T_b: Transform, centre: Vector) -> bool:
     apart = float(np.linalg.norm((T_a - T_b)[:3] @ np.append(centre, 1.0)))
     return apart < SAME and rotation_angle(T_a[:3, :3].T @ T_b[:3, :3]) < SAME_ANGLE
+
+
+def preferred(
+    trial: Trial, *, look: LookedAt | None, K: Intrinsics, centre: Vector, config: RefindConfig
+) -> float:
+    """How a trial fits, and what the networks think of its rotation and its place.
+
+    The tracker's colours and depth hardly tell a part from the same part turned round.
+
+    Args:
+        trial: of a part.
+        look: what the crop network said of it in this frame; None: nothing.
+        K: of the frame.
+        centre: of the part, in its frame.
+        config: the weights.
+    """
+    if look is None:
+        return trial.sharp_score
+    T = trial.T_camera_part
+    x, y, z = K @ apply_to_point(T, centre)
+    x0, y0, x1, y1 = look.detection.box_xyxy
+    is_inside = z > 0 and x0 * z <= x <= x1 * z and y0 * z <= y <= y1 * z
+    liked = config.rotation_weight * trial.evidence.visible * look.likely(T)
+    return trial.sharp_score + liked + config.box_weight * look.detection.score * is_inside

@@ -1,30 +1,29 @@
 """Whether a part is not rather turned otherwise: other turns of it, settled and compared over time.
 
 Not in the paper. A part taken end for end looks almost the same, and a network that never learnt the
-difference prefers the wrong end in every frame. Settled by contours and depth, the right one lies a
-millimetre nearer to what was measured, which a few frames tell; the wrong one often stands in the table.
+difference prefers the wrong end in every frame. Settled by contours and depth and drawn, the right one
+looks more like what is seen, which a few frames tell; the wrong one often stands in the table.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Frame, Part
 from asdfviz.errors import MethodError
-from asdfviz.geometry.sampling import hull_corners
 from asdfviz.geometry.shapes import Rotation, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
-from asdfviz.geometry.transforms import rotation_about, rotation_angle
+from asdfviz.geometry.transforms import point_distance, rotation_about, rotation_angle
+from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
 from asdfviz.methods.refinding import QUARTER_TURNS, turned
-from asdfviz.methods.registration import projected_box
-from asdfviz.methods.seen_table import table_near
-from asdfviz.pose.standing import RestConfig, Stance, sides
-from asdfviz.pose.table import SunkConfig, Table
+from asdfviz.methods.turn_table import TurnTable, TurnTableConfig
 from asdfviz.track.bodies import Body
+from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
 
@@ -40,30 +39,15 @@ def _turns() -> tuple[Rotation, ...]:
 
 
 TURNS = _turns()
+SPUN = tuple(half @ slight for half in TURNS[:3] for slight in TURNS[9:21])
+"""Taken end for end and turned besides, as what lies on its side or has a handle is."""
+ROUGH = 2
+"""Of all of them as many searches tell"""
+SETTLED = 4
+"""which ones are settled to the end."""
+OVERLAPPING = 0.6
+"""Poses whose centres are nearer than this share of a part's diameter show much the same of the picture."""
 _STACKED = np.stack(TURNS)
-
-
-@dataclass(frozen=True)
-class TurnTableConfig:
-    """What the table says of turns; the paper has no such step."""
-
-    enabled: bool = True
-    """On or off."""
-    sunk: SunkConfig = field(default_factory=SunkConfig)
-    """Against those that have the part stand in it."""
-    rest: RestConfig = field(default_factory=RestConfig)
-    """For those that have it lie on a side."""
-    worse: float = 0.05
-    """A pose against which it speaks by this more than against the part's own is ruled out at once,"""
-    place: float = 0.3
-    """if their centres are nearer than this share of the part's diameter: what was moved may be lower."""
-
-    def __post_init__(self) -> None:
-        """Raise a MethodError where an option is out of its range."""
-        if min(self.worse, self.place) < 0:
-            raise MethodError(
-                f"turns.table.worse is {self.worse:g} and place {self.place:g}: use 0 or more"
-            )
 
 
 @dataclass(frozen=True)
@@ -77,19 +61,23 @@ class TurnConfig:
     visible: float = 0.5
     """Share of the part that must be seen, 0 to 1."""
     lead: float = 0.35
-    """A turn is right, or ruled out, that is ahead or behind by this (`Trial.detail`) in all;"""
+    """A turn is right, or ruled out, that is ahead or behind by this in all;"""
     step: float = 0.12
     """no frame counts for more than this for it: a single one may deceive."""
     remembered: int = 6
     """Turns that a part was in and that were wrong."""
     again: int = 12
     """Frames after which a turn that was ruled out is tried again."""
+    known: int = 6
+    """Frames for which it is kept what was found of a pose, while others say that the part is turned."""
     same_deg: float = 20.0
     """Poses turned less than this against each other are one,"""
     same_place: float = 0.1
     """if their centres are nearer than this share of the part's diameter."""
     table: TurnTableConfig = field(default_factory=TurnTableConfig)
     """What the table says, besides."""
+    drawn: DrawnConfig = field(default_factory=DrawnConfig)
+    """By what turns are compared: how they would look."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
@@ -105,7 +93,7 @@ class _Turns:
     """What is known of one part's turns."""
 
     T_camera_part: Transform
-    """The pose in the frame before."""
+    """The pose when it was last in it."""
     lead: Float64[np.ndarray, "turns"] = field(default_factory=lambda: np.zeros(len(TURNS)))
     """Of each over the pose that is believed."""
     last: int = -1
@@ -114,6 +102,8 @@ class _Turns:
     """Frames since the last try."""
     wrong: list[Rotation] = field(default_factory=list[Rotation])
     """Turns of it that it was in and that were wrong."""
+    left: int = 0
+    """Frames since it was last in this pose."""
 
 
 class TurnChecks:
@@ -124,15 +114,8 @@ class TurnChecks:
     ) -> None:
         """Begin a sequence."""
         self._parts, self._bodies, self._config = parts, bodies, config
-        table = config.table
-        self._stances: dict[str, Stance] = {}
-        if table.enabled:
-            self._stances = {
-                n: Stance(hull_corners(p.mesh.vertices), sides(p.mesh), table.sunk, table.rest)
-                for n, p in parts.items()
-            }
-        self._looked: tuple[Frame, str, Transform, Table | None] | None = None
-        self._turns: dict[str, _Turns] = {}
+        self._table = TurnTable(parts, config=config.table)
+        self._turns: dict[str, list[_Turns]] = {}
         self._same = float(np.deg2rad(config.same_deg))
         self._first = 0
 
@@ -143,18 +126,18 @@ class TurnChecks:
         """
         if not self._config.enabled:
             return True
-        part, centre = self._parts[name], np.append(self._bodies[name].model.centre, 1.0)
-        apart = float(np.linalg.norm((T_now - T_other)[:3] @ centre)) / part.diameter
+        part, centre = self._parts[name], self._bodies[name].model.centre
+        apart = point_distance(T_now, T_other, centre) / part.diameter
         if self._angle(name, T_now, T_other) < self._same:
             return True
         table = self._config.table
         if apart <= table.place:
-            _, against = self._said(frame, name, T_now, T_other)
+            _, against = self._table.said(frame, name, T_now, T_other)
             if against > table.worse:
                 return False
-        known = self._turns.get(name)
-        if known is None or apart > self._config.same_place:
+        if name not in self._turns or apart > self._config.same_place:
             return True
+        known = self._turns[name][0]
         # Turns that are no others, as the part is symmetric, have no lead.
         out = np.isfinite(known.lead) & (known.lead <= -self._config.lead)
         wrong = np.concatenate([_STACKED[out], np.reshape(known.wrong, (-1, 3, 3))])
@@ -165,6 +148,20 @@ class TurnChecks:
         Rs_now_other = np.stack([T_now[:3, :3].T @ (T_near @ S)[:3, :3] for S in Ss])
         traces = np.einsum("sij,tij->st", Rs_now_other, wrong)
         return bool(traces.max() < 1 + 2 * np.cos(self._same))
+
+    def in_favour(
+        self, frame: Frame, name: str, T_now: Transform, T_other: Transform
+    ) -> float | None:
+        """How much more another turn of a part would look like what is seen.
+
+        None where that is unknown, for poses elsewhere, and for those that are much the same.
+        """
+        apart = point_distance(T_now, T_other, self._bodies[name].model.centre)
+        if not self._config.enabled or apart > OVERLAPPING * self._parts[name].diameter:
+            return None
+        if self._angle(name, T_now, T_other) < self._same:
+            return None
+        return self._looks(frame, name, T_now, T_other)
 
     def step(
         self, frame: Frame, tracker: Tracker, poses: Mapping[str, Transform]
@@ -178,7 +175,7 @@ class TurnChecks:
         """
         if not self._config.enabled or not poses:
             return {}
-        self._forget(poses)
+        self._recall(poses)
         names = list(poses)
         start = self._first % len(names)
         self._first += self._config.a_frame
@@ -187,22 +184,27 @@ class TurnChecks:
             right = self._checked(frame, tracker, name, poses[name])
             if right is not None:
                 T_wrong, found[name] = right
-                self._turns[name] = self._begun(name, T_wrong, found[name])
+                self._turns[name] = [self._begun(name, T_wrong, found[name])]
         return found
 
-    def _forget(self, poses: Mapping[str, Transform]) -> None:
-        """What was known of a part's turns holds no longer once somebody else turned it."""
+    def _recall(self, poses: Mapping[str, Transform]) -> None:
+        """Begin anew with parts that somebody else turned, unless that pose was known not long ago."""
         for name, T in poses.items():
-            known = self._turns.get(name)
-            if known is None or self._angle(name, known.T_camera_part, T) > self._same:
-                self._turns[name] = _Turns(T)
-            else:
-                known.T_camera_part = T
+            kept: list[_Turns] = []
+            known = _Turns(T)
+            for before in self._turns.get(name, ()):
+                if self._angle(name, before.T_camera_part, T) <= self._same:
+                    known = before
+                elif before.left < self._config.known:
+                    before.left += 1
+                    kept.append(before)
+            known.T_camera_part, known.left = T, 0
+            self._turns[name] = [known, *kept]
 
     def _begun(self, name: str, T_wrong: Transform, T_right: Transform) -> _Turns:
         """What is known of a part that was turned: it is not as it was, before that neither."""
         R_right_wrong = T_right[:3, :3].T @ T_wrong[:3, :3]
-        wrong = [R_right_wrong, *(R_right_wrong @ R for R in self._turns[name].wrong)]
+        wrong = [R_right_wrong, *(R_right_wrong @ R for R in self._turns[name][0].wrong)]
         # Where it is right now may have been taken for wrong once.
         far = [R for R in wrong if rotation_angle(R) > self._same]
         return _Turns(T_right, wrong=far[: self._config.remembered])
@@ -211,7 +213,7 @@ class TurnChecks:
         self, frame: Frame, tracker: Tracker, name: str, T_now: Transform
     ) -> tuple[Transform, Transform] | None:
         """The part's pose and that in another turn, if that is the right one."""
-        known = self._turns[name]
+        known = self._turns[name][0]
         turn = self._next(known)
         if turn is None:
             return None
@@ -227,35 +229,45 @@ class TurnChecks:
         is_hidden = other.evidence.visible < self._config.visible
         ahead = -self._config.step
         if not is_hidden:
-            stands, _ = self._said(frame, name, now.T_camera_part, other.T_camera_part)
-            ahead = other.detail - now.detail + stands
+            ahead = self._ahead(frame, name, now, other)
         known.lead[turn] += min(ahead, self._config.step)
         if known.lead[turn] < self._config.lead:
             return None
-        return now.T_camera_part, other.T_camera_part
+        return now.T_camera_part, self._best(frame, tracker, name, now, other)
 
-    def _said(
-        self, frame: Frame, name: str, T_now: Transform, T_other: Transform
-    ) -> tuple[float, float]:
-        """By how much the table speaks for another pose of a part rather, and by how much against it."""
-        table = self._table(frame, name, T_now)
-        if table is None or frame.depth is None:
-            return 0.0, 0.0
-        stance, both, K = self._stances[name], np.stack([T_now, T_other]), frame.camera.K
-        now_against, against = stance.against(both, table, depth=frame.depth, K=K)
-        now, other = stance.in_favour(both, table)
-        worse = float(against - now_against)
-        return float(other - now) - worse, worse
+    def _best(
+        self, frame: Frame, tracker: Tracker, name: str, now: Trial, other: Trial
+    ) -> Transform:
+        """Of all that a part may be turned to, once it is known not to be as it is now.
 
-    def _table(self, frame: Frame, name: str, T_now: Transform) -> Table | None:
-        """Around a part, found once for all its other poses; None where it is not known or asked."""
-        stance, known = self._stances.get(name), self._looked
-        if stance is None:
+        The first turn that was ahead may only be less wrong.
+        """
+        centre = self._bodies[name].model.centre
+        starts = [turned(now.T_camera_part, R, centre=centre) for R in (*TURNS, *SPUN)]
+        starts = [T for T in starts if self.allows(frame, name, now.T_camera_part, T)]
+        ahead = partial(self._ahead, frame, name, now)
+        rough = sorted(tracker.trials(frame, name, starts, rounds=ROUGH), key=ahead, reverse=True)
+        found = [other]
+        for trial in tracker.trials(frame, name, [t.T_camera_part for t in rough[:SETTLED]]):
+            is_seen = trial.evidence.visible >= self._config.visible
+            if is_seen and self._angle(name, now.T_camera_part, trial.T_camera_part) > self._same:
+                found.append(trial)
+        return max(found, key=ahead).T_camera_part
+
+    def _ahead(self, frame: Frame, name: str, now: Trial, other: Trial) -> float:
+        """By how much another pose of a part agrees better with what is seen."""
+        stands, _ = self._table.said(frame, name, now.T_camera_part, other.T_camera_part)
+        looks = self._looks(frame, name, now.T_camera_part, other.T_camera_part)
+        return stands + (other.detail - now.detail if looks is None else looks)
+
+    def _looks(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> float | None:
+        """By how much another pose of a part would look more like what is seen; None if unknown."""
+        config, both = self._config.drawn, np.stack([T_now, T_other])
+        if not config.enabled:
             return None
-        if known is None or known[:2] != (frame, name) or not np.array_equal(known[2], T_now):
-            table = table_near(frame, projected_box(T_now, stance.corners, frame))
-            known = self._looked = (frame, name, T_now, table)
-        return known[3]
+        table = self._table.near(frame, name, T_now)
+        looks = drawn_looks(frame, self._parts[name].mesh, both, table=table, config=config)
+        return None if looks is None else float(looks[1] - looks[0])
 
     def _next(self, known: _Turns) -> int | None:
         """The turn to try: one that is ahead, or the next one that is open; now and then any."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
@@ -13,6 +13,7 @@ from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track import AsdfTrackConfig
 from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.contour_fits import ContourConfig
+from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import masks_path
@@ -24,11 +25,22 @@ from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.methods.thing_names import NamesConfig
-from asdfviz.methods.turn_checks import TurnConfig, TurnTableConfig
+from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.methods.turn_table import TurnTableConfig
+from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.relative_pose import PlaceOdds, RelativePoseConfig
+
+ONE_LOOK = SecondLookConfig(enabled=False)
+STILL = TurnConfig(enabled=False)
+UNDRAWN = TurnConfig(drawn=DrawnConfig(enabled=False))
+UNNAMED = NamesConfig(enabled=False)
+TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
+BLIND = PlaceLooksConfig(enabled=False)
+BEST_BOX = ContestsConfig(enabled=False)
+"""Pieces of several methods, off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,64 +145,75 @@ def state_variants(assembly: Assembly) -> list[Variant]:
 
 def beyond_variants(assembly: Assembly) -> list[Variant]:
     """What the methods beyond the paper weigh besides, each piece off; they need crop weights."""
-    plus, track = AsdfPlusConfig(), AsdfTrackConfig()
-    if len(first_poses(plus, assembly)) < 2:
+    if len(first_poses(AsdfPlusConfig(), assembly)) < 2:
         return []
-    once = SecondLookConfig(enabled=False)
-    deaf = replace(plus.hypotheses, network=0.0)
-    turned = replace(track.refind, rotation_weight=0.0, box_weight=0.0)
-    never = float("inf")
-    stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
+    return [*_beyond_asdf(), *_beyond_asdf_plus(), *_beyond_asdf_track()]
+
+
+def _beyond_asdf() -> list[Variant]:
     certain = RelativePoseConfig(in_place=PlaceOdds(offset=50.0))
-    flat, single = ContourConfig(enabled=False), ContourConfig(together=False)
-    trusting = NamesConfig(strangers=StrangersConfig(enabled=False))
-    still = TurnConfig(enabled=False)
-    unturned = ContourConfig(turns=still)
-    known, unaware = OnTableConfig(), TurnTableConfig(enabled=False)
-    afloat = ContourConfig(turns=TurnConfig(table=unaware))
-    unnamed, blind = NamesConfig(enabled=False), PlaceLooksConfig(enabled=False)
-    best_box, credulous = ContestsConfig(enabled=False), StillThereConfig(enabled=False)
     return [
         Variant("asdf", "asdf", AsdfConfig()),
-        Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=blind)),
+        Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=BLIND)),
         Variant("asdf, nothing known of the table", "asdf", AsdfConfig(on_table=NO_TABLE)),
         Variant("asdf, unsure poses given", "asdf", AsdfConfig(least_score=0.0)),
         Variant("asdf, places never in doubt", "asdf", AsdfConfig(relative_pose=certain)),
-        Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=unnamed)),
-        Variant("asdf, no contests", "asdf", AsdfConfig(contests=best_box)),
-        Variant("asdf, no strangers", "asdf", AsdfConfig(names=trusting)),
-        Variant("asdf_plus", "asdf_plus", plus),
-        Variant("asdf_plus, unsure poses given", "asdf_plus", replace(plus, least_score=0.0)),
-        Variant(
-            "asdf_plus, first poses know the table", "asdf_plus", replace(plus, on_table=known)
-        ),
-        Variant("asdf_plus, turns without the table", "asdf_plus", replace(plus, contours=afloat)),
-        Variant(
-            "asdf_plus, names by the detector alone", "asdf_plus", replace(plus, names=unnamed)
-        ),
-        Variant("asdf_plus, no look at places", "asdf_plus", replace(plus, place_looks=blind)),
-        Variant("asdf_plus, no contests", "asdf_plus", replace(plus, contests=best_box)),
-        Variant("asdf_plus, no strangers", "asdf_plus", replace(plus, names=trusting)),
-        Variant("asdf_plus, no contours", "asdf_plus", replace(plus, contours=flat)),
-        Variant("asdf_plus, contours of single parts", "asdf_plus", replace(plus, contours=single)),
-        Variant("asdf_plus, nothing turned", "asdf_plus", replace(plus, contours=unturned)),
-        Variant("asdf_plus, one look", "asdf_plus", replace(plus, second_look=once)),
-        Variant("asdf_plus, depth alone over time", "asdf_plus", replace(plus, hypotheses=deaf)),
-        Variant("asdf_track", "asdf_track", track),
-        Variant(
-            "asdf_track, names by the detector alone", "asdf_track", replace(track, names=unnamed)
-        ),
-        Variant("asdf_track, no look at places", "asdf_track", replace(track, place_looks=blind)),
-        Variant("asdf_track, no contests", "asdf_track", replace(track, contests=best_box)),
-        Variant("asdf_track, no strangers", "asdf_track", replace(track, names=trusting)),
-        Variant("asdf_track, nothing turned", "asdf_track", replace(track, turns=still)),
-        Variant("asdf_track, one look", "asdf_track", replace(track, second_look=once)),
-        Variant("asdf_track, rivals by picture alone", "asdf_track", replace(track, refind=turned)),
-        Variant("asdf_track, never begun anew", "asdf_track", replace(track, refind=stays)),
-        Variant(
-            "asdf_track, hidden parts anywhere", "asdf_track", replace(track, still_there=credulous)
-        ),
+        Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=UNNAMED)),
+        Variant("asdf, no contests", "asdf", AsdfConfig(contests=BEST_BOX)),
+        Variant("asdf, no strangers", "asdf", AsdfConfig(names=TRUSTING)),
     ]
+
+
+def _beyond_asdf_plus() -> list[Variant]:
+    plus = AsdfPlusConfig()
+    deaf = replace(plus.hypotheses, network=0.0)
+    unaware = TurnConfig(table=TurnTableConfig(enabled=False))
+    contours = {
+        "turns without the table": ContourConfig(turns=unaware),
+        "turns by single points": ContourConfig(turns=UNDRAWN),
+        "no contours": ContourConfig(enabled=False),
+        "contours of single parts": ContourConfig(together=False),
+        "nothing turned": ContourConfig(turns=STILL),
+    }
+    changed = {
+        "unsure poses given": replace(plus, least_score=0.0),
+        "first poses know the table": replace(plus, on_table=OnTableConfig()),
+        "names by the detector alone": replace(plus, names=UNNAMED),
+        "no look at places": replace(plus, place_looks=BLIND),
+        "no contests": replace(plus, contests=BEST_BOX),
+        "no strangers": replace(plus, names=TRUSTING),
+        **{title: replace(plus, contours=config) for title, config in contours.items()},
+        "one look": replace(plus, second_look=ONE_LOOK),
+        "depth alone over time": replace(plus, hypotheses=deaf),
+    }
+    return _rows("asdf_plus", plus, changed)
+
+
+def _beyond_asdf_track() -> list[Variant]:
+    track = AsdfTrackConfig()
+    turned = replace(track.refind, rotation_weight=0.0, box_weight=0.0)
+    never = float("inf")
+    stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
+    changed = {
+        "names by the detector alone": replace(track, names=UNNAMED),
+        "no look at places": replace(track, place_looks=BLIND),
+        "no contests": replace(track, contests=BEST_BOX),
+        "no strangers": replace(track, names=TRUSTING),
+        "nothing turned": replace(track, turns=STILL),
+        "turns by single points": replace(track, turns=UNDRAWN),
+        "one look": replace(track, second_look=ONE_LOOK),
+        "rivals by picture alone": replace(track, refind=turned),
+        "never begun anew": replace(track, refind=stays),
+        "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
+        "twins of any colour": replace(track, unlike_twins=UnlikeTwinsConfig(enabled=False)),
+    }
+    return _rows("asdf_track", track, changed)
+
+
+def _rows(method: str, config: Any, changed: Mapping[str, Any]) -> list[Variant]:
+    """The method as it is, and with each of the changes."""
+    rows = [Variant(method, method, config)]
+    return rows + [Variant(f"{method}, {title}", method, c) for title, c in changed.items()]
 
 
 def _with_first_poses(rows: Sequence[Variant], assembly: Assembly) -> list[Variant]:

@@ -13,8 +13,10 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods import tracking
+from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.refinding import turned
-from asdfviz.methods.turn_checks import TurnChecks, TurnConfig, TurnTableConfig
+from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
+from asdfviz.methods.turn_table import TurnTableConfig
 from asdfviz.track.bodies import Body
 from asdfviz.track.confidence import Evidence
 from asdfviz.track.presets import FINE
@@ -27,7 +29,7 @@ UPRIGHT = transform_from(np.diag([1.0, -1, -1]), np.array([0.0, 0.0, 0.74]))
 """The base, 20 mm thick, on the toy's table 0.75 m away, its pillar towards the camera."""
 
 
-def undecided(frame: Frame, name: str, starts: list[Transform]) -> list[Trial]:
+def undecided(frame: Frame, name: str, starts: list[Transform], **_: object) -> list[Trial]:
     """Trials to which every pose looks alike."""
     return [Trial(T, Evidence(0.5, 0.5, 1.0), 0.5, sharp=0.5) for T in starts]
 
@@ -64,7 +66,8 @@ def lying(toy, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
     frame = toy.frame(0, {})
     tracker = Tracker(bodies, frame.camera, FINE)
     monkeypatch.setattr(tracker, "trials", undecided)
-    checks = TurnChecks(parts, bodies, config=TurnConfig(table=request.param))
+    config = TurnConfig(table=request.param, drawn=DrawnConfig(enabled=False))
+    checks = TurnChecks(parts, bodies, config=config)
     wrong = turned(UPRIGHT, np.diag([1.0, -1, -1]), centre=bodies["base"].model.centre)
     return Lying(frame, tracker, checks, parts, bodies, wrong)
 
@@ -105,3 +108,22 @@ def test_nothing_is_ruled_out_where_nothing_is_checked(lying: Lying) -> None:
     off = TurnChecks(lying.parts, lying.bodies, config=TurnConfig(enabled=False))
     sunk = transform_from(np.eye(3), UPRIGHT[:3, 3])
     assert off.allows(lying.frame, "base", UPRIGHT, sunk)
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig()], indirect=True)
+@pytest.mark.parametrize("known", [6, 0])
+def test_a_part_that_is_said_to_be_turned_now_and_then_is_judged_all_the_same(
+    lying: Lying, known: int
+) -> None:
+    """What was found of a pose is not forgotten by another one that comes every third frame."""
+    config = TurnConfig(known=known, drawn=DrawnConfig(enabled=False))
+    checks = TurnChecks(lying.parts, lying.bodies, config=config)
+    centre = lying.bodies["base"].model.centre
+    about = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    between = turned(lying.wrong, about, centre=centre)
+    righted: list[bool] = []
+    for i in range(30):
+        pose = between if i % 3 == 2 else lying.wrong
+        found = checks.step(lying.frame, lying.tracker, {"base": pose})
+        righted.append("base" in found and float(-found["base"][2, 2]) > 0.9)
+    assert any(righted) == (known > 0)

@@ -1,0 +1,132 @@
+"""Of two like parts the one that looks quite unlike the other is another thing of their shape.
+
+Not in the paper. A detector knows a screw by its shape and takes one that lies there by chance, pale where
+the assembly's are black. Once one of them is surely found, its colour tells: the light differs
+from place to place, but hardly by a factor of two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Frame
+from asdfviz.errors import MethodError
+from asdfviz.geometry.camera import nearest_pixels
+from asdfviz.geometry.sampling import oriented_surface_points
+from asdfviz.geometry.shapes import Points, Transform, Vector
+from asdfviz.geometry.transforms import apply
+from asdfviz.state.twins import renamed, twin_groups
+from asdfviz.track.confidence import HIDDEN_BY
+
+POINTS = 300
+"""Of a part's surface."""
+LEAST = 8
+"""Fewer of them that can be seen tell nothing."""
+DARK = 8.0
+"""Added to all brightness (0 to 255), so that noise in the dark is no contrast."""
+
+
+@dataclass(frozen=True)
+class UnlikeTwinsConfig:
+    """How unlike is too unlike; logarithms of brightness."""
+
+    enabled: bool = True
+    """On or off."""
+    unlike: float = 0.6
+    """A part that differs more from one like it, of which the tracker is sure, is another thing: in three
+    rendered sequences twins differed by 0.45 at most, and by 0.8 from a bolt taken for one of them;"""
+    stranger: float = 0.5
+    """but only if the assembly's colour speaks against it by this much more than against the other."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if min(self.unlike, self.stranger) <= 0:
+            raise MethodError(
+                f"unlike_twins.unlike is {self.unlike:g} and stranger {self.stranger:g}: "
+                "both must be above 0"
+            )
+
+
+class UnlikeTwins:
+    """Remembers the colours of like parts in one sequence."""
+
+    def __init__(self, assembly: Assembly, *, config: UnlikeTwinsConfig) -> None:
+        """Begin a sequence."""
+        self._config, self._parts = config, assembly.parts
+        self._others = {
+            name: tuple(other for other in group if other != name)
+            for group in twin_groups(assembly)
+            for name in group
+            if config.enabled and len(group) > 1
+        }
+        self._surfaces = {
+            name: oriented_surface_points(
+                self._parts[name].mesh.vertices, self._parts[name].mesh.faces, POINTS
+            )
+            for name in self._others
+        }
+        self._known: dict[str, Vector] = {}
+
+    def see(self, frame: Frame, sure: Mapping[str, Transform]) -> None:
+        """Remember how parts look that are surely at these poses T_camera_part.
+
+        Only as far as light and shadow change it: else it would be another thing.
+        """
+        for name in self._others.keys() & sure.keys():
+            color = self._color(frame, name, sure[name])
+            if color is None:
+                continue
+            known = self._known.get(name, color)
+            if abs(float((color - known).mean())) < self._config.unlike:
+                self._known[name] = color
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._known = renamed(self._known, names)
+
+    def strangers(self, frame: Frame, poses: Mapping[str, Transform]) -> frozenset[str]:
+        """Those of some poses T_camera_part at which something lies that is not the part."""
+        return frozenset(
+            name
+            for name in self._others.keys() & poses.keys()
+            if self._is_stranger(frame, name, poses[name])
+        )
+
+    def forget(self, names: frozenset[str]) -> None:
+        """What was taken for these parts were others."""
+        for name in names & self._known.keys():
+            del self._known[name]
+
+    def _is_stranger(self, frame: Frame, name: str, T_camera_part: Transform) -> bool:
+        known = [self._known[other] for other in self._others[name] if other in self._known]
+        color = self._color(frame, name, T_camera_part) if known else None
+        if color is None:
+            return False
+        told = np.log(self._parts[name].color.astype(np.float64) + DARK)
+        off = abs(float((color - told).mean()))
+        return any(
+            abs(float((color - other).mean())) > self._config.unlike
+            and off > abs(float((other - told).mean())) + self._config.stranger
+            for other in known
+        )
+
+    def _color(self, frame: Frame, name: str, T_camera_part: Transform) -> Vector | None:
+        """Median logarithm of what can be seen of a part's surface; None where that is too little."""
+        points, normals = self._surfaces[name]
+        seen: Points = apply(T_camera_part, points)
+        facing = np.einsum("ni,ni->n", normals @ T_camera_part[:3, :3].T, seen) < 0
+        seen = seen[facing & (seen[:, 2] > 0)]
+        if not len(seen):
+            return None
+        inside, rows, columns = nearest_pixels(seen, frame.camera.K, frame.rgb.shape[:2])
+        if frame.depth is not None:
+            measured = frame.depth[rows, columns]
+            shows = (measured <= 0) | (measured > seen[inside, 2] - HIDDEN_BY)
+            rows, columns = rows[shows], columns[shows]
+        if len(rows) < LEAST:
+            return None
+        colors = frame.rgb[rows, columns].astype(np.float64)
+        return np.median(np.log(colors + DARK), axis=0)

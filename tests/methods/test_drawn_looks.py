@@ -1,0 +1,120 @@
+"""Poses of a part on a table, as a depth camera that smears and a lamp from one side show it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Camera, Frame, Mesh
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
+from asdfviz.pose.table import Table
+from asdfviz.track import raster
+from asdfviz.track.viewpoint_model import face_normals
+
+CAMERA = Camera(np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]]), 320, 240)
+TABLE = Table(np.array([0.0, 0.0, -1.0]), 0.6)
+LAMP = np.array([0.5, -0.3, -0.81])
+SMEAR_PX = 1.3
+
+
+def roof() -> Mesh:
+    """40 mm long, 20 mm wide, 4 mm high at both ends, its ridge of 12 mm nearer to one of them."""
+    profile = [[-0.02, 0.0], [0.02, 0.0], [0.02, 0.004], [0.008, 0.012], [-0.02, 0.004]]
+    vertices = np.array([[x, y, z] for y in (-0.01, 0.01) for x, z in profile])
+    ends = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [5, 7, 6], [5, 8, 7], [5, 9, 8]]
+    sides = [
+        [[i, i + 5, j], [j, i + 5, j + 5]] for i, j in zip(range(5), (1, 2, 3, 4, 0), strict=True)
+    ]
+    return Mesh(vertices, np.array([*ends, *(face for two in sides for face in two)], np.int32))
+
+
+def lying(angle: float) -> Transform:
+    """Flat on the table, turned about its normal."""
+    up = np.diag([1.0, -1, -1])
+    return transform_from(rotation_about(np.array([0, 0, 1.0]), angle) @ up, np.array([0, 0, 0.6]))
+
+
+TRUE, TURNED = lying(0.4), lying(0.4 + np.pi)
+BOTH = np.stack([TRUE, TURNED])
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What can be left out of a frame of the roof in its true pose."""
+
+    noise: float = 0.001
+    shading: float = 1.0
+
+
+def frame(seen: Seen | None = None, *, seed: int = 0) -> Frame:
+    seen = seen or Seen()
+    rng = np.random.default_rng(seed)
+    inverse, ids = raster.new_buffers(CAMERA.width, CAMERA.height)
+    raster.draw(roof(), TRUE, K=CAMERA.K, inverse_depth=inverse, ids=ids)
+    shows = inverse > 0
+    depth = np.where(shows, 1 / np.maximum(inverse, 1e-9), 0.6)
+    depth = cv2.GaussianBlur(depth, (0, 0), SMEAR_PX) + rng.normal(size=depth.shape) * seen.noise
+    normals = face_normals(roof(), ids[shows], TRUE) @ TRUE[:3, :3].T
+    light = np.full(shows.shape, 120.0)
+    light[shows] = 90 + 60 * seen.shading * np.maximum(normals @ LAMP, 0)
+    rgb = light[..., None] + rng.normal(size=(*light.shape, 3)) * 2
+    return Frame(0, 0.0, np.clip(rgb, 0, 255).astype(np.uint8), depth.astype(np.float32), CAMERA)
+
+
+def lead(shot: Frame, *, table: Table | None = TABLE, **options: Any) -> float:
+    """By how much the true pose is ahead of the turned one."""
+    looks = drawn_looks(shot, roof(), BOTH, table=table, config=DrawnConfig(**options))
+    assert looks is not None
+    return float(looks[0] - looks[1])
+
+
+@pytest.mark.parametrize("table", [TABLE, None], ids=["table", "no table"])
+def test_depth_tells_a_part_end_for_end_in_every_frame(table: Table | None) -> None:
+    leads = [lead(frame(seed=k), table=table, shade=0.0) for k in range(8)]
+    assert min(leads) > 0.02
+
+
+def test_shading_tells_it_without_depth() -> None:
+    dark = replace(frame(), depth=None)
+    assert lead(dark) > 0.01
+    assert lead(dark, shade=0.0) == 0, "no depth says nothing"
+    even = replace(frame(Seen(shading=0.0)), depth=None)
+    assert abs(lead(even)) < 0.01, "nor does a surface that reflects alike everywhere"
+
+
+def test_depth_that_was_smeared_fits_when_drawn_so() -> None:
+    def fit(share: float) -> float:
+        config = DrawnConfig(shade=0.0, smear=share)
+        looks = drawn_looks(frame(Seen(noise=0)), roof(), BOTH, table=TABLE, config=config)
+        assert looks is not None
+        return float(looks[0])
+
+    right = SMEAR_PX / 300
+    assert fit(right) > max(fit(right / 4), fit(right * 3))
+    assert fit(right) > -180 * 2e-4
+
+
+def test_what_hides_a_part_leaves_nothing_to_compare() -> None:
+    shot = frame()
+    assert shot.depth is not None
+    covered = replace(shot, depth=np.full_like(shot.depth, 0.4))
+    assert drawn_looks(covered, roof(), BOTH, table=TABLE, config=DrawnConfig()) is None
+    outside = BOTH.copy()
+    outside[:, 0, 3] = 2.0
+    assert drawn_looks(shot, roof(), outside, table=TABLE, config=DrawnConfig()) is None
+    half = shot.depth.copy()
+    half[:, 160:] = 0.4
+    assert lead(replace(shot, depth=half)) > 0, "the other half still tells"
+
+
+@pytest.mark.parametrize("wrong", [{"smear": 0.0}, {"depth": -1.0}, {"shade": -0.1}])
+def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
+    with pytest.raises(MethodError, match=r"turns\.drawn"):
+        DrawnConfig(**wrong)

@@ -1,0 +1,104 @@
+"""A black pin, another one, and a pale thing of the same shape that lies where the other might."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, Frame
+from asdfviz.errors import MethodError
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.unlike_twins import UnlikeTwins, UnlikeTwinsConfig
+
+HERE = transform_from(np.eye(3), np.array([-0.1, 0.0, 0.6]))
+THERE = transform_from(np.eye(3), np.array([0.1, 0.0, 0.6]))
+BASE = transform_from(np.eye(3), np.array([0.0, 0.12, 0.6]))
+BLACK, SHADOW, PALE = 30, 22, 150
+
+
+def frame(toy, index: int, *, here: int, there: int) -> Frame:
+    """Both pins on a grey table, with the base."""
+    depth = toy.depth({"pin": HERE, "pin-copy": THERE, "base": BASE})
+    rgb = np.full((*depth.shape, 3), 110.0)
+    middle = depth.shape[1] // 2
+    for half, brightness in ((slice(0, middle), here), (slice(middle, None), there)):
+        shows = toy.depth({"pin": HERE, "pin-copy": THERE})[:, half] < 0.7
+        rgb[:, half][shows] = brightness
+    rgb[toy.depth({"base": BASE}) < 0.7] = (30, 60, 200)
+    rgb += np.random.default_rng(index).normal(size=rgb.shape) * 3
+    rgb = np.clip(rgb, 0, 255).astype(np.uint8)
+    rgb[0, 0] = index  # what the fake detector reads
+    return replace(toy.frame(index), rgb=rgb, depth=depth)
+
+
+@pytest.fixture
+def black(assembly: Assembly) -> Assembly:
+    parts = {
+        name: replace(part, color=np.full(3, BLACK, np.uint8))
+        for name, part in assembly.parts.items()
+    }
+    return replace(assembly, parts=parts)
+
+
+def strangers(
+    toy, assembly: Assembly, config: UnlikeTwinsConfig | None = None, **brightness: int
+) -> frozenset[str]:
+    """What is said of the other pin once this one is known."""
+    shot = frame(toy, 0, **brightness)
+    twins = UnlikeTwins(assembly, config=config or UnlikeTwinsConfig())
+    assert twins.strangers(shot, {"pin-copy": THERE}) == frozenset(), "nothing is known yet"
+    twins.see(shot, {"pin": HERE})
+    return twins.strangers(shot, {"pin-copy": THERE, "base": BASE})
+
+
+def test_a_pale_thing_is_no_twin_of_a_black_part(toy, black: Assembly) -> None:
+    assert strangers(toy, black, here=BLACK, there=PALE) == {"pin-copy"}
+    assert strangers(toy, black, here=BLACK, there=SHADOW) == frozenset()
+    off = UnlikeTwinsConfig(enabled=False)
+    assert strangers(toy, black, off, here=BLACK, there=PALE) == frozenset()
+
+
+def test_the_assemblys_colour_says_which_of_both_is_the_part(toy, black: Assembly) -> None:
+    assert strangers(toy, black, here=PALE, there=BLACK) == frozenset()
+    grey = {n: replace(p, color=np.full(3, 70, np.uint8)) for n, p in black.parts.items()}
+    undecided = replace(black, parts=grey)
+    assert strangers(toy, undecided, here=BLACK, there=PALE) == frozenset()
+
+
+def test_what_is_hidden_says_nothing(toy, black: Assembly) -> None:
+    twins = UnlikeTwins(black, config=UnlikeTwinsConfig())
+    shot = frame(toy, 0, here=BLACK, there=PALE)
+    twins.see(shot, {"pin": HERE})
+    assert shot.depth is not None
+    hidden = replace(shot, depth=np.full_like(shot.depth, 0.3))
+    assert twins.strangers(hidden, {"pin-copy": THERE}) == frozenset()
+    twins.rename({"pin": "pin-copy"})
+    assert twins.strangers(shot, {"pin": THERE}) == {"pin"}
+    twins.forget(frozenset({"pin-copy"}))
+    assert twins.strangers(shot, {"pin": THERE}) == frozenset()
+
+
+@pytest.mark.usefixtures("small_models")
+@pytest.mark.parametrize("there", [PALE, SHADOW])
+def test_the_tracker_lets_a_pale_twin_go(toy, black: Assembly, detector, there: int) -> None:
+    """It is found first; then the black one is, and the pale one is proposed in vain."""
+    method = AsdfTrack(AsdfTrackConfig(), detector=detector)
+    shots = [frame(toy, i, here=BLACK, there=there) for i in range(14)]
+    method.reset(black, shots[0].camera, None)
+    base, here = toy.detection("base", BASE), toy.detection("pin", HERE)
+    copy = toy.detection("pin-copy", THERE, score=0.6)
+    said = []
+    for i, shot in enumerate(shots):
+        detector.answers[i] = (base, copy) if i < 4 else (base, copy, here)
+        said.append(set(method.step(shot).poses) & {"pin", "pin-copy"})
+    assert len(said[3]) == 1
+    assert len(said[-1]) == (1 if there == PALE else 2)
+
+
+@pytest.mark.parametrize("wrong", [{"unlike": 0.0}, {"stranger": -0.5}])
+def test_options_out_of_range_are_named(wrong: dict[str, float]) -> None:
+    with pytest.raises(MethodError, match="unlike_twins"):
+        UnlikeTwinsConfig(**wrong)  # type: ignore[arg-type]
