@@ -51,7 +51,7 @@ class DrawnConfig:
     """How poses of one part are compared by how they would look.
 
     The weights are a logistic fit of the right poses against others in which a tracker settled the same
-    part: 3,800 pairs of seven rendered sequences, in other sixteen of which they tell 92 % apart frame by
+    part: 3,800 pairs of seven rendered sequences, in other sixteen of which they tell 91 % apart frame by
     frame where the tracker was right (depth at single points with contours: 82 %), and 69 % where it was
     wrong (38 %). One unit is what sixteen of log-odds are.
     """

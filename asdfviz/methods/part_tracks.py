@@ -133,7 +133,8 @@ class PartTracks:
                 continue
             track = self.tracks[name]
             visible = evidence[name].visible
-            track.explore = name not in joined and visible >= self._config.seen
+            track.joined = name in joined
+            track.explore = not track.joined and visible >= self._config.seen
             if sure[name] >= least:
                 track.T_before = track.T_now if track.age and not track.unsure else None
                 track.T_now, track.unsure, track.age = T_found, 0, track.age + 1
@@ -234,7 +235,7 @@ class PartTracks:
         that the state joins are not drawn: what is beside them is not the table.
         """
         looks: float | None = None
-        if self.tracks[name].explore:
+        if not self.tracks[name].joined:
             T_now, T_other = now.T_camera_part, other.T_camera_part
             looks = self._checks.in_favour(frame, name, T_now, T_other)
         is_clear = other.score - now.score > self._config.margin

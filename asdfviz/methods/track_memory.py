@@ -45,6 +45,8 @@ class Track:
     """The pose that is watched."""
     explore: bool = True
     """Whether other turns of a pose that is sure may be tried."""
+    joined: bool = False
+    """Whether the base held it in the last frame."""
     support: PlaceSupport = field(default_factory=PlaceSupport)
     """What the detector says of its place."""
 

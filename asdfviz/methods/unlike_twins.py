@@ -19,12 +19,17 @@ from asdfviz.geometry.sampling import oriented_surface_points
 from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply
 from asdfviz.state.twins import renamed, twin_groups
-from asdfviz.track.confidence import HIDDEN_BY
 
 POINTS = 300
 """Of a part's surface."""
 LEAST = 8
 """Fewer of them that can be seen tell nothing."""
+MOST_OF = 0.5
+"""Nor does less than this share of those that face the camera."""
+AGREES = 0.008
+"""Depth this near to a point of the surface shows it, metres: a finger on it is nearer, or beside it."""
+SAME_PLACE = 0.015
+"""What is found this near to where it was lies still, metres."""
 DARK = 8.0
 """Added to all brightness (0 to 255), so that noise in the dark is no contrast."""
 
@@ -41,12 +46,15 @@ class UnlikeTwinsConfig:
     stranger: float = 0.5
     """but only if the assembly's colour speaks against it by this much more than against the other."""
 
+    frames: int = 4
+    """Frames after which this is believed, in which it lay still."""
+
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if min(self.unlike, self.stranger) <= 0:
+        if min(self.unlike, self.stranger, self.frames) <= 0:
             raise MethodError(
-                f"unlike_twins.unlike is {self.unlike:g} and stranger {self.stranger:g}: "
-                "both must be above 0"
+                f"unlike_twins.unlike is {self.unlike:g}, stranger {self.stranger:g} and frames "
+                f"{self.frames}: all must be above 0"
             )
 
 
@@ -69,6 +77,8 @@ class UnlikeTwins:
             for name in self._others
         }
         self._known: dict[str, Vector] = {}
+        self._unlike: dict[str, dict[int, Vector]] = {}
+        """Where something unlike was taken for a part, by frame."""
 
     def see(self, frame: Frame, sure: Mapping[str, Transform]) -> None:
         """Remember how parts look that are surely at these poses T_camera_part.
@@ -86,21 +96,31 @@ class UnlikeTwins:
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._known = renamed(self._known, names)
+        self._unlike = renamed(self._unlike, names)
 
     def strangers(self, frame: Frame, poses: Mapping[str, Transform]) -> frozenset[str]:
-        """Those of some poses T_camera_part at which something lies that is not the part."""
-        return frozenset(
-            name
-            for name in self._others.keys() & poses.keys()
-            if self._is_stranger(frame, name, poses[name])
-        )
+        """Those of some poses T_camera_part at which something lies that is not the part.
+
+        A glimpse does not tell, nor does what moves: a hand may hold it.
+        """
+        found: set[str] = set()
+        for name in self._others.keys() & poses.keys():
+            if not self._is_unlike(frame, name, poses[name]):
+                continue
+            at = apply(poses[name], self._parts[name].middle[None])[0]
+            before = self._unlike.get(name, {})
+            here = {i: p for i, p in before.items() if np.linalg.norm(p - at) < SAME_PLACE}
+            self._unlike[name] = {**here, frame.index: at}
+            if len(here) >= self._config.frames:
+                found.add(name)
+        return frozenset(found)
 
     def forget(self, names: frozenset[str]) -> None:
         """What was taken for these parts were others."""
         for name in names & self._known.keys():
             del self._known[name]
 
-    def _is_stranger(self, frame: Frame, name: str, T_camera_part: Transform) -> bool:
+    def _is_unlike(self, frame: Frame, name: str, T_camera_part: Transform) -> bool:
         known = [self._known[other] for other in self._others[name] if other in self._known]
         color = self._color(frame, name, T_camera_part) if known else None
         if color is None:
@@ -117,16 +137,17 @@ class UnlikeTwins:
         """Median logarithm of what can be seen of a part's surface; None where that is too little."""
         points, normals = self._surfaces[name]
         seen: Points = apply(T_camera_part, points)
-        facing = np.einsum("ni,ni->n", normals @ T_camera_part[:3, :3].T, seen) < 0
-        seen = seen[facing & (seen[:, 2] > 0)]
+        is_facing = np.einsum("ni,ni->n", normals @ T_camera_part[:3, :3].T, seen) < 0
+        seen = seen[is_facing & (seen[:, 2] > 0)]
         if not len(seen):
             return None
         inside, rows, columns = nearest_pixels(seen, frame.camera.K, frame.rgb.shape[:2])
+        facing = len(rows)
         if frame.depth is not None:
             measured = frame.depth[rows, columns]
-            shows = (measured <= 0) | (measured > seen[inside, 2] - HIDDEN_BY)
+            shows = (measured <= 0) | (np.abs(measured - seen[inside, 2]) < AGREES)
             rows, columns = rows[shows], columns[shows]
-        if len(rows) < LEAST:
+        if len(rows) < max(LEAST, MOST_OF * facing):
             return None
         colors = frame.rgb[rows, columns].astype(np.float64)
         return np.median(np.log(colors + DARK), axis=0)

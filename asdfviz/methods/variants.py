@@ -12,8 +12,7 @@ from asdfviz.methods.asdf_plus import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track import AsdfTrackConfig
 from asdfviz.methods.contests import ContestsConfig
-from asdfviz.methods.contour_fits import ContourConfig
-from asdfviz.methods.drawn_looks import DrawnConfig
+from asdfviz.methods.contour_fits import BY_POINTS, ContourConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import masks_path
@@ -35,7 +34,6 @@ from asdfviz.state.relative_pose import PlaceOdds, RelativePoseConfig
 
 ONE_LOOK = SecondLookConfig(enabled=False)
 STILL = TurnConfig(enabled=False)
-UNDRAWN = TurnConfig(drawn=DrawnConfig(enabled=False))
 UNNAMED = NamesConfig(enabled=False)
 TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
 BLIND = PlaceLooksConfig(enabled=False)
@@ -167,10 +165,10 @@ def _beyond_asdf() -> list[Variant]:
 def _beyond_asdf_plus() -> list[Variant]:
     plus = AsdfPlusConfig()
     deaf = replace(plus.hypotheses, network=0.0)
-    unaware = TurnConfig(table=TurnTableConfig(enabled=False))
+    unaware = replace(BY_POINTS, table=TurnTableConfig(enabled=False))
     contours = {
         "turns without the table": ContourConfig(turns=unaware),
-        "turns by single points": ContourConfig(turns=UNDRAWN),
+        "turns by how they would look": ContourConfig(turns=TurnConfig()),
         "no contours": ContourConfig(enabled=False),
         "contours of single parts": ContourConfig(together=False),
         "nothing turned": ContourConfig(turns=STILL),
@@ -200,7 +198,7 @@ def _beyond_asdf_track() -> list[Variant]:
         "no contests": replace(track, contests=BEST_BOX),
         "no strangers": replace(track, names=TRUSTING),
         "nothing turned": replace(track, turns=STILL),
-        "turns by single points": replace(track, turns=UNDRAWN),
+        "turns by single points": replace(track, turns=BY_POINTS),
         "one look": replace(track, second_look=ONE_LOOK),
         "rivals by picture alone": replace(track, refind=turned),
         "never begun anew": replace(track, refind=stays),
