@@ -18,7 +18,8 @@ from jaxtyping import Bool, Float32, Float64, Int32
 
 from asdfviz.datatypes import Frame, Mesh
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Intrinsics, Points, Transforms
+from asdfviz.geometry.shapes import Intrinsics, Points, Transform, Transforms
+from asdfviz.methods.group_views import grown
 from asdfviz.methods.registration import projected_box
 from asdfviz.pose.table import Table
 from asdfviz.track import raster
@@ -83,7 +84,6 @@ class _Shown:
     """Planar, metres, 0 = none."""
     brightness: Plane
     """Logarithm."""
-    K: Intrinsics
     bare: Plane
     """Depth without the part, metres; not finite where it is not known."""
     rim: Where
@@ -110,47 +110,59 @@ def drawn_looks(
     Returns:
         None where too little of one of them is seen.
     """
-    drawn = _around(frame, mesh, T_camera_parts)
-    if drawn is None:
+    pixels = _pixels_around(frame, mesh, T_camera_parts)
+    if pixels is None:
         return None
-    (x0, y0, x1, y1), planes = drawn
-    shown = _shown(frame, (x0, y0, x1, y1), [z for z, _ in planes], table)
+    x0, y0, x1, y1 = pixels
+    K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
+    planes = [_drawn(mesh, T, K, size_wh=(x1 - x0, y1 - y0)) for T in T_camera_parts]
+    shown = _shown(frame, pixels, K, [z for z, _ in planes], table)
     values = np.zeros(len(planes))
     for k, (z, ids) in enumerate(planes):
-        seen = np.isfinite(z) & ~_is_hidden(shown, z)
+        is_part = np.isfinite(z)
+        surface = np.where(is_part, z, shown.bare)
+        is_hidden = (shown.depth > 0) & (shown.depth < surface - HIDDEN_BY)
+        seen = is_part & ~is_hidden
         if np.count_nonzero(seen) < LEAST:
             return None
         normals = face_normals(mesh, ids[seen], T_camera_parts[k]) @ T_camera_parts[k, :3, :3].T
         uneven = _uneven(shown, seen, normals)
-        gap = _gap(shown, z, smear_px=config.smear * float(frame.camera.K[0, 0]))
-        if gap is None or uneven is None:
+        gap = _gap(shown, surface, is_hidden, smear_px=config.smear * float(K[0, 0]))
+        if gap is None:
             return None
         values[k] = -config.depth * gap - config.shade * uneven
     return values
 
 
-def _around(
+def _pixels_around(
     frame: Frame, mesh: Mesh, T_camera_parts: Transforms
-) -> tuple[tuple[int, int, int, int], list[tuple[Plane, Int32[np.ndarray, "h w"]]]] | None:
-    """The pixels x0 y0 x1 y1 around the poses, and of each the depth (inf = nothing) and the faces drawn."""
+) -> tuple[int, int, int, int] | None:
+    """x0 y0 x1 y1 around the poses; None where they are not in the picture."""
     height, width = frame.rgb.shape[:2]
     boxes = np.stack([projected_box(T, mesh.vertices, frame) for T in T_camera_parts])
     x0, y0 = np.maximum(np.floor(boxes[:, :2].min(axis=0)).astype(int) - EDGE, 0)
     x1, y1 = np.minimum(np.ceil(boxes[:, 2:].max(axis=0)).astype(int) + EDGE + 1, (width, height))
     if min(x1 - x0, y1 - y0) <= 2 * EDGE:
         return None
-    K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
-    planes: list[tuple[Plane, Int32[np.ndarray, "h w"]]] = []
-    for T in T_camera_parts:
-        inverse, ids = raster.new_buffers(int(x1 - x0), int(y1 - y0))
-        raster.draw(mesh, T, K=K, inverse_depth=inverse, ids=ids)
-        z = np.where(inverse > 0, 1.0 / np.maximum(inverse, 1e-9), np.inf)
-        planes.append((z.astype(np.float64), ids))
-    return (int(x0), int(y0), int(x1), int(y1)), planes
+    return int(x0), int(y0), int(x1), int(y1)
+
+
+def _drawn(
+    mesh: Mesh, T_camera_part: Transform, K: Intrinsics, *, size_wh: tuple[int, int]
+) -> tuple[Plane, Int32[np.ndarray, "h w"]]:
+    """Depth of a pose, inf where it is not, and the faces that show."""
+    inverse, ids = raster.new_buffers(*size_wh)
+    raster.draw(mesh, T_camera_part, K=K, inverse_depth=inverse, ids=ids)
+    z = np.where(inverse > 0, 1.0 / np.maximum(inverse, 1e-9), np.inf)
+    return z.astype(np.float64), ids
 
 
 def _shown(
-    frame: Frame, pixels: tuple[int, int, int, int], planes: list[Plane], table: Table | None
+    frame: Frame,
+    pixels: tuple[int, int, int, int],
+    K: Intrinsics,
+    planes: list[Plane],
+    table: Table | None,
 ) -> _Shown:
     """What the frame shows around the poses, and what it would show without the part."""
     x0, y0, x1, y1 = pixels
@@ -159,12 +171,10 @@ def _shown(
         np.zeros((y1 - y0, x1 - x0), np.float32) if frame.depth is None else frame.depth[here]
     )
     any_of_them = np.any(np.isfinite(np.stack(planes)), axis=0)
-    beside = _wider(any_of_them, BESIDE)
-    depth = measured.astype(np.float64)
-    K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
-    bare = _without(measured, beside, K, table)
+    group = any_of_them.astype(np.uint8)
+    bare = _without(measured, grown(group, BESIDE), K, table)
     grey = np.log(frame.rgb[here].astype(np.float64) + DARK).mean(axis=2)
-    return _Shown(depth, grey, K, bare, _wider(any_of_them, RIM))
+    return _Shown(measured.astype(np.float64), grey, bare, grown(group, RIM))
 
 
 def _without(
@@ -182,27 +192,27 @@ def _without(
     return np.where(beside | (measured <= 0), under, measured).astype(np.float64)
 
 
-def _is_hidden(shown: _Shown, z: Plane) -> Where:
-    """Where something nearer than the pose, or than what is there without it, is measured."""
-    surface = np.where(np.isfinite(z), z, shown.bare)
-    return (shown.depth > 0) & (shown.depth < surface - HIDDEN_BY)
-
-
-def _gap(shown: _Shown, z: Plane, *, smear_px: float) -> float | None:
+def _gap(shown: _Shown, surface: Plane, is_hidden: Where, *, smear_px: float) -> float | None:
     """Mean distance between drawn, smeared depth and the measured one, metres.
 
     0 where no depth was measured or nothing is known of what lies behind; None where too little is.
+
+    Args:
+        shown: the picture.
+        surface: depth of the part, and of what is there without it elsewhere.
+        is_hidden: where something nearer is measured.
+        smear_px: deviation of the smear.
     """
     if not np.isfinite(shown.bare).all() or not (shown.depth[shown.rim] > 0).any():
         return 0.0
-    counted = shown.rim & (shown.depth > 0) & ~_is_hidden(shown, z)
+    counted = shown.rim & (shown.depth > 0) & ~is_hidden
     if np.count_nonzero(counted) < LEAST:
         return None
-    drawn = cv2.GaussianBlur(np.where(np.isfinite(z), z, shown.bare), (0, 0), smear_px)
+    drawn = cv2.GaussianBlur(surface, (0, 0), smear_px)
     return float(np.minimum(np.abs(drawn - shown.depth)[counted], LARGEST_GAP).mean())
 
 
-def _uneven(shown: _Shown, seen: Where, normals: Points) -> float | None:
+def _uneven(shown: _Shown, seen: Where, normals: Points) -> float:
     """What a linear function of the normal leaves of the brightness' logarithm, root mean square.
 
     Args:
@@ -230,9 +240,3 @@ def _uneven(shown: _Shown, seen: Where, normals: Points) -> float | None:
         spread = 1.4826 * float(np.median(np.abs(left))) + 1e-3
         weight = 1.0 / (1.0 + (left / (2 * spread)) ** 2)
     return float(np.sqrt(np.minimum(left**2, LARGEST_UNEVEN**2).mean()))
-
-
-def _wider(where: Where, by: int) -> Where:
-    """The same, grown by so many pixels."""
-    side = 2 * by + 1
-    return cv2.dilate(where.astype(np.uint8), np.ones((side, side), np.uint8)) > 0

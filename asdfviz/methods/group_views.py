@@ -10,7 +10,7 @@ import numpy as np
 
 from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.geometry.camera import nearest_pixels
-from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels
+from asdfviz.geometry.shapes import Depth, Intrinsics, Mask, Pixels
 from asdfviz.geometry.transforms import apply
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.state.colors import Look, Looks, color_features, color_ratio
@@ -97,7 +97,7 @@ def measured_in(
         config: what belongs to the ground, and how far colours count.
     """
     group = (covered > 0).astype(np.uint8)
-    around = _grown(group, AROUND) & ~_grown(group, APART)
+    around = grown(group, AROUND) & ~grown(group, APART)
     ground = ground_around(view.depth, view.features, around, config=config.ground)
     if ground is None:
         ground = Ground(np.zeros(view.depth.shape, np.float32), None)
@@ -136,5 +136,6 @@ def learn_colors(
         looks.learn(name, frame.rgb[v[on], u[on]], around=frame.rgb[y, x])
 
 
-def _grown(group: np.ndarray, cells: int) -> np.ndarray:
+def grown(group: np.ndarray, cells: int) -> Mask:
+    """A uint8 mask, grown by so many cells on all sides."""
     return cv2.dilate(group, np.ones((2 * cells + 1, 2 * cells + 1), np.uint8)) > 0

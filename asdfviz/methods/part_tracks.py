@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import TypeAlias
 
 import numpy as np
@@ -246,8 +246,8 @@ class PartTracks:
         """The pose that carries on, or one that is clearly better; one a little better is watched."""
         if not jumps:
             return best
-        jump = max(jumps, key=partial(ahead_of, best))
-        ahead, is_clear = ahead_of(best, jump)
+        leads = [ahead_of(best, jump) for jump in jumps]
+        (ahead, is_clear), jump = max(zip(leads, jumps, strict=True), key=itemgetter(0))
         if ahead > 0.0 and (track.is_new or is_clear):
             track.rival = None
             return jump

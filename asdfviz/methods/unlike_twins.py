@@ -76,7 +76,7 @@ class UnlikeTwins:
             )
             for name in self._others
         }
-        self._known: dict[str, Vector] = {}
+        self._known: dict[str, float] = {}
         self._unlike: dict[str, dict[int, Vector]] = {}
         """Where something unlike was taken for a part, by frame."""
 
@@ -86,12 +86,12 @@ class UnlikeTwins:
         Only as far as light and shadow change it: else it would be another thing.
         """
         for name in self._others.keys() & sure.keys():
-            color = self._color(frame, name, sure[name])
-            if color is None:
-                continue
-            known = self._known.get(name, color)
-            if abs(float((color - known).mean())) < self._config.unlike:
-                self._known[name] = color
+            bright = self._brightness(frame, name, sure[name])
+            if (
+                bright is not None
+                and abs(bright - self._known.get(name, bright)) < self._config.unlike
+            ):
+                self._known[name] = bright
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
@@ -122,19 +122,18 @@ class UnlikeTwins:
 
     def _is_unlike(self, frame: Frame, name: str, T_camera_part: Transform) -> bool:
         known = [self._known[other] for other in self._others[name] if other in self._known]
-        color = self._color(frame, name, T_camera_part) if known else None
-        if color is None:
+        bright = self._brightness(frame, name, T_camera_part) if known else None
+        if bright is None:
             return False
-        told = np.log(self._parts[name].color.astype(np.float64) + DARK)
-        off = abs(float((color - told).mean()))
+        told = float(np.log(self._parts[name].color.astype(np.float64) + DARK).mean())
         return any(
-            abs(float((color - other).mean())) > self._config.unlike
-            and off > abs(float((other - told).mean())) + self._config.stranger
+            abs(bright - other) > self._config.unlike
+            and abs(bright - told) > abs(other - told) + self._config.stranger
             for other in known
         )
 
-    def _color(self, frame: Frame, name: str, T_camera_part: Transform) -> Vector | None:
-        """Median logarithm of what can be seen of a part's surface; None where that is too little."""
+    def _brightness(self, frame: Frame, name: str, T_camera_part: Transform) -> float | None:
+        """Of what can be seen of a part's surface, median logarithm; None where that is too little."""
         points, normals = self._surfaces[name]
         seen: Points = apply(T_camera_part, points)
         is_facing = np.einsum("ni,ni->n", normals @ T_camera_part[:3, :3].T, seen) < 0
@@ -150,4 +149,4 @@ class UnlikeTwins:
         if len(rows) < max(LEAST, MOST_OF * facing):
             return None
         colors = frame.rgb[rows, columns].astype(np.float64)
-        return np.median(np.log(colors + DARK), axis=0)
+        return float(np.median(np.log(colors + DARK), axis=0).mean())

@@ -176,10 +176,7 @@ def _beyond_asdf_plus() -> list[Variant]:
     changed = {
         "unsure poses given": replace(plus, least_score=0.0),
         "first poses know the table": replace(plus, on_table=OnTableConfig()),
-        "names by the detector alone": replace(plus, names=UNNAMED),
-        "no look at places": replace(plus, place_looks=BLIND),
-        "no contests": replace(plus, contests=BEST_BOX),
-        "no strangers": replace(plus, names=TRUSTING),
+        **_common(plus),
         **{title: replace(plus, contours=config) for title, config in contours.items()},
         "one look": replace(plus, second_look=ONE_LOOK),
         "depth alone over time": replace(plus, hypotheses=deaf),
@@ -193,10 +190,7 @@ def _beyond_asdf_track() -> list[Variant]:
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
     changed = {
-        "names by the detector alone": replace(track, names=UNNAMED),
-        "no look at places": replace(track, place_looks=BLIND),
-        "no contests": replace(track, contests=BEST_BOX),
-        "no strangers": replace(track, names=TRUSTING),
+        **_common(track),
         "nothing turned": replace(track, turns=STILL),
         "turns by single points": replace(track, turns=BY_POINTS),
         "one look": replace(track, second_look=ONE_LOOK),
@@ -206,6 +200,16 @@ def _beyond_asdf_track() -> list[Variant]:
         "twins of any colour": replace(track, unlike_twins=UnlikeTwinsConfig(enabled=False)),
     }
     return _rows("asdf_track", track, changed)
+
+
+def _common(config: Any) -> dict[str, Any]:
+    """The pieces that `asdf_plus` and `asdf_track` share, each off."""
+    return {
+        "names by the detector alone": replace(config, names=UNNAMED),
+        "no look at places": replace(config, place_looks=BLIND),
+        "no contests": replace(config, contests=BEST_BOX),
+        "no strangers": replace(config, names=TRUSTING),
+    }
 
 
 def _rows(method: str, config: Any, changed: Mapping[str, Any]) -> list[Variant]:
