@@ -24,8 +24,9 @@ from asdfviz.datatypes import Camera, Frame, Mesh
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.shapes import Transform, Transforms
 from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.track.bodies import Body, centre_of_mass
 from asdfviz.track.presets import PRESETS, TrackerConfig
-from asdfviz.track.tracker import Body, Tracker
+from asdfviz.track.tracker import Tracker
 from asdfviz.track.viewpoint_model import ViewpointConfig, build_viewpoint_model
 
 REFERENCES = {"region": "m3t_region_rbot", "depth": "m3t_depth_ycb", "icg": "m3t_icg_ycb"}
@@ -158,7 +159,9 @@ def measure(
     """
     recording = read_recording(Path(folder))
     model = build_viewpoint_model(recording.mesh, config=views)
-    body = Body(recording.mesh, model, np.zeros(3, np.uint8))
+    body = Body(
+        recording.mesh, model, np.zeros(3, np.uint8), balance=centre_of_mass(recording.mesh)
+    )
     return {
         mode: _measure_mode(recording, body, PRESETS[mode], reference, runs)
         for mode, reference in REFERENCES.items()

@@ -11,7 +11,7 @@ import os
 import statistics
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -92,7 +92,7 @@ def _bodies(assembly: Assembly, known: Mapping[str, Body], count: int) -> dict[s
     bodies: dict[str, Body] = {}
     for k in range(count):
         body = known[names[k % len(names)]]
-        bodies[f"part {k + 1}"] = Body(body.mesh, body.model, colors[k])
+        bodies[f"part {k + 1}"] = replace(body, color=colors[k])
     return bodies
 
 

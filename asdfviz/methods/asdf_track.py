@@ -173,7 +173,7 @@ class AsdfTrack:
         with timed("refind"):
             mine, looks = self._proposals(frame, proposed.poses, scene)
             parts.refind(frame, mine, looks, scene.state)
-            names = scene.twins.changes(parts.tracker.poses)
+            names = scene.twins.changes(parts.tracker.poses, held=parts.joined)
             parts.rename(frame, names)
             self._asdf.rename(names)
             scene.still.rename(names)

@@ -137,7 +137,7 @@ class Follower:
         least = tracker.config.confidence.least_visible
         if tracker.judged(seen) >= config.doubted_below or seen.visible < least:
             return None
-        centre, T_found = self._bodies[name].model.centre, tracker.poses[name]
+        centre, T_found = self._bodies[name].balance, tracker.poses[name]
         place = apply_to_point(T_found, centre)
         T_last = self._paths[name].T_now
         angle = np.deg2rad(config.turn_deg)

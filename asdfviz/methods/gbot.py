@@ -82,7 +82,7 @@ class Gbot:
                 self._step += 1
                 self.rejoin(tracker, assembly)
         self.before_tracking(following, frame, timed)
-        held = [n for n in assembly.steps[self._step].attached if n != assembly.base]
+        held = [n for n in self.attached if n != assembly.base]
         linked = held if assembly.base in tracker.names else []
         poses = following.update(frame, timed, held=linked, base=assembly.base)
         probabilities = np.zeros(len(assembly.states))
@@ -93,6 +93,11 @@ class Gbot:
 
     def before_tracking(self, following: Following, frame: Frame, timed: StageTimer) -> None:
         """Where a method that re-initialises does so; this one does not."""
+
+    @property
+    def attached(self) -> tuple[str, ...]:
+        """Parts that the present step joins, the base among them."""
+        return () if self._assembly is None else self._assembly.steps[self._step].attached
 
     def rejoin(self, tracker: Tracker, assembly: Assembly) -> None:
         """Link the parts as the present step has them, once more after parts were added."""

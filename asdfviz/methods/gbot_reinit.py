@@ -9,7 +9,6 @@ it does.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from operator import attrgetter
 
 from asdfviz.datatypes import (
@@ -23,15 +22,10 @@ from asdfviz.datatypes import (
 )
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
-from asdfviz.methods.first_pose import (
-    CropPoseConfig,
-    CropPoses,
-    FirstPose,
-    LooksAtParts,
-    crop_poses,
-)
-from asdfviz.methods.gbot import Gbot, GbotConfig
-from asdfviz.methods.network import Detects, NetworkConfig, load_detector
+from asdfviz.methods.first_pose import CropPoses, LooksAtParts, crop_poses
+from asdfviz.methods.gbot import Gbot
+from asdfviz.methods.gbot_reinit_config import GbotReinitConfig
+from asdfviz.methods.network import Detects, load_detector
 from asdfviz.methods.part_finder import PartFinder
 from asdfviz.methods.part_poses import (
     PartShape,
@@ -43,62 +37,21 @@ from asdfviz.methods.part_poses import (
 from asdfviz.methods.refinding import QUARTER_TURNS, turned
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
-from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.tracking import Following
+from asdfviz.methods.turn_checks import TurnChecks
 from asdfviz.pose.box_fit import BoxFitConfig
 from asdfviz.pose.icp import IcpConfig
-from asdfviz.pose.pnp import PnpConfig
 from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.joints import deviation
 from asdfviz.state.twins import PlaceNames, renamed
+from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
 ROUGH_ROUNDS = 3
 """Correspondence searches by which the turns of a detected pose are compared."""
 KEPT = 3
 """So many of them are then settled in full."""
-
-
-@dataclass(frozen=True)
-class GbotReinitConfig(GbotConfig):
-    """Options of GBOT with re-initialisation."""
-
-    detector: NetworkConfig = field(default_factory=lambda: NetworkConfig(confidence=0.35))
-    """The network; score as in GBOT's evaluator."""
-    pnp: PnpConfig = field(default_factory=PnpConfig)
-    """From keypoints to a pose."""
-    first_pose: FirstPose | None = None
-    """What the detector's poses come from: keypoints (the paper) or hypotheses (crops around the
-    boxes). Default: hypotheses if crop weights lie beside the assembly (crops.safetensors) or are
-    named and it does not run as published, else keypoints."""
-    crops: CropPoseConfig = field(default_factory=CropPoseConfig)
-    """Poses from crops."""
-    names: NamesConfig = field(default_factory=NamesConfig)
-    """What the crop network makes of boxes; as published, nothing."""
-    every: int = 10
-    """Frames from one re-initialisation to the next."""
-    every_lost: int = 3
-    """The same while a part is lost; as published, `every`."""
-    margin: float = 0.15
-    """A pose of the detector's, settled and turned as need be, must fit the picture better than the
-    tracked one by this (`Trial.score`); as published, it need not."""
-    keep_near: float = 0.05
-    """A tracked pose this near to the detector's (metres) is kept."""
-    keep_angle_deg: float = 20.0
-    """And turned by less than this, degrees; symmetric poses count as the same."""
-    faithful: bool = False
-    """Take every detected pose, as the published code does by a slip."""
-
-    def __post_init__(self) -> None:
-        """As published, poses come from keypoints unless asked otherwise."""
-        if self.first_pose is None and not self.verified:
-            object.__setattr__(self, "first_pose", "keypoints")
-
-    @property
-    def verified(self) -> bool:
-        """Whether the picture decides between the detector's pose and the tracked one."""
-        return not (self.published or self.faithful)
 
 
 class GbotReinit(Gbot):
@@ -123,6 +76,7 @@ class GbotReinit(Gbot):
         self._given_detector, self._given_looker = detector, looker
         self._crop_poses: CropPoses | None = None
         self._finder: PartFinder | None = None
+        self._checks: TurnChecks | None = None
         self._assembly: Assembly | None = None
         self._twins: PlaceNames | None = None
         self._frames = 0
@@ -155,11 +109,17 @@ class GbotReinit(Gbot):
             by_size=options.verified,
         )
         self._frames = 0
+        if self._following is not None:
+            bodies = self._following.bodies
+            self._checks = TurnChecks(assembly.parts, bodies, config=options.turns)
 
     def before_tracking(self, following: Following, frame: Frame, timed: StageTimer) -> None:
-        """Every so many frames, detect and replace what is too far off."""
+        """Every so many frames, detect and replace what is too far off; in all, what is turned."""
         self._frames += 1
         options = self._options
+        if options.verified:
+            with timed("track"):
+                self._turn(following, frame)
         searching = options.verified and following.lost
         if self._frames % (options.every_lost if searching else options.every):
             return
@@ -185,6 +145,17 @@ class GbotReinit(Gbot):
                 tracker.add(frame, new)
                 self.rejoin(tracker, assembly)
             following.placed([*off, *new])
+
+    def _turn(self, following: Following, frame: Frame) -> None:
+        """Turn parts that hang on nothing to how they are."""
+        if self._checks is None:
+            raise MethodError("gbot_reinit: reset() must come before step()")
+        poses, attached = following.tracker.poses, self.attached
+        fixed = attached if len(attached) > 1 else ()  # nothing hangs on a base alone
+        free = {name: T for name, T in poses.items() if name not in fixed}
+        otherwise = self._checks.step(frame, following.tracker, free)
+        following.tracker.replace(frame, otherwise)
+        following.placed(list(otherwise))
 
     def _starts(
         self, found: Mapping[str, Detection], frame: Frame, assembly: Assembly
@@ -258,9 +229,18 @@ class GbotReinit(Gbot):
             )
             best = max(others, key=attrgetter("score"))
             is_sure = best.confidence >= tracker.config.confidence.lost_below
-            if is_sure and best.score > now.score + self._options.margin:
+            is_better = best.score > now.score + self._options.margin
+            if is_sure and is_better and self._looks_so(frame, name, now, best):
                 found[name] = best.T_camera_part
         return found
+
+    def _looks_so(self, frame: Frame, name: str, now: Trial, other: Trial) -> bool:
+        """Whether a part looks like being turned so, or is elsewhere, of which looks say nothing."""
+        T_now, T_other = now.T_camera_part, other.T_camera_part
+        looks = (
+            None if self._checks is None else self._checks.in_favour(frame, name, T_now, T_other)
+        )
+        return looks is None or looks > self._options.looks
 
     def _near(self, T_tracked: Transform, T_seen: Transform, part: Part) -> bool:
         off = deviation(T_seen, T_tracked, center_part=part.middle, symmetries=part.symmetries)

@@ -15,6 +15,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, point_distance
+from asdfviz.methods.disowned import is_disowned
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.place_support import PlaceSupport
@@ -98,6 +99,11 @@ class PartTracks:
         """Where parts last surely were, T_camera_part."""
         return {name: track.T_now for name, track in self.tracks.items() if track.age}
 
+    @property
+    def joined(self) -> frozenset[str]:
+        """Parts that the base held in the last frame."""
+        return frozenset(name for name, track in self.tracks.items() if track.joined)
+
     def out_of_sight(self, frame: Frame, names: frozenset[str]) -> frozenset[str]:
         """Those of some parts that were lost, or are hidden where they are tracked."""
         seen, least = self.tracker.evidence(frame), self._config.hidden_below
@@ -171,9 +177,13 @@ class PartTracks:
     ) -> None:
         """Begin anew where the detector has a part that does not fit, or keeps finding it elsewhere."""
         track = self.tracks[name]
-        if not track.explore and not track.unsure:  # the state holds it
+        settle = partial(self.tracker.trials, frame, name)
+        anew = not track.joined and is_disowned(
+            track, proposal, look, settle, config=self._config.disowned
+        )
+        if not anew and not track.explore and not track.unsure:  # the state holds it
             return
-        is_elsewhere = found_elsewhere(
+        anew = anew or found_elsewhere(
             track,
             proposal,
             proposal.score if look is None else look.detection.score,
@@ -181,8 +191,7 @@ class PartTracks:
             diameter=self._assembly.parts[name].diameter,
             config=self._config.support,
         )
-        settle = partial(self.tracker.trials, frame, name)
-        if is_elsewhere or is_mistaken(track, proposal, settle, config=self._config):
+        if anew or is_mistaken(track, proposal, settle, config=self._config):
             self.tracks[name] = Track(proposal.T_camera_part)
             self.tracker.drop([name])
             self.tracker.add(frame, {name: proposal.T_camera_part})
@@ -197,11 +206,11 @@ class PartTracks:
     ) -> None:
         """Try all starts of one part and put it where it fits best."""
         config, track, tracker = self._config, self.tracks[name], self.tracker
-        centre = self.bodies[name].model.centre
-        on = tracker.trials(frame, name, carried_on(track, proposal, centre=centre))
+        centre, balance = self.bodies[name].model.centre, self.bodies[name].balance
+        on = tracker.trials(frame, name, carried_on(track, proposal, centre=balance))
         best = carried = max(on, key=attrgetter("score"))
         starts = self._joined_places(name, track, state)
-        starts += jumps(track, proposal, look, centre=centre, frames=self._frames, config=config)
+        starts += jumps(track, proposal, look, centre=balance, frames=self._frames, config=config)
         starts = [T for T in starts if self._checks.allows(frame, name, best.T_camera_part, T)]
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)

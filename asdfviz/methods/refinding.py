@@ -23,6 +23,7 @@ from asdfviz.geometry.transforms import (
     rotation_angle,
     transform_from,
 )
+from asdfviz.methods.disowned import DisownedConfig
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.track_memory import Track
@@ -63,6 +64,8 @@ class RefindConfig:
     """where the detector has it with at least this score, 0 to 1,"""
     fits_better: float = 0.3
     """if so much more of it fits depth closely there than where it is tracked, 0 to 1."""
+    disowned: DisownedConfig = field(default_factory=DisownedConfig)
+    """When the networks are believed that it is not as it is tracked."""
     seen: float = 0.7
     """Visible share from which turns are tried."""
     rough_rounds: int = 3
@@ -98,7 +101,7 @@ TILTS = tuple(
 
 
 def turned(T_camera_part: Transform, R: Rotation, *, centre: Vector) -> Transform:
-    """The pose with the part turned in its own axes about its centre."""
+    """The pose with the part turned in its own axes about a point of it."""
     return moved_to(
         transform_from(T_camera_part[:3, :3] @ R, np.zeros(3)),
         apply_to_point(T_camera_part, centre),
@@ -107,7 +110,7 @@ def turned(T_camera_part: Transform, R: Rotation, *, centre: Vector) -> Transfor
 
 
 def moved_to(T_camera_part: Transform, place: Vector, *, centre: Vector) -> Transform:
-    """The pose with the part's centre at a place in the camera frame."""
+    """The pose with that point of the part at a place in the camera frame."""
     R = T_camera_part[:3, :3]
     return transform_from(R, place - R @ centre)
 

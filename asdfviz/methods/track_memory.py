@@ -47,6 +47,8 @@ class Track:
     """Whether other turns of a pose that is sure may be tried."""
     joined: bool = False
     """Whether the base held it in the last frame."""
+    disowned: int = 0
+    """By so many frames more the networks spoke against it than for it."""
     support: PlaceSupport = field(default_factory=PlaceSupport)
     """What the detector says of its place."""
 

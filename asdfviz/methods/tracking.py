@@ -67,7 +67,7 @@ class Following:
         self.tracker = Tracker(bodies, camera, config.settings)
         self.lost: frozenset[str] = frozenset()
         """Parts whose pose was too unsure after the last frame."""
-        self._bodies = bodies
+        self.bodies = bodies
         self._config = config
         self._follower: Follower | None = None
 
@@ -82,7 +82,7 @@ class Following:
         poses = {name: pose.T_camera_part for name, pose in initial.poses.items()}
         self.tracker.start(frame, poses)
         if not self._config.published:
-            self._follower = Follower(self.tracker, self._bodies, self._config.follow)
+            self._follower = Follower(self.tracker, self.bodies, self._config.follow)
 
     def placed(self, names: Collection[str]) -> None:
         """Somebody took these parts in or put them elsewhere."""

@@ -12,42 +12,26 @@ from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float64
 
 from asdfviz.datatypes import Frame, Part
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Rotation, Transform
+from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
-from asdfviz.geometry.transforms import point_distance, rotation_about, rotation_angle
+from asdfviz.geometry.transforms import point_distance, rotation_angle
 from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
-from asdfviz.methods.refinding import QUARTER_TURNS, turned
+from asdfviz.methods.refinding import turned
+from asdfviz.methods.turn_memory import SPUN, TURNS, TurnMemory
 from asdfviz.methods.turn_table import TurnTable, TurnTableConfig
 from asdfviz.track.bodies import Body
 from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
-
-def _turns() -> tuple[Rotation, ...]:
-    """Half turns first, as most parts that are taken for turned are taken end for end; quarter turns;
-    a third and two thirds of those, for what has several lobes; then all that a cube has besides."""
-    axes = np.eye(3)
-    slight = [rotation_about(a, s * np.pi / 6) for s in (1, -1, 2, -2) for a in axes]
-    cube = sorted(
-        QUARTER_TURNS[1:], key=lambda R: (np.count_nonzero(np.diag(R)) < 3, -float(np.trace(R)))
-    )
-    return (*cube[:9], *slight, *cube[9:])
-
-
-TURNS = _turns()
-SPUN = tuple(half @ slight for half in TURNS[:3] for slight in TURNS[9:21])
-"""Taken end for end and turned besides, as what lies on its side or has a handle is."""
 ROUGH = 2
 """Of all of them as many searches tell"""
 SETTLED = 4
 """which ones are settled to the end."""
 OVERLAPPING = 0.6
 """Poses whose centres are nearer than this share of a part's diameter show much the same of the picture."""
-_STACKED = np.stack(TURNS)
 
 
 @dataclass(frozen=True)
@@ -57,17 +41,21 @@ class TurnConfig:
     enabled: bool = True
     """On or off."""
     a_frame: int = 4
-    """Parts that are checked in a frame, one turn of each."""
+    """Parts that are checked in a frame, one turn of each;"""
+    at_first: int = 3
+    """of a pose that is new so many, until each was tried once."""
     visible: float = 0.5
     """Share of the part that must be seen, 0 to 1."""
     lead: float = 0.35
     """A turn is right, or ruled out, that is ahead or behind by this in all;"""
     step: float = 0.12
     """no frame counts for more than this for it: a single one may deceive."""
+    slack: float = 0.03
+    """Taken from what every frame says for it: frames deceive alike as long as nothing moves."""
     remembered: int = 6
     """Turns that a part was in and that were wrong."""
     again: int = 12
-    """Frames after which a turn that was ruled out is tried again."""
+    """Frames after which one that was ruled out is tried again, and those in which the part was."""
     known: int = 6
     """Frames for which it is kept what was found of a pose, while others say that the part is turned."""
     same_deg: float = 20.0
@@ -81,29 +69,12 @@ class TurnConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if self.a_frame < 1 or not 0 < self.step <= self.lead:
+        if min(self.a_frame, self.at_first) < 1 or not 0 < self.step <= self.lead:
             raise MethodError(
-                f"turns.a_frame is {self.a_frame}, step {self.step:g} and lead {self.lead:g}: "
-                "a_frame must be 1 or more, step above 0 and no more than lead"
+                f"turns.a_frame is {self.a_frame}, at_first {self.at_first}, step {self.step:g} and "
+                f"lead {self.lead:g}: a_frame and at_first must be 1 or more, step above 0 and no more "
+                "than lead"
             )
-
-
-@dataclass(slots=True, eq=False)
-class _Turns:
-    """What is known of one part's turns."""
-
-    T_camera_part: Transform
-    """The pose when it was last in it."""
-    lead: Float64[np.ndarray, "turns"] = field(default_factory=lambda: np.zeros(len(TURNS)))
-    """Of each over the pose that is believed."""
-    last: int = -1
-    """That was tried."""
-    rested: int = 0
-    """Frames since the last try."""
-    wrong: list[Rotation] = field(default_factory=list[Rotation])
-    """Turns of it that it was in and that were wrong."""
-    left: int = 0
-    """Frames since it was last in this pose."""
 
 
 class TurnChecks:
@@ -115,7 +86,7 @@ class TurnChecks:
         """Begin a sequence."""
         self._parts, self._bodies, self._config = parts, bodies, config
         self._table = TurnTable(parts, config=config.table)
-        self._turns: dict[str, list[_Turns]] = {}
+        self._turns: dict[str, list[TurnMemory]] = {}
         self._same = float(np.deg2rad(config.same_deg))
         self._first = 0
 
@@ -137,10 +108,7 @@ class TurnChecks:
                 return False
         if name not in self._turns or apart > self._config.same_place:
             return True
-        known = self._turns[name][0]
-        # Turns that are no others, as the part is symmetric, have no lead.
-        out = np.isfinite(known.lead) & (known.lead <= -self._config.lead)
-        wrong = np.concatenate([_STACKED[out], np.reshape(known.wrong, (-1, 3, 3))])
+        wrong = self._turns[name][0].out(self._config.lead)
         if not len(wrong):
             return True
         T_near = nearest_symmetric(T_other, T_now, part.symmetries)
@@ -190,8 +158,8 @@ class TurnChecks:
     def _recall(self, poses: Mapping[str, Transform]) -> None:
         """Begin anew with parts that somebody else turned, unless that pose was known not long ago."""
         for name, T in poses.items():
-            kept: list[_Turns] = []
-            known = _Turns(T)
+            kept: list[TurnMemory] = []
+            known = TurnMemory(T)
             for before in self._turns.get(name, ()):
                 if self._angle(name, before.T_camera_part, T) <= self._same:
                     known = before
@@ -201,39 +169,47 @@ class TurnChecks:
             known.T_camera_part, known.left = T, 0
             self._turns[name] = [known, *kept]
 
-    def _begun(self, name: str, T_wrong: Transform, T_right: Transform) -> _Turns:
+    def _begun(self, name: str, T_wrong: Transform, T_right: Transform) -> TurnMemory:
         """What is known of a part that was turned: it is not as it was, before that neither."""
         R_right_wrong = T_right[:3, :3].T @ T_wrong[:3, :3]
         wrong = [R_right_wrong, *(R_right_wrong @ R for R in self._turns[name][0].wrong)]
         # Where it is right now may have been taken for wrong once.
         far = [R for R in wrong if rotation_angle(R) > self._same]
-        return _Turns(T_right, wrong=far[: self._config.remembered])
+        return TurnMemory(T_right, (*TURNS, *far[: self._config.remembered]))
 
     def _checked(
         self, frame: Frame, tracker: Tracker, name: str, T_now: Transform
     ) -> tuple[Transform, Transform] | None:
         """The part's pose and that in another turn, if that is the right one."""
-        known = self._turns[name][0]
-        turn = self._next(known)
-        if turn is None:
+        known, centre = self._turns[name][0], self._bodies[name].balance
+        turns = self._next(known)
+        starts = [turned(T_now, known.turns[turn], centre=centre) for turn in turns]
+        if not starts:
             return None
-        T_turned = turned(T_now, TURNS[turn], centre=self._bodies[name].model.centre)
-        now, other = tracker.trials(frame, name, [T_now, T_turned])
+        now, *others = tracker.trials(frame, name, [T_now, *starts])
         if now.evidence.visible < self._config.visible:
             return None
-        known.last, known.rested = turn, 0
+        known.last, known.rested = turns[-1], 0
+        known.fresh = max(known.fresh - len(turns), 0)
+        for turn, other in zip(turns, others, strict=True):
+            self._judge(frame, name, known, turn, now, other)
+        lead, turn = max((float(known.lead[turn]), turn) for turn in turns)
+        if lead < self._config.lead:
+            return None
+        other = others[turns.index(turn)]
+        return now.T_camera_part, self._best(frame, tracker, name, now, other)
+
+    def _judge(
+        self, frame: Frame, name: str, known: TurnMemory, turn: int, now: Trial, other: Trial
+    ) -> None:
+        """Note what a frame says for a turn."""
         if self._angle(name, now.T_camera_part, other.T_camera_part) < self._same:
             known.lead[turn] = -np.inf
-            return None
+            return
         # Where the part could be seen and would not be, it is not in this turn.
         is_hidden = other.evidence.visible < self._config.visible
-        ahead = -self._config.step
-        if not is_hidden:
-            ahead = self._ahead(frame, name, now, other)
-        known.lead[turn] += min(ahead, self._config.step)
-        if known.lead[turn] < self._config.lead:
-            return None
-        return now.T_camera_part, self._best(frame, tracker, name, now, other)
+        ahead = -self._config.step if is_hidden else self._ahead(frame, name, now, other)
+        known.lead[turn] += min(ahead, self._config.step) - self._config.slack
 
     def _best(
         self, frame: Frame, tracker: Tracker, name: str, now: Trial, other: Trial
@@ -242,7 +218,7 @@ class TurnChecks:
 
         The first turn that was ahead may only be less wrong.
         """
-        centre = self._bodies[name].model.centre
+        centre = self._bodies[name].balance
         starts = [turned(now.T_camera_part, R, centre=centre) for R in (*TURNS, *SPUN)]
         starts = [T for T in starts if self.allows(frame, name, now.T_camera_part, T)]
         ahead = partial(self._ahead, frame, name, now)
@@ -269,21 +245,21 @@ class TurnChecks:
         looks = drawn_looks(frame, self._parts[name].mesh, both, table=table, config=config)
         return None if looks is None else float(looks[1] - looks[0])
 
-    def _next(self, known: _Turns) -> int | None:
-        """The turn to try: one that is ahead, or the next one that is open; now and then any."""
+    def _next(self, known: TurnMemory) -> list[int]:
+        """The turns to try: one that is ahead, or the next that are open; now and then any."""
         if known.lead.max() > 0:
-            return int(known.lead.argmax())
-        order = (known.last + 1 + np.arange(len(TURNS))) % len(TURNS)
-        for turn in map(int, order):
-            if known.lead[turn] > -self._config.lead:
-                return turn
+            return [int(known.lead.argmax())]
+        order = (known.last + 1 + np.arange(len(known.turns))) % len(known.turns)
+        still_open = [int(turn) for turn in order if known.lead[turn] > -self._config.lead]
+        if still_open:
+            return still_open[: self._config.at_first if known.fresh else 1]
         known.rested += 1
         if known.rested < self._config.again:
-            return None
+            return []
         turn = int(order[0])
-        if np.isfinite(known.lead[turn]):
-            known.lead[turn] = -self._config.lead
-        return turn
+        again = [*(k for k in range(len(TURNS), len(known.turns)) if k != turn), turn]
+        known.lead[again] = np.where(np.isfinite(known.lead[again]), -self._config.lead, -np.inf)
+        return again
 
     def _angle(self, name: str, T_a: Transform, T_b: Transform) -> float:
         """Between two poses of a part, radians; 0 where it looks the same."""

@@ -13,6 +13,8 @@ from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track import AsdfTrackConfig
 from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.contour_fits import BY_POINTS, ContourConfig
+from asdfviz.methods.disowned import DisownedConfig
+from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import masks_path
@@ -33,7 +35,9 @@ from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.relative_pose import PlaceOdds, RelativePoseConfig
 
 ONE_LOOK = SecondLookConfig(enabled=False)
+OWNED = DisownedConfig(enabled=False)
 STILL = TurnConfig(enabled=False)
+COLORLESS = TurnConfig(drawn=DrawnConfig(outline=0.0))
 UNNAMED = NamesConfig(enabled=False)
 TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
 BLIND = PlaceLooksConfig(enabled=False)
@@ -193,8 +197,10 @@ def _beyond_asdf_track() -> list[Variant]:
         **_common(track),
         "nothing turned": replace(track, turns=STILL),
         "turns by single points": replace(track, turns=BY_POINTS),
+        "turns without colours": replace(track, turns=COLORLESS),
         "one look": replace(track, second_look=ONE_LOOK),
         "rivals by picture alone": replace(track, refind=turned),
+        "never disowned": replace(track, refind=replace(track.refind, disowned=OWNED)),
         "never begun anew": replace(track, refind=stays),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
         "twins of any colour": replace(track, unlike_twins=UnlikeTwinsConfig(enabled=False)),

@@ -7,7 +7,7 @@ frame knows besides which of them was where.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from itertools import product
 from typing import Any, TypeVar, cast
@@ -48,12 +48,15 @@ class PlaceNames:
         self._assembly = assembly
         self._groups = [names for names in twin_groups(assembly) if len(names) > 1]
 
-    def changes(self, poses: Mapping[str, Transform]) -> dict[str, str]:
+    def changes(
+        self, poses: Mapping[str, Transform], *, held: Collection[str] = ()
+    ) -> dict[str, str]:
         """From the names to be changed to the new ones: a permutation.
 
         Args:
             poses: T_camera_part of what was found, by the names they go by now; without the base
                 part nothing changes.
+            held: by the base in their places, whatever their poses say: they keep their names.
         """
         base = self._assembly.base
         if not self._groups or base not in poses:
@@ -63,7 +66,9 @@ class PlaceNames:
         for group in self._groups:
             cost = np.full((len(group), len(group)), NEAR)
             for i, name in enumerate(group):
-                if name in poses:
+                if name in held:
+                    cost[i, i] = -NEAR
+                elif name in poses:
                     T_base_part = T_base_camera @ poses[name]
                     cost[i] = [self._distance(T_base_part, place) for place in group]
             changed |= _cheapest(group, cost)

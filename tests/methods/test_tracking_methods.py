@@ -333,6 +333,21 @@ def test_reinit_takes_in_a_part_that_comes_later(scene: Scene, toy, detector) ->
     assert scene.off_mm(said[-1], "block") < 5
 
 
+@pytest.mark.parametrize("checked", [True, False])
+def test_reinit_turns_what_it_follows_end_for_end(scene: Scene, detector, *, checked: bool) -> None:
+    """The block lies with its knob up and is handed over end for end; no detector sees it."""
+    R, centre = np.diag([1.0, -1, -1]), tracking.load_bodies(scene.assembly)["block"].balance
+    wrong = scene.truth[0]["block"]
+    poses = {**scene.truth[0], "block": turned(wrong, R, centre=centre)}
+    config = GbotReinitConfig(turns=TurnConfig(enabled=checked), report_lost=True)
+    method = GbotReinit(config, detector=detector)
+    method.reset(scene.assembly, scene.frames[0].camera, scene.initial("base", "block"))
+    said = [method.step(scene.draw(scene.assembly, poses, i)) for i in range(6)]
+    found = said[-1].poses["block"].T_camera_part
+    angle = rotation_angle(found[:3, :3].T @ poses["block"][:3, :3])
+    assert angle < 0.1 if checked else angle > 2
+
+
 Answers = Callable[[int], bool]
 
 

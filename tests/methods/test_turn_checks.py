@@ -55,7 +55,7 @@ class Lying:
     parts: dict[str, Part]
     bodies: dict[str, Body]
     wrong: Transform
-    """Taken end for end about its middle, so that it stands on the pillar."""
+    """Taken end for end about its centre of mass."""
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def lying(toy, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(tracker, "trials", undecided)
     config = TurnConfig(table=request.param, drawn=DrawnConfig(enabled=False))
     checks = TurnChecks(parts, bodies, config=config)
-    wrong = turned(UPRIGHT, np.diag([1.0, -1, -1]), centre=bodies["base"].model.centre)
+    wrong = turned(UPRIGHT, np.diag([1.0, -1, -1]), centre=bodies["base"].balance)
     return Lying(frame, tracker, checks, parts, bodies, wrong)
 
 

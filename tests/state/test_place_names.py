@@ -55,6 +55,15 @@ def test_names_stay_where_no_place_says_otherwise(pair: Assembly) -> None:
     assert names.changes(unseen_base) == {}
 
 
+def test_what_the_base_holds_keeps_its_name(pair: Assembly) -> None:
+    """Though the other twin comes near its place while its own pose is off, as a hand covers it."""
+    places = pair.steps[-1].T_base_part
+    names = PlaceNames(pair)
+    off = seen(pair, lid=AWAY, lid_Copy=places["lid"])
+    assert names.changes(off) != {}
+    assert names.changes(off, held=("lid",)) == {}
+
+
 def test_twins_are_followed_by_where_they_were(pair: Assembly) -> None:
     names = PlaceNames(pair)
     swapped = {"lid": "lid-Copy", "lid-Copy": "lid"}

@@ -11,7 +11,7 @@ from asdfviz.datatypes import Camera, Frame, Mesh
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.track import raster
-from asdfviz.track.tracker import Body
+from asdfviz.track.bodies import Body, centre_of_mass
 from asdfviz.track.viewpoint_model import ViewpointConfig, ViewpointModel, build_viewpoint_model
 
 SMALL_VIEWS = ViewpointConfig(subdivisions=2, points=200, image_size=400)
@@ -51,7 +51,7 @@ def box_model(box: Mesh) -> ViewpointModel:
 
 @pytest.fixture(scope="session")
 def box_body(box: Mesh, box_model: ViewpointModel) -> Body:
-    return Body(box, box_model, np.array([200, 60, 30], np.uint8))
+    return Body(box, box_model, np.array([200, 60, 30], np.uint8), centre_of_mass(box))
 
 
 @pytest.fixture(scope="session")

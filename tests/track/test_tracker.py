@@ -10,8 +10,9 @@ from asdfviz.datatypes import Camera, Frame, Joint, Mesh, State
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, rotation_about, rotation_angle, transform_from
+from asdfviz.track.bodies import Body, centre_of_mass
 from asdfviz.track.presets import GBOT, PRESETS, YCB_DEPTH, YCB_ICG
-from asdfviz.track.tracker import Body, Tracker
+from asdfviz.track.tracker import Tracker
 from asdfviz.track.viewpoint_model import ViewpointConfig, build_viewpoint_model
 from asdfviz.track.visibility import like_regions, render_silhouettes
 
@@ -29,7 +30,7 @@ def small_body(small_views: ViewpointConfig) -> Body:
     faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
     mesh = Mesh(corners, np.array(faces, np.int32))
     model = build_viewpoint_model(mesh, config=small_views)
-    return Body(mesh, model, np.array([20, 90, 220], np.uint8))
+    return Body(mesh, model, np.array([20, 90, 220], np.uint8), centre_of_mass(mesh))
 
 
 @pytest.mark.parametrize(

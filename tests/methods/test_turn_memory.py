@@ -1,0 +1,82 @@
+"""What is remembered of the turns of a part, and that no verdict is final."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Frame
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
+from asdfviz.methods import tracking
+from asdfviz.methods.drawn_looks import DrawnConfig
+from asdfviz.methods.refinding import turned
+from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
+from asdfviz.methods.turn_memory import SPUN, TURNS, TurnMemory
+from asdfviz.methods.turn_table import TurnTableConfig
+from asdfviz.track.confidence import Evidence
+from asdfviz.track.presets import FINE
+from asdfviz.track.starts import Trial
+from asdfviz.track.tracker import Tracker
+
+BEGUN = transform_from(np.diag([1.0, -1, -1]), np.array([0.0, 0.0, 0.74]))
+
+
+def test_turns_that_are_behind_or_were_wrong_are_out() -> None:
+    odd = rotation_about(np.array([0.0, 0, 1]), 0.8)
+    memory = TurnMemory(BEGUN, (*TURNS, odd))
+    np.testing.assert_array_equal(memory.out(0.35), odd[None])
+    memory.lead[[2, 4, 5]] = -0.4, -0.3, -np.inf
+    np.testing.assert_array_equal(memory.out(0.35), np.stack([TURNS[2], odd]))
+    assert memory.wrong == (odd,)
+
+
+def angle(T_a: Transform, T_b: Transform) -> float:
+    return rotation_angle(T_a[:3, :3].T @ T_b[:3, :3])
+
+
+@pytest.mark.usefixtures("small_models")
+@pytest.mark.parametrize("remembered", [6, 0])
+def test_what_was_taken_for_wrong_is_tried_again(
+    toy, monkeypatch: pytest.MonkeyPatch, *, remembered: int
+) -> None:
+    """No turn that all parts have leads back from end for end and turned besides."""
+    parts = {"base": replace(toy.assembly.parts["base"])}
+    bodies = tracking.load_bodies(replace(toy.assembly, parts=parts))
+    frame = toy.frame(0, {})
+    centre = bodies["base"].balance
+    spun = turned(BEGUN, SPUN[5], centre=centre)
+    seen = {"best": spun, "nearly": turned(BEGUN, TURNS[0], centre=centre)}
+
+    def trials(_: Frame, name: str, starts: list[Transform], **__: object) -> list[Trial]:
+        def fits(T: Transform) -> float:
+            good = {"best": 0.9, "nearly": 0.7}
+            return max([0.3, *(good[k] for k, best in seen.items() if angle(T, best) < 0.1)])
+
+        return [Trial(T, Evidence(0.5, 0.5, 1.0), 0.5, sharp=fits(T)) for T in starts]
+
+    tracker = Tracker(bodies, frame.camera, FINE)
+    monkeypatch.setattr(tracker, "trials", trials)
+    config = TurnConfig(
+        remembered=remembered,
+        table=TurnTableConfig(enabled=False),
+        drawn=DrawnConfig(enabled=False),
+    )
+    checks = TurnChecks(parts, bodies, config=config)
+    pose = BEGUN
+    for _ in range(20):
+        pose = checks.step(frame, tracker, {"base": pose}).get("base", pose)
+    assert angle(pose, spun) < 0.1
+    seen = {"best": BEGUN}
+    for _ in range(40):
+        pose = checks.step(frame, tracker, {"base": pose}).get("base", pose)
+    assert (angle(pose, BEGUN) < 0.1) == (remembered > 0)
+
+
+@pytest.mark.parametrize("at_first", [0, -1])
+def test_how_many_turns_are_tried_at_first_must_be_some(at_first: int) -> None:
+    with pytest.raises(MethodError, match="at_first"):
+        TurnConfig(at_first=at_first)
