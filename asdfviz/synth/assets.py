@@ -58,10 +58,11 @@ def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:
     sleeve_range = range(len(meshes), len(meshes) + len(sleeves))
     meshes += sleeves
     casters = {i: _hand_caster(hand) for i, hand in zip(hand_range, hands, strict=True)}
+    nails = {i: hand.nails for i, hand in zip(hand_range, hands, strict=True)}
     casters |= {i: clustered(meshes[i], CASTER_CELLS[2]) for i in sleeve_range}
     return Assets(
         assembly=assembly,
-        bank=MeshBank.of(meshes, device=device, casters=casters),
+        bank=MeshBank.of(meshes, device=device, casters=casters, marks=nails, rounded=hand_range),
         parts=parts,
         distractors=distractors,
         hands=hand_range,

@@ -184,13 +184,15 @@ def _paint_meshes(
         return
     finish = _finishes(scenes, rays.device)[triangles.instance[face]]
     normal = triangles.normals_at(face, weights)
-    local = (triangles.local[triangles.faces[face]] * weights[:, :, None]).sum(1)
+    corners = triangles.faces[face]
+    local = (triangles.local[corners] * weights[:, :, None]).sum(1)
+    mark = (triangles.marks[corners] * weights).sum(1)
     view = buffer.view.view(-1, 3)[hit]
     normal = torch.where(dot(normal, view) < 0, -normal, normal)
     footprint = fragments.depth * float(length(rays[0, 0, 1] - rays[0, 0, 0]))
     buffer.normal.view(-1, 3)[hit] = normal
     normal, edge = _rounded(buffer, hit, worn_px)
-    color, normal = decorate(finish, local, normal, edge, footprint)
+    color, normal = decorate(finish, local, normal, edge, footprint, mark)
     buffer.normal.view(-1, 3)[hit] = normal
     buffer.albedo.view(-1, 3)[hit] = color.clamp(0.002, 0.95)
     buffer.roughness.view(-1)[hit] = finish[:, 3]

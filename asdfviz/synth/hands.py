@@ -16,6 +16,7 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Mesh
 from asdfviz.geometry.shapes import Points, Vector
 from asdfviz.synth.implicit import mesh_implicit
+from asdfviz.synth.nails import Fingertip, nail_marks
 
 # Anatomy of a grown-up hand of mean size, metres; the palm's frame has its origin at the middle of
 # the knuckles. Base, lengths of three phalanges, radius.
@@ -92,6 +93,8 @@ class HandMesh:
     """Unit vector from the palm to the grasp point, across `pinch`: what is grasped lies that way."""
     gap: float
     """Free width between the fingertips along `pinch`, metres; 0 for hands that hold nothing."""
+    nails: Float64[np.ndarray, "n"]
+    """Mark of each vertex: above 0 on a nail, see `nails.py`."""
 
 
 Cone = tuple[Vector, Vector, float, float]
@@ -142,27 +145,29 @@ def _thumb(target: Vector) -> list[Cone]:
     return cones
 
 
-def _skeleton(grasp: Grasp) -> tuple[list[Cone], Vector]:
-    """All bones in the palm's frame, and the grasp point."""
+def _skeleton(grasp: Grasp) -> tuple[list[Cone], list[Fingertip], Vector]:
+    """All bones in the palm's frame, the last ones of fingers and thumb, and the grasp point."""
     cones: list[Cone] = []
-    tips: list[Vector] = []
+    tips: list[Fingertip] = []
     for k, (base, lengths, radius) in enumerate(_FINGERS):
         side = (1.5 - k) * grasp.spread
         finger = _finger(np.array(base), lengths, radius, grasp.bend[k], side)
         cones += finger
-        tips.append(finger[-1][1])
+        # A bent finger's back looks where the bone before it points.
+        tips.append(_tip(finger, finger[-2][1] - finger[-2][0]))
         knuckle = np.array(base)
         root = _WRIST + np.array([base[0] * 0.55, 0.012, 0.0])
         cones.append((knuckle, root, 0.0115, 0.0145))
     if grasp.gap >= 0:
         # The thumb meets the fingertip from the palm's side, a gap away.
-        target = tips[0] + _PINCH * (grasp.gap + 0.015)
-        origin = (tips[0] + target) / 2
+        target = tips[0].end + _PINCH * (grasp.gap + 0.015)
+        origin = (tips[0].end + target) / 2
     else:
         target = np.array([0.062, 0.004, -0.03])
-        origin = tips[1]
+        origin = tips[1].end
     thumb = _thumb(target)
     cones += thumb
+    tips.append(_tip(thumb, _PINCH))
     cones.append((_THUMB_BASE, _WRIST + np.array([0.012, 0.006, 0.0]), 0.0135, 0.016))
     cones.append((thumb[0][1], np.array([0.018, -0.02, -0.002]), 0.0105, 0.010))
     bend = np.array([0.0, -np.cos(grasp.wrist), np.sin(grasp.wrist)])
@@ -171,7 +176,12 @@ def _skeleton(grasp: Grasp) -> tuple[list[Cone], Vector]:
         middle = wrist + 0.25 * bend + np.array([0.010 * side, 0.0, 0.0])
         cones.append((wrist, middle, 0.0175, 0.034))
         cones.append((middle, middle + 0.3 * bend, 0.034, 0.042))
-    return cones, origin
+    return cones, tips, origin
+
+
+def _tip(finger: list[Cone], towards: Vector) -> Fingertip:
+    start, end, _, radius = finger[-1]
+    return Fingertip(start, end, radius, towards)
 
 
 def _union(cones: list[Cone]) -> Callable[[Points], Float64[np.ndarray, "n"]]:
@@ -202,7 +212,7 @@ def _union(cones: list[Cone]) -> Callable[[Points], Float64[np.ndarray, "n"]]:
 def hand_mesh(index: int) -> HandMesh:
     """The hand of GRASPS[index], meshed once a process."""
     grasp = GRASPS[index]
-    cones, origin = _skeleton(grasp)
+    cones, tips, origin = _skeleton(grasp)
     ends = np.stack([p for a, b, _, _ in cones for p in (a, b)])
     low, high = ends.min(axis=0) - 0.045, ends.max(axis=0) + 0.045
     distance = _union(cones)
@@ -213,7 +223,8 @@ def hand_mesh(index: int) -> HandMesh:
     entry = entry - (entry @ _PINCH) * _PINCH
     entry = entry / np.linalg.norm(entry)
     gap = _free_width(distance, origin) if grasp.gap >= 0 else 0.0
-    return HandMesh(Mesh(mesh.vertices - origin, mesh.faces), along, _PINCH, entry, gap)
+    nails = nail_marks(mesh.vertices, tips)
+    return HandMesh(Mesh(mesh.vertices - origin, mesh.faces), along, _PINCH, entry, gap, nails)
 
 
 def _free_width(distance: Callable[[Points], Float64[np.ndarray, "n"]], origin: Vector) -> float:

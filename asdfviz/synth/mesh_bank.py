@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from typing import Any, cast
@@ -93,6 +93,8 @@ class Triangles:
     """World frame of their image, metres."""
     local: Float32[Tensor, "n 3"]
     """The same in the mesh's own frame."""
+    marks: Float32[Tensor, "n"]
+    """Of the bank."""
     faces: Int64[Tensor, "f 3"]
     instance: Int64[Tensor, "f"]
     """Index of the placed mesh."""
@@ -125,6 +127,8 @@ class MeshBank:
     vertex_ranges: Int64[Tensor, "m 2"]
     """Start and count."""
     face_ranges: Int64[Tensor, "m 2"]
+    marks: Float32[Tensor, "n"]
+    """What is drawn by a mark of its own at each vertex (nails); 0 where nothing is."""
     casters: MeshBank | None = None
     """The same meshes as they throw shadows, fewer triangles; None where they throw their own."""
 
@@ -135,6 +139,8 @@ class MeshBank:
         *,
         device: str = "cpu",
         casters: Mapping[int, Mesh] | None = None,
+        marks: Mapping[int, Float64[np.ndarray, "_"]] | None = None,
+        rounded: Collection[int] = (),
     ) -> MeshBank:
         """Upload meshes; their order gives the indices that `place` takes.
 
@@ -142,29 +148,40 @@ class MeshBank:
             meshes: what is seen.
             device: where to.
             casters: simpler meshes, by index, that throw the shadows of those.
+            marks: a number for each vertex, by index; 0 where a mesh has none.
+            rounded: indices of meshes without an edge, however coarse their faces are.
         """
         keep_freed_memory()
-        normals = [corner_normals(mesh) for mesh in meshes]
-        bank = cls._upload(meshes, normals, device)
+        normals = [
+            corner_normals(mesh, crease=np.pi if i in rounded else CREASE)
+            for i, mesh in enumerate(meshes)
+        ]
+        bank = cls._upload(meshes, normals, device, marks or {})
         if not casters:
             return bank
         # What throws its own shadow has its normals already.
         normals = [corner_normals(casters[i]) if i in casters else n for i, n in enumerate(normals)]
         throwing = [casters.get(i, mesh) for i, mesh in enumerate(meshes)]
-        return replace(bank, casters=cls._upload(throwing, normals, device))
+        return replace(bank, casters=cls._upload(throwing, normals, device, {}))
 
     @classmethod
     def _upload(
-        cls, meshes: Sequence[Mesh], normals: Sequence[Float32[np.ndarray, "_ 3 3"]], device: str
+        cls,
+        meshes: Sequence[Mesh],
+        normals: Sequence[Float32[np.ndarray, "_ 3 3"]],
+        device: str,
+        marks: Mapping[int, Float64[np.ndarray, "_"]],
     ) -> MeshBank:
         counts = np.array([[len(m.vertices), len(m.faces)] for m in meshes])
         starts = np.cumsum(counts, axis=0) - counts
+        each = [marks.get(i, np.zeros(len(mesh.vertices))) for i, mesh in enumerate(meshes)]
         return cls(
             to_tensor(np.concatenate([m.vertices for m in meshes]), device, dtype=torch.float32),
             to_tensor(np.concatenate([m.faces for m in meshes]), device, dtype=torch.int64),
             to_tensor(np.concatenate(normals), device),
             to_tensor(np.stack([starts[:, 0], counts[:, 0]], axis=1), device),
             to_tensor(np.stack([starts[:, 1], counts[:, 1]], axis=1), device),
+            to_tensor(np.concatenate(each), device, dtype=torch.float32),
         )
 
     def place(
@@ -194,6 +211,7 @@ class MeshBank:
         return Triangles(
             vertices,
             local,
+            self.marks.index_select(0, v_source),
             faces,
             f_owner,
             image[f_owner],

@@ -168,7 +168,7 @@ def _nonwoven(rng: np.random.Generator, n: int) -> Map:
     fibres = fibres - np.mean([np.roll(fibres, k, axis=1) for k in (-3, -2, 2, 3)], axis=0)
     fibres = fibres / fibres.std() + 0.6 * fractal(rng, n, base=60, octaves=3, gain=0.9)
     shade = (
-        1 + 0.10 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.022 * (1 + 0.5 * clouds) * fibres
+        1 + 0.03 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.022 * (1 + 0.5 * clouds) * fibres
     )
     return _stack(0.0, 0.0, shade + 0.006 * clouds, (0.000012 * fibres).astype(np.float32))
 

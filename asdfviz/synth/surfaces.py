@@ -21,6 +21,10 @@ SHEEN = (0.60, 0.44, 0.39)
 (fitted to blue and black prints in the paper's recordings)."""
 MOST_SHINY = 0.03
 """Depth of the layers from which on they add no more."""
+NAIL = (0.02, 0.10, 0.14)
+"""By what share a nail is brighter in red, green and blue than the skin about it."""
+FOLD = (0.10, 0.17, 0.18)
+"""And the fold about it darker."""
 NOISE_DEVIATION = 0.03
 """How much the brightness of the map "plain" strays."""
 
@@ -31,6 +35,7 @@ def decorate(
     normal: Float32[Tensor, "p 3"],
     edge: Float32[Tensor, "p"],
     footprint: Float32[Tensor, "p"],
+    mark: Float32[Tensor, "p"],
 ) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p 3"]]:
     """Colour and normal at points of meshes.
 
@@ -40,6 +45,7 @@ def decorate(
         normal: smooth unit normals, world.
         edge: how near an edge of the shape is, 0 to 1.
         footprint: size of a pixel there, metres.
+        mark: of skin: above 0 on a nail, 1 in its middle.
     """
     noise = (macro_map("plain", 0, str(local.device))[2] - 1) / NOISE_DEVIATION
     x, y, z = local.unbind(1)
@@ -54,6 +60,7 @@ def decorate(
         color[skin], normal[skin] = _skin(
             finish[skin], local[skin], normal[skin], color[skin], noise
         )
+        color[skin] = _nails(color[skin], mark[skin])
     return color, normal
 
 
@@ -87,7 +94,9 @@ def _printed(
     streak = 1.1 * streak * (1 + 0.35 * value)
     shown = torch.where(level, 0.10, 0.16) * streak * depth
     # The strands' own gloss is broad, whatever the plastic's colour: violet on blue, brown on black.
-    gloss = depth.clamp(max=MOST_SHINY) * (0.6 + torch.where(level, 0.3, 0.8) * streak).clamp(min=0)
+    gloss = depth.clamp(max=MOST_SHINY) * (0.6 + torch.where(level, 0.2, 0.45) * streak).clamp(
+        min=0
+    )
     color = color * (1 + shown).clamp(min=0.3)[:, None] + gloss[:, None] * color.new_tensor(SHEEN)
     height = finish[:, 6]
     seen = (height / (2 * footprint) - 0.5).clamp(0, 1)
@@ -144,6 +153,14 @@ def _skin(
         + forward * (0.09 * fold + 0.05 * blotch)[:, None]
     )
     return color, unit(normal + uneven * (finish[:, 8:9] / 0.35))
+
+
+def _nails(color: Tensor, mark: Tensor) -> Tensor:
+    """Paler, pinker plates within a darker fold."""
+    plate = (mark / 0.25).clamp(0, 1)[:, None]
+    fold = torch.exp(-(((mark + 0.12) / 0.2) ** 2))[:, None]
+    color = color * (1 + plate * color.new_tensor(NAIL))
+    return color * (1 - fold * color.new_tensor(FOLD))
 
 
 def _cross(a: Float32[Tensor, "p 3"], b: Float32[Tensor, "p 3"]) -> Float32[Tensor, "p 3"]:

@@ -10,7 +10,12 @@ from asdfviz.synth.surfaces import COLUMNS, decorate
 
 
 def _looks(
-    *, depth: float, translucency: float, local: np.ndarray, edge: float = 0.0
+    *,
+    depth: float,
+    translucency: float,
+    local: np.ndarray,
+    edge: float = 0.0,
+    mark: float = -3.0,
 ) -> tuple[Tensor, Tensor]:
     """Looks of a grey surface that faces +x, its layers along z."""
     finish = torch.zeros(len(local), COLUMNS)
@@ -21,7 +26,8 @@ def _looks(
     normal[:, 0] = 1.0
     footprint = torch.full((len(local),), 0.001)
     places = torch.tensor(local, dtype=torch.float32)
-    return decorate(finish, places, normal, torch.full_like(footprint, edge), footprint)
+    rim, marks = torch.full_like(footprint, edge), torch.full_like(footprint, mark)
+    return decorate(finish, places, normal, rim, footprint, marks)
 
 
 def _places(axis: int) -> np.ndarray:
@@ -65,3 +71,16 @@ def test_skin_normals_stay_unit() -> None:
     _, normal = _looks(depth=0.0, translucency=0.35, local=_places(0))
     assert torch.allclose(normal.norm(dim=1), torch.ones(400), atol=1e-5)
     assert float(normal[:, 0].std()) > 1e-4
+
+
+def test_nails_are_paler_than_skin_within_a_darker_fold() -> None:
+    plate, fold, skin = (
+        _looks(depth=0.0, translucency=0.35, local=_places(1), mark=mark)[0].mean(0)
+        for mark in (0.8, -0.1, -3.0)
+    )
+    assert torch.all(plate > skin * 1.01)
+    assert torch.all(fold < skin * 0.95)
+    glove = [
+        _looks(depth=0.0, translucency=0.0, local=_places(1), mark=mark)[0] for mark in (0.8, -3.0)
+    ]
+    assert torch.equal(*glove)
