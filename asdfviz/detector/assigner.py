@@ -96,10 +96,14 @@ def assign(
     """
     eps = 1e-9
     inside = _inside(anchors, strides, targets, nearest=config.nearest)
-    overlaps = ciou(targets.boxes[:, :, None], boxes[:, None]).clamp(min=0) * inside
-    rows = targets.labels[:, :, None].expand(-1, -1, boxes.shape[1])
-    own_scores = scores.transpose(1, 2).gather(1, rows) * inside
-    fit = own_scores**config.alpha * overlaps**config.beta
+    # Few anchors lie in each box: a quarter of a training step went into comparing all with all.
+    image, row, anchor = pairs = inside.nonzero(as_tuple=True)
+    overlap = ciou(targets.boxes[image, row], boxes[image, anchor]).clamp(min=0)
+    own_scores = scores[image, anchor, targets.labels[image, row]]
+    overlaps = torch.zeros_like(inside, dtype=overlap.dtype).index_put_(pairs, overlap)
+    fit = torch.zeros_like(overlaps).index_put_(
+        pairs, own_scores**config.alpha * overlap**config.beta
+    )
 
     best = torch.where(inside, fit, -1.0).topk(min(config.candidates, fit.shape[2]), dim=2).indices
     chosen = torch.zeros_like(inside).scatter_(2, best, True) & inside
