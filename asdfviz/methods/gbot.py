@@ -2,22 +2,31 @@
 
 The state graph is a line: the next step is reached when its new parts come near enough to where it
 has them, and there is no way back. From then on they hang on the base with the freedoms of their
-joints.
+joints. Unless it runs as published, a lost part is sought where the coming steps have it, and a step
+whose parts are lost is passed over once those of a later one are in place.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, StateEstimate
+from asdfviz.datatypes import (
+    Assembly,
+    Camera,
+    Frame,
+    FramePrediction,
+    PoseEstimate,
+    State,
+    StateEstimate,
+)
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.step_places import StepPlaces, StepPlacesConfig
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.tracking import Following, PartTrackerConfig, load_bodies
-from asdfviz.state.joints import deviation
 from asdfviz.track.tracker import Tracker
 
 
@@ -31,6 +40,16 @@ class GbotConfig(PartTrackerConfig):
     angle_deg: float | None = None
     """And turned by less than this, degrees; symmetric poses count as the same. Default: 20 as published,
     else 45, since small parts that hardly show how they are turned are tracked that far off."""
+    places: StepPlacesConfig = field(default_factory=StepPlacesConfig)
+    """Whether lost parts are sought in the places of the coming steps; as published, they are not."""
+    passed_over: int = 5
+    """Frames for which the parts of a later step must be in place before one is passed over whose parts
+    are lost; as published, none is."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if self.passed_over < 1:
+            raise MethodError(f"passed_over is {self.passed_over}, give 1 or more")
 
     @property
     def joins_within(self) -> tuple[float, float]:
@@ -50,7 +69,10 @@ class Gbot:
         self._assembly: Assembly | None = None
         self._following: Following | None = None
         self._initial: FramePrediction | None = None
+        self._places: StepPlaces | None = None
         self._step = 0
+        self._later: dict[int, int] = {}
+        """Frames for which the parts of a later step have been in place."""
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the parts' viewpoint models and keep the start for the first frame.
@@ -62,7 +84,10 @@ class Gbot:
             raise MethodError("gbot needs the poses of the first frame to start from")
         self._initial = initial
         self._assembly = assembly
+        within = self._config.joins_within
+        self._places = StepPlaces(assembly, within, config=self._config.places)
         self._step = 0
+        self._later.clear()
         if initial.state is not None:
             self._step = assembly.states[initial.state.index].completed
         self._following = Following(load_bodies(assembly), camera, self._config)
@@ -78,13 +103,17 @@ class Gbot:
                 following.start(frame, self._initial)
                 self._initial = None
                 self.rejoin(tracker, assembly)
-            if self._reached_next(tracker, assembly):
-                self._step += 1
+            reached = self._reached(following, assembly)
+            if reached != self._step:
+                self._step = reached
+                self._later.clear()
                 self.rejoin(tracker, assembly)
         self.before_tracking(following, frame, timed)
         held = [n for n in self.attached if n != assembly.base]
         linked = held if assembly.base in tracker.names else []
         poses = following.update(frame, timed, held=linked, base=assembly.base)
+        with timed("state"):
+            self._sought(frame, following, poses)
         probabilities = np.zeros(len(assembly.states))
         probabilities[assembly.steps[self._step].index] = 1.0
         return FramePrediction(
@@ -104,28 +133,46 @@ class Gbot:
         if assembly.base in tracker.names:
             tracker.hold(assembly.steps[self._step], base=assembly.base)
 
-    def _reached_next(self, tracker: Tracker, assembly: Assembly) -> bool:
-        """Whether all new parts of the next step are where it has them."""
-        if self._step + 1 >= len(assembly.steps):
+    def _reached(self, following: Following, assembly: Assembly) -> int:
+        """The step that is reached now: the present one, the next, or a later one."""
+        steps, tracker, now = assembly.steps, following.tracker, self._step
+        if assembly.base not in tracker.names:
+            return now
+        between: set[str] = set()
+        for later in range(now + 1, len(steps)):
+            new = set(steps[later].attached) - set(steps[later - 1].attached)
+            in_place = all(self._in_place(name, steps[later], tracker) for name in new)
+            if in_place and later == now + 1:
+                return later
+            if self._config.published or assembly.base in following.lost:
+                return now
+            if in_place and new.isdisjoint(following.lost):
+                self._later[later] = self._later.get(later, 0) + 1
+                return later if self._later[later] >= self._config.passed_over else now
+            self._later.pop(later, None)
+            between |= {name for name in new if not self._in_place(name, steps[later], tracker)}
+            if any(name in tracker.names and name not in following.lost for name in between):
+                return now
+        return now
+
+    def _in_place(self, name: str, state: State, tracker: Tracker) -> bool:
+        """Whether a part is tracked, and where a state has it."""
+        if self._places is None or self._assembly is None or name not in tracker.names:
             return False
-        before, following = assembly.steps[self._step], assembly.steps[self._step + 1]
         poses = tracker.poses
-        new = [name for name in following.attached if name not in before.attached]
-        if assembly.base not in poses or any(name not in poses for name in new):
-            return False
-        T_base_camera = inverse(poses[assembly.base])
-        for name in new:
-            part = assembly.parts[name]
-            off = deviation(
-                T_base_camera @ poses[name],
-                following.T_base_part[name],
-                center_part=part.middle,
-                symmetries=part.symmetries,
-                joint=following.joints.get(name),
-            )
-            if not off.within(*self._config.joins_within):
-                return False
-        return True
+        T_base_part = inverse(poses[self._assembly.base]) @ poses[name]
+        return self._places.is_in_place(name, T_base_part, state)
+
+    def _sought(self, frame: Frame, following: Following, poses: dict[str, PoseEstimate]) -> None:
+        """Put lost parts where they are seen joined."""
+        if self._places is None or self._config.published:
+            return
+        tracker = following.tracker
+        found = self._places.step(frame, tracker, poses, following.lost, self._step)
+        tracker.replace(frame, {name: trial.T_camera_part for name, trial in found.items()})
+        following.placed(list(found))
+        for name, trial in found.items():
+            poses[name] = PoseEstimate(name, trial.T_camera_part, trial.confidence, "tracked")
 
 
 SPEC = MethodSpec(

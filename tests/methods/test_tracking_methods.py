@@ -24,6 +24,7 @@ from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.refinding import RefindConfig, turned
 from asdfviz.methods.registry import available_methods, build_method, find_method
 from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.step_places import StepPlacesConfig
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.track import raster
 from asdfviz.track.presets import FINE, GBOT, RBOT_REGION, TrackerConfig
@@ -260,6 +261,25 @@ def test_gbot_joins_what_is_not_turned_too_far(
     state = method.step(scene.frames[-1]).state
     assert state is not None
     assert state.index == joined
+
+
+@pytest.mark.parametrize("sought", [True, False])
+def test_gbot_finds_what_was_joined_out_of_sight(*, sought: bool, scene: Scene, toy) -> None:
+    """The block lies far off, is carried behind a board and turns up on the base."""
+    base, apart = scene.truth[-1]["base"], toy.poses(joined=False)["block"]
+    left = {"base": base, "block": apart}
+    scene.truth[:5] = [left] * 5
+    scene.truth[5:] = [scene.truth[-1]] * (FRAMES - 5)
+    frames = [scene.draw(scene.assembly, T, i) for i, T in enumerate(scene.truth)]
+    frames[3:5] = map(hidden, frames[3:5])
+    config = GbotConfig(places=StepPlacesConfig(enabled=sought, frames=2))
+    said = play(Gbot(config), replace(scene, frames=frames), scene.initial("base", "block"))
+    states = [p.state.index for p in said if p.state is not None]
+    assert states[:5] == [0] * 5
+    assert states[-1] == sought
+    assert ("block" in said[-1].poses) == sought
+    if sought:
+        assert scene.off_mm(said[-1], "block") < 4
 
 
 def test_gbot_has_its_own_bounds_for_joining_unless_published() -> None:

@@ -1,0 +1,122 @@
+"""Lost parts looked for where the coming steps have them.
+
+Not in the paper. What a hand took out of sight was mostly joined by it, so the assembly itself says
+where a tracker without a detector may look again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import inverse
+from asdfviz.state.joint_places import JointPlaces
+from asdfviz.state.joints import deviation
+from asdfviz.track.starts import Trial
+from asdfviz.track.tracker import Tracker
+
+
+@dataclass(frozen=True)
+class StepPlacesConfig:
+    """When a lost part is believed to have been joined."""
+
+    enabled: bool = True
+    """On or off."""
+    frames: int = 3
+    """It must fit there for so many frames one after the other."""
+    margin: float = 0.3
+    """And better than where it was left by this (`Trial.score`, up to 2)."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if self.frames < 1:
+            raise MethodError(f"places.frames is {self.frames}, give 1 or more")
+
+
+class StepPlaces:
+    """Looks for lost parts in the places of an assembly's steps; one for each sequence."""
+
+    def __init__(
+        self, assembly: Assembly, within: tuple[float, float], *, config: StepPlacesConfig
+    ) -> None:
+        """`within` (metres, degrees) of its place a part counts as joined."""
+        self._assembly = assembly
+        self._within = within
+        self._config = config
+        self._joints = JointPlaces(assembly)
+        self._fitted: dict[str, int] = {}
+
+    def step(
+        self,
+        frame: Frame,
+        tracker: Tracker,
+        poses: Mapping[str, PoseEstimate],
+        lost: Collection[str],
+        done: int,
+    ) -> dict[str, Trial]:
+        """The lost parts that have been seen in their places for long enough, and how they fit there.
+
+        Args:
+            frame: the picture.
+            tracker: holds all parts; nothing is moved.
+            poses: of this frame, the base's among them unless it is not found.
+            lost: parts whose poses are too unsure.
+            done: the step that is reached.
+        """
+        base = self._assembly.base
+        if not self._config.enabled or base not in poses or base in lost:
+            return {}
+        T_camera_base = poses[base].T_camera_part
+        attached = self._assembly.steps[done].attached
+        held = {name: poses[name] for name in attached if name in poses and name not in lost}
+        self._joints.see(T_camera_base, held)
+        found: dict[str, Trial] = {}
+        for name in lost:
+            seen = (
+                None if name in attached else self._seen(frame, tracker, name, T_camera_base, done)
+            )
+            self._fitted[name] = self._fitted.get(name, 0) + 1 if seen is not None else 0
+            if seen is not None and self._fitted[name] >= self._config.frames:
+                found[name] = seen
+        return found
+
+    def _seen(
+        self, frame: Frame, tracker: Tracker, name: str, T_camera_base: Transform, done: int
+    ) -> Trial | None:
+        """How a part fits in the place of a coming step, if it does."""
+        for state in self._coming(name, done):
+            places = [Ts[0] for Ts in self._joints.possible([name], state)]
+            starts = [T_camera_base @ T for T in places]
+            now, *tries = tracker.trials(frame, name, [tracker.poses[name], *starts])
+            best = max(tries, key=attrgetter("score"))
+            is_sure = best.confidence >= tracker.config.confidence.lost_below
+            is_better = best.score > now.score + self._config.margin
+            T_base_part = inverse(T_camera_base) @ best.T_camera_part
+            if is_sure and is_better and self.is_in_place(name, T_base_part, state):
+                return best
+        return None
+
+    def _coming(self, name: str, done: int) -> Iterator[State]:
+        """The steps after this one that have a part in a place that no earlier one has."""
+        known: set[bytes] = set()
+        for state in self._assembly.steps[done + 1 :]:
+            place = state.T_base_part.get(name)
+            if place is not None and name in state.attached and place.tobytes() not in known:
+                known.add(place.tobytes())
+                yield state
+
+    def is_in_place(self, name: str, T_base_part: Transform, state: State) -> bool:
+        """Whether a part is where a state has it."""
+        part = self._assembly.parts[name]
+        off = deviation(
+            T_base_part,
+            state.T_base_part[name],
+            center_part=part.middle,
+            symmetries=part.symmetries,
+            joint=state.joints.get(name),
+        )
+        return off.within(*self._within)
