@@ -64,11 +64,14 @@ def grain(rng: np.random.Generator, height: int, width: int, *, colored: bool) -
         noise = 0.4 * noise + 0.96 * fine + 0.75 * coarse
     if colored:
         # Wide blotches stray between warm and cold, hardly between green and magenta.
-        for step, strength, green in ((4, 0.5, 1.0), (12, 0.45, 0.35)):
+        for step, strength, green in ((4, 0.25, 1.0), (12, 0.33, 0.35)):
             size = (max(2, height // step), max(2, width // step), 3)
             cells = rng.standard_normal(size, dtype=np.float32)
             cells *= np.array([1.0, green, 1.0], np.float32)
             cells = np.asarray(cells - cells.mean(axis=2, keepdims=True), np.float32)
             wide = cv2.resize(cells, (width, height), interpolation=cv2.INTER_CUBIC)
             noise = noise + strength * wide
+        # Cameras smooth colour more than brightness.
+        gray = noise.mean(axis=2, keepdims=True)
+        noise = gray * 1.1 + (noise - gray) * 0.82
     return np.asarray(noise, np.float32)

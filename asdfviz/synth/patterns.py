@@ -16,7 +16,7 @@ from jaxtyping import Float32, Shaped
 from asdfviz.synth.creases import creased
 from asdfviz.synth.fractals import Plane, fractal, unit_axes
 
-FINE = 0.00006
+FINE = 0.00022
 """Height of a drape's fine wrinkles, metres."""
 Map = Float32[np.ndarray, "n n 4"]
 Weight = Shaped[np.ndarray, "n n"] | float
@@ -168,9 +168,11 @@ def _nonwoven(rng: np.random.Generator, n: int) -> Map:
     fibres = fibres - np.mean([np.roll(fibres, k, axis=1) for k in (-3, -2, 2, 3)], axis=0)
     fibres = fibres / fibres.std() + 0.6 * fractal(rng, n, base=60, octaves=3, gain=0.9)
     shade = (
-        1 + 0.03 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.022 * (1 + 0.5 * clouds) * fibres
+        1 + 0.08 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.022 * (1 + 0.5 * clouds) * fibres
     )
-    return _stack(0.0, 0.0, shade + 0.006 * clouds, (0.000012 * fibres).astype(np.float32))
+    # Worn and pressed spots of a few millimetres.
+    spots = 0.026 * fractal(rng, n, base=22, octaves=3, gain=0.9)
+    return _stack(0.0, 0.0, shade + 0.006 * clouds + spots, (0.000012 * fibres).astype(np.float32))
 
 
 def _carpet(rng: np.random.Generator, n: int) -> Map:
