@@ -26,6 +26,10 @@ class TrainCrops:
     """Run folder: checkpoints, pool of crops, log, curve.png and crops.safetensors."""
     validation: tuple[Path, ...] = ()
     """Scene folders with truth, as `asdfviz synth` writes them."""
+    scenes: tuple[Path, ...] = ()
+    """Scene folders with truth whose parts are shown beside rendered ones: nearer to what is asked later."""
+    scene_share: float = 0.4
+    """Share of a batch that is cut out of them."""
     start: Path | None = None
     """Weights to begin with (last.pt or crops.safetensors of another run): what its classes share is
     taken over."""

@@ -22,6 +22,11 @@ class CropTrainConfig:
     validation: tuple[Path, ...] = ()
     """Scene folders with truth whose parts are never trained on; their sequence.json names the
     assembly."""
+    scenes: tuple[Path, ...] = ()
+    """Scene folders with truth whose parts and groups are shown beside rendered crops; their
+    sequence.json names the assembly."""
+    scene_share: float = 0.4
+    """Share of a batch that is cut out of them."""
     start: Path | None = None
     """Checkpoint or crops.safetensors of another run to begin with: what is shared by all classes is
     taken over, and new classes begin at the mean of the old ones."""
@@ -94,6 +99,8 @@ def check_crop_config(config: CropTrainConfig) -> None:
         raise InputError(
             f"learning_rate is {config.learning_rate:g}, give one above 0 and below 1; 0.0015 is usual"
         )
+    if not 0 <= config.scene_share < 1:
+        raise InputError(f"scene_share is {config.scene_share:g}, give one from 0 to below 1")
     least = {"threads": 1, "batch": 2, "grid": 60, "generators": 0, "shard": 16, "pool": 1}
     for name, smallest in least.items():
         if getattr(config, name) < smallest:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from jaxtyping import Float32, Int64, UInt8
+from jaxtyping import Bool, Float32, Int64, UInt8
 from torch import Tensor
 from torch.nn.functional import conv2d, pad
 
@@ -44,6 +44,8 @@ class Crops:
     T_crop_part: Float32[Tensor, "n 4 4"]
     focal: Float32[Tensor, "n"]
     """Pixels; the principal point is the middle."""
+    outlined: Bool[Tensor, "n"]
+    """Whether it is known where the part is visible."""
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -56,6 +58,10 @@ class Crops:
     def taken(self, rows: Int64[Tensor, "k"]) -> Crops:
         """Some rows."""
         return Crops(*(getattr(self, f.name)[rows] for f in fields(self)))
+
+    def to(self, device: str) -> Crops:
+        """The same on a device."""
+        return Crops(*(getattr(self, f.name).to(device) for f in fields(self)))
 
     def save(self, path: Path) -> None:
         """Write a .npz atomically, not compressed."""
@@ -89,6 +95,7 @@ class CropMaker:
     ) -> None:
         self._drawer = CropDrawer(assemblies, config=config or CropConfig(), device=device)
         self.classes = self._drawer.classes
+        self.labels = self._drawer.labels
 
     def make(
         self, count: int, *, rng: np.random.Generator, labels: Sequence[int] | None = None
@@ -113,6 +120,7 @@ class CropMaker:
                 torch.tensor([s.name for s in scenes], device=device),
                 to_tensor(np.stack([s.T_crop_part for s in scenes]).astype(np.float32), device),
                 torch.tensor([s.focal for s in scenes], dtype=torch.float32, device=device),
+                torch.ones(len(scenes), dtype=torch.bool, device=device),
             )
             made.append(whole.taken(rows))
         return Crops.joined(made)

@@ -42,7 +42,11 @@ def crop_losses(
     likelihood = log_softmax(out.rotations[known].float(), dim=1)
     rotation = -(target[known] * likelihood).sum(1).mean()
     place = smooth_l1_loss(out.place[known].float(), batch.place[known], beta=0.1)
-    outline = binary_cross_entropy_with_logits(out.outline[known].float(), batch.outline[known])
+    drawn = known & ~batch.outline[:, 0, 0].isnan()
+    missed_cells = binary_cross_entropy_with_logits(
+        out.outline[drawn].float(), batch.outline[drawn], reduction="sum"
+    )
+    outline = missed_cells / max(batch.outline[drawn].numel(), 1)
     # Cross-entropy among the states of each group; what shows a part says nothing.
     rows = batch.states >= 0
     own = views.own_states(out.states[rows].float(), batch.labels[rows])

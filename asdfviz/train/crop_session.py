@@ -31,6 +31,7 @@ from asdfviz.train.crop_checkpoint import (
 )
 from asdfviz.train.crop_config import CropTrainConfig, check_crop_config
 from asdfviz.train.crop_data import CropMaker
+from asdfviz.train.crop_found import found_crops, mixed
 from asdfviz.train.crop_losses import LOSSES, crop_losses, misnamed
 from asdfviz.train.crop_pool import CropPool, ShardFolder, await_shards, generating
 from asdfviz.train.crop_scenes import CropConfig
@@ -76,6 +77,9 @@ class CropSession(Sitting):
         self._drawing = DRAWN[config.teach]
         self.maker = CropMaker(self.assemblies, config=self._drawing, device=config.device)
         self.classes = self.maker.classes
+        self.found = (
+            found_crops(config.scenes, self.assemblies, self.classes) if config.scenes else None
+        )
         self.names = [c.name for c in self.classes]
         self.states = group_states(self.classes)
         self.views = ViewMaker(self.classes, grid=config.grid, device=config.device)
@@ -134,7 +138,8 @@ class CropSession(Sitting):
         for group in self.optimizer.param_groups:
             group["lr"] = rate_at(config, self.progress.step, self.share)
         with torch.no_grad():
-            batch = self.views.views(pool.draw(config.batch, rng=self.rng), rng=self.rng)
+            crops = mixed(pool, self.found, maker=self.maker, config=config, rng=self.rng)
+            batch = self.views.views(crops, rng=self.rng)
         losses = self._losses(batch)
         gains = losses.new_tensor(
             [

@@ -6,7 +6,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 import torch
@@ -26,7 +25,6 @@ from asdfviz.train.dataset import load_images
 SEED = 987_654_321
 """Kept apart from those of training."""
 BATCH = 128
-_Rows = TypeVar("_Rows", Crops, Views)
 _Row = tuple[np.ndarray, int, np.ndarray, np.ndarray, float]
 """Picture, class, rotation, place and size of a part in a scene."""
 
@@ -53,7 +51,7 @@ def validation_sets(
     crops, rng = Crops.load(file), np.random.default_rng(SEED)
     starts = range(0, len(crops), BATCH)
     rows = [torch.arange(i, min(i + BATCH, len(crops))) for i in starts]
-    on_device = [_on(crops.taken(part), config.device) for part in rows]
+    on_device = [crops.taken(part).to(config.device) for part in rows]
     sets = {"crops": [views.views(part, rng=rng) for part in on_device]}
     if config.validation:
         scenes = scene_views(config.validation, assemblies, maker.classes)
@@ -117,6 +115,6 @@ def _views(rows: Sequence[_Row]) -> Views:
     )
 
 
-def _on(rows: _Rows, device: str) -> _Rows:
+def _on(rows: Views, device: str) -> Views:
     """The same on a device."""
-    return type(rows)(*(getattr(rows, f.name).to(device) for f in dataclasses.fields(rows)))
+    return Views(*(getattr(rows, f.name).to(device) for f in dataclasses.fields(rows)))

@@ -48,7 +48,7 @@ class Views:
     place: Float32[Tensor, "b 3"]
     """As `CropOutput.place`."""
     outline: Float32[Tensor, "b i j"]
-    """Share of each cell that shows the part."""
+    """Share of each cell that shows the part; NaN where that is not known."""
     sizes: Float32[Tensor, "b"]
     """As `CropNetwork.names` takes them."""
 
@@ -118,7 +118,7 @@ class ViewMaker:
             crops.names,
             _quaternions(R_view_part),
             self._places(R_view_part, t, focal, crops.labels),
-            avg_pool2d(seen, STRIDE)[:, 0],
+            torch.where(crops.outlined[:, None, None], avg_pool2d(seen, STRIDE)[:, 0], torch.nan),
             self._sizes(side, self._middle(R_view_part, t, crops.labels)[:, 2], rng, jitter),
         )
 

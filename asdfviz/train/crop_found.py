@@ -1,0 +1,188 @@
+"""Training crops cut out of scenes: parts and groups on their tables, in hands and under shadows.
+
+Crops that are rendered on their own never repeat, but lack what scenes have around a part. A share of
+these beside them brings the network nearer to what it is asked in use.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from jaxtyping import Int64, UInt8
+
+from asdfviz.data.cameras import read_scene_cameras
+from asdfviz.data.images import read_rgb
+from asdfviz.data.scene_files import find_scene_files
+from asdfviz.data.scene_objects import SceneObject, read_scene_objects
+from asdfviz.datatypes import Assembly, Part
+from asdfviz.detector.crop_classes import (
+    CropClass,
+    class_name,
+    group_name,
+    group_states,
+    state_spans,
+)
+from asdfviz.detector.crop_cut import crop_camera, cut
+from asdfviz.errors import SequenceError
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.shapes import Intrinsics, Rgb, Transform
+from asdfviz.geometry.transforms import apply, transform_from
+from asdfviz.pose.labels import Group, read_groups
+from asdfviz.synth.tensors import to_tensor
+from asdfviz.train.crop_config import CropTrainConfig
+from asdfviz.train.crop_data import LEAST_VISIBLE, CropMaker, Crops
+from asdfviz.train.crop_pool import CropPool
+from asdfviz.train.crop_scenes import STORED_PIXELS
+from asdfviz.train.dataset import shown_subject, subjects_of
+
+NEAREST = 0.05
+"""What comes nearer to the camera than this, metres, is left out."""
+
+
+class _Shown(NamedTuple):
+    """What a crop is cut about."""
+
+    label: int
+    state: int
+    """-1 for a part."""
+    T_camera_part: Transform
+
+
+class _Cut(NamedTuple):
+    shown: _Shown
+    picture: UInt8[np.ndarray, "s s 3"]
+    T_crop_part: Transform
+    focal: float
+
+
+class FoundCrops:
+    """The crops of some scenes, drawn class by class."""
+
+    def __init__(self, crops: Crops) -> None:
+        self.crops = crops
+        labels = crops.labels.cpu().numpy()
+        self._rows = {int(label): np.flatnonzero(labels == label) for label in np.unique(labels)}
+
+    def draw(self, labels: Int64[np.ndarray, "n"], *, rng: np.random.Generator) -> Crops:
+        """A random crop of each of these classes, of any where the scenes show none."""
+        every = np.arange(len(self.crops))
+        rows = [int(rng.choice(self._rows.get(int(label), every))) for label in labels]
+        return self.crops.taken(torch.as_tensor(rows))
+
+
+def mixed(
+    pool: CropPool,
+    found: FoundCrops | None,
+    *,
+    maker: CropMaker,
+    config: CropTrainConfig,
+    rng: np.random.Generator,
+) -> Crops:
+    """The crops of a step: rendered ones, and some cut out of scenes if there are any."""
+    if found is None:
+        return pool.draw(config.batch, rng=rng)
+    cut_out = round(config.scene_share * config.batch)
+    crops = found.draw(maker.labels(rng, cut_out), rng=rng).to(config.device)
+    return Crops.joined([pool.draw(config.batch - cut_out, rng=rng), crops])
+
+
+def found_crops(
+    folders: Sequence[Path], assemblies: Sequence[Assembly], classes: Sequence[CropClass]
+) -> FoundCrops:
+    """Cut out every part that is seen well enough, and what is joined to every base part.
+
+    Args:
+        folders: scene folders with truth; with several assemblies, sequence.json says whose.
+        assemblies: in the order of the network's.
+        classes: `crop_classes` of them.
+
+    Raises:
+        SequenceError: a folder is broken, shows none of the assemblies, or nothing is seen in any.
+    """
+    subjects = subjects_of(assemblies)
+    cuts: list[_Cut] = []
+    for folder in folders:
+        assembly = shown_subject(folder, subjects).assembly
+        files, cameras = find_scene_files(folder), read_scene_cameras(folder / "scene_camera.json")
+        objects, groups = read_scene_objects(folder), read_groups(folder)
+        for index in files.rgb:
+            if index not in objects or index not in cameras:
+                continue
+            shown = [*_shown(assembly, classes, objects[index], groups.get(index, ()))]
+            rgb = read_rgb(files.rgb[index]) if shown else None
+            for one in shown:
+                made = None if rgb is None else _cut(rgb, cameras[index].K, one, classes)
+                cuts += [] if made is None else [made]
+    if not cuts:
+        raise SequenceError(f"no part is seen in {[str(f) for f in folders]}")
+    return FoundCrops(_crops(cuts))
+
+
+def _shown(
+    assembly: Assembly,
+    classes: Sequence[CropClass],
+    objects: Sequence[SceneObject],
+    groups: Sequence[Group],
+) -> Iterator[_Shown]:
+    """The parts of a frame, and the groups that hold a base part."""
+    number = {c.name: place for place, c in enumerate(classes)}
+    parts = [_part_of(assembly, item) for item in objects]
+    for part, item in zip(parts, objects, strict=True):
+        if part is not None and _is_seen(item):
+            yield _Shown(number[class_name(assembly, part)], -1, item.T_camera_object)
+    names = {s.name for s in assembly.states}
+    group = number[group_name(assembly)]
+    first = state_spans(group_states(classes))[group_name(assembly)].start
+    for held in groups:
+        for place in held.members or ():
+            part = parts[place]
+            is_base = part is not None and part.name == assembly.base
+            if is_base and held.state in names and _is_seen(objects[place]):
+                state = first + classes[group].states.index(held.state)
+                yield _Shown(group, state, objects[place].T_camera_object)
+
+
+def _part_of(assembly: Assembly, item: SceneObject) -> Part | None:
+    parts = assembly.parts.values()
+    return next((p for p in parts if item.obj_id in (p.name, p.obj_id)), None)
+
+
+def _is_seen(item: SceneObject) -> bool:
+    return item.visible is None or item.visible >= LEAST_VISIBLE
+
+
+def _cut(rgb: Rgb, K: Intrinsics, shown: _Shown, classes: Sequence[CropClass]) -> _Cut | None:
+    """The crop about a true box, wider than the network's input so that it can be rolled."""
+    corners = apply(shown.T_camera_part, classes[shown.label].corners)
+    if corners[:, 2].min() < NEAREST:
+        return None
+    pixels = project(corners, K)
+    camera = crop_camera(np.concatenate([pixels.min(axis=0), pixels.max(axis=0)]), K)
+    center = (STORED_PIXELS - 1) / 2
+    K_stored = camera.K.copy()
+    K_stored[:2, 2] = center
+    picture = cut(rgb, replace(camera, K=K_stored), K, side=STORED_PIXELS)
+    T_crop_camera = transform_from(camera.R_camera_crop.T, np.zeros(3))
+    return _Cut(shown, picture, T_crop_camera @ shown.T_camera_part, float(camera.K[0, 0]))
+
+
+def _crops(cuts: Sequence[_Cut]) -> Crops:
+    labels = torch.tensor([c.shown.label for c in cuts])
+    states = torch.tensor([c.shown.state for c in cuts])
+    pictures = np.zeros((len(cuts), 4, STORED_PIXELS, STORED_PIXELS), np.uint8)
+    for row, one in zip(pictures, cuts, strict=True):
+        row[:3] = one.picture.transpose(2, 0, 1)
+    return Crops(
+        torch.from_numpy(pictures),  # pyright: ignore[reportUnknownMemberType] - untyped in torch
+        labels,
+        states,
+        torch.where(states < 0, labels, -1),
+        to_tensor(np.stack([c.T_crop_part for c in cuts]).astype(np.float32), "cpu"),
+        torch.tensor([c.focal for c in cuts], dtype=torch.float32),
+        torch.zeros(len(cuts), dtype=torch.bool),
+    )
