@@ -29,6 +29,8 @@ class TrainMasks:
     """Scene folders with masks that are never trained on."""
     weights: Path | None = None
     """Of the detector. Default: those that methods take for the first assembly."""
+    start: Path | None = None
+    """masks.safetensors to begin with, also of another detector: a new one wants masks of its own."""
     minutes: float = 30.0
     """Budget, earlier sittings counted in."""
     batch: int = 4
@@ -59,6 +61,7 @@ class TrainMasks:
             data=self.data,
             output=self.out,
             validation=self.validation,
+            start=self.start,
             minutes=self.minutes,
             batch=self.batch,
             threads=self.threads,

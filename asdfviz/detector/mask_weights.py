@@ -61,14 +61,24 @@ def load_masks(path: Path, *, detector: Path) -> LoadedMasks:
             f"no mask weights at '{path}': train them with `asdfviz train-masks --weights "
             f"{detector}`, or choose a method without segmentation"
         )
-    tensors, metadata = read_tensors(
-        path, format=FORMAT, otherwise="it does not hold a mask branch"
-    )
-    if metadata.get("detector") != file_sha256(detector):
+    loaded, grown_on = read_branch(path)
+    if grown_on != file_sha256(detector):
         raise WeightsError(
             f"'{path}' was trained on the features of other weights than '{detector}': a mask "
             "branch fits its own detector alone; train one with `asdfviz train-masks`"
         )
+    return loaded
+
+
+def read_branch(path: Path) -> tuple[LoadedMasks, str | None]:
+    """Read a mask branch whatever its detector, and the SHA-256 of that.
+
+    Raises:
+        WeightsError: a corrupt file, or one that is missing.
+    """
+    tensors, metadata = read_tensors(
+        path, format=FORMAT, otherwise="it does not hold a mask branch"
+    )
     try:
         classes = tuple(str(name) for name in json.loads(metadata["classes"]))
         channels = tuple(int(c) for c in json.loads(metadata["channels"]))
@@ -80,4 +90,4 @@ def load_masks(path: Path, *, detector: Path) -> LoadedMasks:
     if not all(bool(torch.isfinite(v).all()) for v in tensors.values() if v.is_floating_point()):
         raise WeightsError(f"'{path}' holds numbers that are not finite: the training diverged")
     branch.eval()
-    return LoadedMasks(branch, classes)
+    return LoadedMasks(branch, classes), metadata.get("detector")

@@ -99,6 +99,12 @@ def read_groups(folder: Path) -> dict[int, tuple[Group, ...]]:
     return frames
 
 
+def part_of(assembly: Assembly, item: SceneObject) -> Part | None:
+    """The part of an assembly that an object is; None for another thing."""
+    parts = assembly.parts.values()
+    return next((p for p in parts if item.obj_id in (p.name, p.obj_id)), None)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Labeller:
     """Makes the labels of one picture."""
@@ -113,7 +119,7 @@ class Labeller:
         self, objects: tuple[SceneObject, ...], groups: tuple[Group, ...]
     ) -> tuple[LabelledObject, ...]:
         """Label every part, and every group of joined parts, that is seen well enough."""
-        parts = [self._part_of(item) for item in objects]
+        parts = [part_of(self.subject.assembly, item) for item in objects]
         pairs = zip(parts, objects, strict=True)
         found = [self._part_label(part, item) for part, item in pairs if part is not None]
         found += [self._state_label(objects, group) for group in groups]
@@ -121,10 +127,6 @@ class Labeller:
 
     def _label(self, name: str) -> int:
         return self.subject.first_label + self.subject.assembly.detector_classes.index(name)
-
-    def _part_of(self, item: SceneObject) -> Part | None:
-        parts = self.subject.assembly.parts.values()
-        return next((p for p in parts if item.obj_id in (p.name, p.obj_id)), None)
 
     def _part_label(self, part: Part, item: SceneObject) -> LabelledObject | None:
         visible = 1.0 if item.visible is None else item.visible
@@ -158,7 +160,7 @@ class Labeller:
             return None
         outlines: list[np.ndarray] = []
         for member in members:
-            part = self._part_of(member)
+            part = part_of(self.subject.assembly, member)
             outline = None if part is None else self._outline(part.name, member.T_camera_object)
             if outline is None:
                 return None

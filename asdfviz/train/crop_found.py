@@ -19,7 +19,7 @@ from asdfviz.data.cameras import read_scene_cameras
 from asdfviz.data.images import read_rgb
 from asdfviz.data.scene_files import find_scene_files
 from asdfviz.data.scene_objects import SceneObject, read_scene_objects
-from asdfviz.datatypes import Assembly, Part
+from asdfviz.datatypes import Assembly
 from asdfviz.detector.crop_classes import (
     CropClass,
     class_name,
@@ -32,7 +32,7 @@ from asdfviz.errors import SequenceError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Intrinsics, Rgb, Transform
 from asdfviz.geometry.transforms import apply, transform_from
-from asdfviz.pose.labels import Group, read_groups
+from asdfviz.pose.labels import Group, part_of, read_groups
 from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import LEAST_VISIBLE, CropMaker, Crops
@@ -131,7 +131,7 @@ def _shown(
 ) -> Iterator[_Shown]:
     """The parts of a frame, and the groups that hold a base part."""
     number = {c.name: place for place, c in enumerate(classes)}
-    parts = [_part_of(assembly, item) for item in objects]
+    parts = [part_of(assembly, item) for item in objects]
     for part, item in zip(parts, objects, strict=True):
         if part is not None and _is_seen(item):
             yield _Shown(number[class_name(assembly, part)], -1, item.T_camera_object)
@@ -145,11 +145,6 @@ def _shown(
             if is_base and held.state in names and _is_seen(objects[place]):
                 state = first + classes[group].states.index(held.state)
                 yield _Shown(group, state, objects[place].T_camera_object)
-
-
-def _part_of(assembly: Assembly, item: SceneObject) -> Part | None:
-    parts = assembly.parts.values()
-    return next((p for p in parts if item.obj_id in (p.name, p.obj_id)), None)
 
 
 def _is_seen(item: SceneObject) -> bool:

@@ -23,6 +23,8 @@ class MaskTrainConfig:
     """Run folder: checkpoint, log, curve, masks.safetensors and .json."""
     validation: tuple[Path, ...] = ()
     """Scene folders that are never trained on."""
+    start: Path | None = None
+    """masks.safetensors of another run, also beside another detector, to begin with."""
     minutes: float = 30.0
     """Budget, wall clock, resumed runs counted together."""
     steps: int | None = None

@@ -22,6 +22,7 @@ from asdfviz.detector.detector import Detector, DetectorConfig
 from asdfviz.detector.head import decode_boxes
 from asdfviz.detector.joint import SEPARATOR, joint_classes
 from asdfviz.detector.mask_branch import MaskBranch
+from asdfviz.detector.mask_weights import read_branch
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import WeightsError
@@ -79,7 +80,7 @@ class MaskSession(Sitting):
         self.detector.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
         self.images = load_mask_images(config.data, assemblies)
         self.unseen = load_mask_images(config.validation, assemblies) if config.validation else ()
-        self.branch = MaskBranch(self._channels()).to(config.device)
+        self.branch = self._begun(MaskBranch(self._channels())).to(config.device)
         self.branch.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
         self.optimizer = make_optimizer(
             (self.branch,), learning_rate=config.learning_rate, weight_decay=config.weight_decay
@@ -98,6 +99,16 @@ class MaskSession(Sitting):
             self._budget.before = self.progress.seconds
         columns = ("step", "minutes", "rate", "inputs_per_s", *LOSSES)
         self.log = CsvLog(config.output / "log.csv", columns)
+
+    def _begun(self, branch: MaskBranch) -> MaskBranch:
+        """The branch as another run left it, if one is named."""
+        start = self.config.start
+        if start is None:
+            return branch
+        other = read_branch(start)[0].branch
+        if other.channels != branch.channels:
+            raise WeightsError(f"'{start}' reads features of another size than this detector's")
+        return other
 
     def go(self, report: Callable[[MaskReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False)."""

@@ -19,7 +19,7 @@ from asdfviz.data.resources import sample_folder
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.assigner import Assignment, Targets
 from asdfviz.detector.mask_branch import RawMasks
-from asdfviz.detector.mask_weights import load_masks
+from asdfviz.detector.mask_weights import load_masks, save_masks
 from asdfviz.errors import InputError, SequenceError, WeightsError
 from asdfviz.methods.network import NetworkConfig, weights_path
 from asdfviz.train.log import Meter
@@ -221,3 +221,21 @@ def test_wrong_input_is_told(config: MaskTrainConfig, packs: Path, tmp_path: Pat
     names = ("corner_clamp", "geared_caliper", "vise", "screw_clamp")
     with pytest.raises(WeightsError, match="another run folder"):
         MaskSession(replace(config, detector=joint, assemblies=names))
+
+
+def test_a_run_begins_with_the_branch_of_another_detector(config: MaskTrainConfig) -> None:
+    first = MaskSession(config)
+    other = config.output.with_name("other.safetensors")
+    shutil.copyfile(config.detector, other.with_name("detector.safetensors"))
+    with other.with_name("detector.safetensors").open("ab") as file:
+        file.write(b" ")  # other weights, as their hash goes
+    save_masks(
+        first.branch, other, classes=first.classes, detector=other.with_name("detector.safetensors")
+    )
+    begun = MaskSession(replace(config, start=other, output=config.output.with_name("begun")))
+    halves = {k: v.half().float() for k, v in first.branch.state_dict().items()}
+    for name, value in begun.branch.state_dict().items():
+        assert torch.allclose(value.float(), halves[name].float()), name
+    assert begun.progress.step == 0
+    with pytest.raises(WeightsError, match="gone"):
+        MaskSession(replace(config, start=other.with_name("gone.safetensors")))
