@@ -138,20 +138,19 @@ class Gbot:
         steps, tracker, now = assembly.steps, following.tracker, self._step
         if assembly.base not in tracker.names:
             return now
-        between: set[str] = set()
+        tracked = set(tracker.names) - following.lost
         for later in range(now + 1, len(steps)):
             new = set(steps[later].attached) - set(steps[later - 1].attached)
-            in_place = all(self._in_place(name, steps[later], tracker) for name in new)
-            if in_place and later == now + 1:
+            missing = {name for name in new if not self._in_place(name, steps[later], tracker)}
+            if not missing and later == now + 1:
                 return later
             if self._config.published or assembly.base in following.lost:
                 return now
-            if in_place and new.isdisjoint(following.lost):
+            if not missing and new.isdisjoint(following.lost):
                 self._later[later] = self._later.get(later, 0) + 1
                 return later if self._later[later] >= self._config.passed_over else now
             self._later.pop(later, None)
-            between |= {name for name in new if not self._in_place(name, steps[later], tracker)}
-            if any(name in tracker.names and name not in following.lost for name in between):
+            if not missing.isdisjoint(tracked):
                 return now
         return now
 

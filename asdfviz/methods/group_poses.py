@@ -21,7 +21,7 @@ from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.pose.depth_fit import depth_fit
 from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
-from asdfviz.state.joints import Deviation, deviation
+from asdfviz.state.joints import Deviation, off_place
 
 
 @dataclass(frozen=True)
@@ -221,13 +221,7 @@ class GroupPoses:
         return self._off_of(name, inverse(T_camera_base) @ poses[name].T_camera_part, state)
 
     def _off_of(self, name: str, T_base_part: Transform, state: State) -> Deviation:
-        return deviation(
-            T_base_part,
-            state.T_base_part[name],
-            center_part=self._assembly.parts[name].middle,
-            symmetries=self._assembly.parts[name].symmetries,
-            joint=state.joints.get(name),
-        )
+        return off_place(T_base_part, self._assembly.parts[name], state)
 
     def _agrees(self, off: Deviation) -> bool:
         return off.within(self._config.distance, self._config.angle_deg)

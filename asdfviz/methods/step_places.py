@@ -15,7 +15,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.joint_places import JointPlaces
-from asdfviz.state.joints import deviation
+from asdfviz.state.joints import off_place
 from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
@@ -111,12 +111,5 @@ class StepPlaces:
 
     def is_in_place(self, name: str, T_base_part: Transform, state: State) -> bool:
         """Whether a part is where a state has it."""
-        part = self._assembly.parts[name]
-        off = deviation(
-            T_base_part,
-            state.T_base_part[name],
-            center_part=part.middle,
-            symmetries=part.symmetries,
-            joint=state.joints.get(name),
-        )
+        off = off_place(T_base_part, self._assembly.parts[name], state)
         return off.within(*self._within)

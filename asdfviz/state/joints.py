@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from asdfviz.datatypes import Joint
+from asdfviz.datatypes import Joint, Part, State
 from asdfviz.geometry.shapes import Rotation, Transform, Vector
 from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric
 from asdfviz.geometry.transforms import (
@@ -65,6 +65,17 @@ def deviation(
         if found[-1].angle < CLOSE or joint.turn[0] == joint.turn[1]:
             break
     return min(found, key=lambda off: off.angle)
+
+
+def off_place(T_base_part: Transform, part: Part, state: State) -> Deviation:
+    """Return how far a part in the base part's frame is from where a state that places it has it."""
+    return deviation(
+        T_base_part,
+        state.T_base_part[part.name],
+        center_part=part.middle,
+        symmetries=part.symmetries,
+        joint=state.joints.get(part.name),
+    )
 
 
 def _apart(T_near: Transform, T_allowed: Transform, center_part: Vector) -> Deviation:

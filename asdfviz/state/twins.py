@@ -19,7 +19,7 @@ from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has
 from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, point_distance
-from asdfviz.state.joints import deviation
+from asdfviz.state.joints import off_place
 
 NEAR = 0.015
 """A part this near to a place, metres, is on it."""
@@ -96,17 +96,10 @@ class PlaceNames:
 
     def _distance(self, T_base_part: Transform, name: str) -> float:
         """From the place that belongs to a name, metres, none above NEAR."""
-        done, part = self._assembly.steps[-1], self._assembly.parts[name]
+        done = self._assembly.steps[-1]
         if name not in done.T_base_part:
             return NEAR
-        off = deviation(
-            T_base_part,
-            done.T_base_part[name],
-            center_part=part.middle,
-            symmetries=part.symmetries,
-            joint=done.joints.get(name),
-        )
-        return min(off.distance, NEAR)
+        return min(off_place(T_base_part, self._assembly.parts[name], done).distance, NEAR)
 
 
 def _cheapest(group: tuple[str, ...], cost: Float64[np.ndarray, "n n"]) -> Mapping[str, str]:

@@ -57,10 +57,8 @@ def decorate(
     color = color * (1 + 0.30 * finish[:, 7] * outline)[:, None]
     skin = (finish[:, 8] > 0).nonzero()[:, 0]
     if len(skin) > 0:
-        color[skin], normal[skin] = _skin(
-            finish[skin], local[skin], normal[skin], color[skin], noise
-        )
-        color[skin] = _nails(color[skin], mark[skin])
+        bare, normal[skin] = _skin(finish[skin], local[skin], normal[skin], color[skin], noise)
+        color[skin] = _nails(bare, mark[skin])
     return color, normal
 
 

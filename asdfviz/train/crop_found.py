@@ -6,7 +6,7 @@ these beside them brings the network nearer to what it is asked in use.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -37,6 +37,7 @@ from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import LEAST_VISIBLE, CropMaker, Crops
 from asdfviz.train.crop_pool import CropPool
+from asdfviz.train.crop_render import CENTER
 from asdfviz.train.crop_scenes import STORED_PIXELS
 from asdfviz.train.dataset import shown_subject, subjects_of
 
@@ -72,7 +73,7 @@ class FoundCrops:
         """A random crop of each of these classes, of any where the scenes show none."""
         every = np.arange(len(self.crops))
         rows = [int(rng.choice(self._rows.get(int(label), every))) for label in labels]
-        return self.crops.taken(torch.as_tensor(rows))
+        return self.crops.taken(torch.tensor(rows, dtype=torch.int64))
 
 
 def mixed(
@@ -105,6 +106,8 @@ def found_crops(
         SequenceError: a folder is broken, shows none of the assemblies, or nothing is seen in any.
     """
     subjects = subjects_of(assemblies)
+    number = {c.name: place for place, c in enumerate(classes)}
+    spans = state_spans(group_states(classes))
     cuts: list[_Cut] = []
     for folder in folders:
         assembly = shown_subject(folder, subjects).assembly
@@ -113,7 +116,8 @@ def found_crops(
         for index in files.rgb:
             if index not in objects or index not in cameras:
                 continue
-            shown = [*_shown(assembly, classes, objects[index], groups.get(index, ()))]
+            held = groups.get(index, ())
+            shown = [*_shown(assembly, number, spans, objects[index], held)]
             rgb = read_rgb(files.rgb[index]) if shown else None
             for one in shown:
                 made = None if rgb is None else _cut(rgb, cameras[index].K, one, classes)
@@ -125,26 +129,33 @@ def found_crops(
 
 def _shown(
     assembly: Assembly,
-    classes: Sequence[CropClass],
+    number: Mapping[str, int],
+    spans: Mapping[str, slice],
     objects: Sequence[SceneObject],
     groups: Sequence[Group],
 ) -> Iterator[_Shown]:
-    """The parts of a frame, and the groups that hold a base part."""
-    number = {c.name: place for place, c in enumerate(classes)}
+    """The parts of a frame, and the groups that hold a base part.
+
+    Args:
+        assembly: whose.
+        number: of every class.
+        spans: where the states of each group lie.
+        objects: of the frame.
+        groups: likewise.
+    """
     parts = [part_of(assembly, item) for item in objects]
     for part, item in zip(parts, objects, strict=True):
         if part is not None and _is_seen(item):
             yield _Shown(number[class_name(assembly, part)], -1, item.T_camera_object)
-    names = {s.name for s in assembly.states}
-    group = number[group_name(assembly)]
-    first = state_spans(group_states(classes))[group_name(assembly)].start
+    states = [s.name for s in assembly.states]
+    group = group_name(assembly)
     for held in groups:
         for place in held.members or ():
             part = parts[place]
             is_base = part is not None and part.name == assembly.base
-            if is_base and held.state in names and _is_seen(objects[place]):
-                state = first + classes[group].states.index(held.state)
-                yield _Shown(group, state, objects[place].T_camera_object)
+            if is_base and held.state in states and _is_seen(objects[place]):
+                state = spans[group].start + states.index(held.state)
+                yield _Shown(number[group], state, objects[place].T_camera_object)
 
 
 def _is_seen(item: SceneObject) -> bool:
@@ -158,9 +169,8 @@ def _cut(rgb: Rgb, K: Intrinsics, shown: _Shown, classes: Sequence[CropClass]) -
         return None
     pixels = project(corners, K)
     camera = crop_camera(np.concatenate([pixels.min(axis=0), pixels.max(axis=0)]), K)
-    center = (STORED_PIXELS - 1) / 2
     K_stored = camera.K.copy()
-    K_stored[:2, 2] = center
+    K_stored[:2, 2] = CENTER
     picture = cut(rgb, replace(camera, K=K_stored), K, side=STORED_PIXELS)
     T_crop_camera = transform_from(camera.R_camera_crop.T, np.zeros(3))
     return _Cut(shown, picture, T_crop_camera @ shown.T_camera_part, float(camera.K[0, 0]))

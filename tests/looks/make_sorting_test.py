@@ -230,10 +230,10 @@ def _like_the_real_one(scene: Scene, assets: Assets, rng: np.random.Generator) -
 def _toned(scene: Scene, cloth: Vector) -> Scene:
     """Floor and table as bright as they are beside the drape."""
     drape, table, rim, carpet = scene.grounds
-    blue = drape.colors[0] / linear(_three(cloth))
+    blue = drape.colors[0] / linear(cloth)
     pale = np.minimum(linear(TABLE) * blue, 0.9)
     brown = linear(CARPET) * blue / CARPET_MEAN
-    colors = np.stack([brown, brown * [1.8, 1.65, 1.5], brown * [1.06, 0.86, 0.98]])
+    colors = carpet.colors * (brown / carpet.colors[0])
     return replace(
         scene,
         grounds=(
@@ -243,11 +243,6 @@ def _toned(scene: Scene, cloth: Vector) -> Scene:
             replace(carpet, colors=colors),
         ),
     )
-
-
-def _three(color: Vector) -> tuple[int, int, int]:
-    r, g, b = (round(float(c)) for c in color)
-    return r, g, b
 
 
 def _panels(rng: np.random.Generator) -> tuple[Light, ...]:

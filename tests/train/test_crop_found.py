@@ -96,6 +96,7 @@ def test_a_batch_is_mixed_by_its_share(found: FoundCrops, assembly: Assembly) ->
     batch = mixed(pool, found, maker=maker, config=config, rng=rng)
     assert len(batch) == 20
     assert int((~batch.outlined).sum()) == 6
+    assert len(found.draw(np.array([], np.int64), rng=rng)) == 0
     alone = mixed(pool, None, maker=maker, config=config, rng=rng)
     assert bool(alone.outlined.all())
 
