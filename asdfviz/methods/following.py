@@ -44,6 +44,9 @@ class FollowConfig:
     """Confidence below which a part that can be seen is also tried turned and shifted."""
     turn_deg: float = 20.0
     """By so much about each of its axes, both ways, degrees."""
+    off_depth: float = 0.01
+    """Measured surface so far before or behind that of such a part, metres, is tried as its own: too
+    deep by a little more than the tracker tells from a hand before it, a part looks hidden."""
     margin: float = 0.15
     """A try must fit better by this (`Trial.score`)."""
 
@@ -134,19 +137,35 @@ class Follower:
     def _better(self, name: str, frame: Frame, seen: Evidence) -> Transform | None:
         """Where a pose is in doubt, a better one near it if there is one."""
         config, tracker = self._config, self._tracker
-        least = tracker.config.confidence.least_visible
-        if tracker.judged(seen) >= config.doubted_below or seen.visible < least:
+        if tracker.judged(seen) >= config.doubted_below:
             return None
-        centre, T_found = self._bodies[name].balance, tracker.poses[name]
-        place = apply_to_point(T_found, centre)
-        T_last = self._paths[name].T_now
-        angle = np.deg2rad(config.turn_deg)
-        turns = [rotation_about(axis, sign * angle) for axis in np.eye(3) for sign in (1.0, -1.0)]
-        starts = [turned(T_found, R, centre=centre) for R in turns]
-        starts += [moved_to(T_last, place, centre=centre), T_last]
+        starts = self._off_depth(name, seen)
+        if seen.visible >= tracker.config.confidence.least_visible:
+            starts += self._turned_and_shifted(name)
+        if not starts:
+            return None
         best = max(tracker.trials(frame, name, starts), key=attrgetter("score"))
-        is_better = best.score > Trial(T_found, seen, 0.0).score + config.margin
+        is_better = best.score > Trial(best.T_camera_part, seen, 0.0).score + config.margin
         return best.T_camera_part if is_better else None
+
+    def _off_depth(self, name: str, seen: Evidence) -> list[Transform]:
+        """The pose moved along its ray to where a surface was measured, if that is another place."""
+        if seen.gap is None or abs(seen.gap) < self._config.off_depth:
+            return []
+        centre, T_found = self._bodies[name].balance, self._tracker.poses[name]
+        place = apply_to_point(T_found, centre)
+        return [moved_to(T_found, place * (1 + seen.gap / place[2]), centre=centre)]
+
+    def _turned_and_shifted(self, name: str) -> list[Transform]:
+        """The pose turned to all sides, the last one at its place, and the last one."""
+        centre, T_found = self._bodies[name].balance, self._tracker.poses[name]
+        T_last, angle = self._paths[name].T_now, np.deg2rad(self._config.turn_deg)
+        turns = [rotation_about(axis, sign * angle) for axis in np.eye(3) for sign in (1.0, -1.0)]
+        return [
+            *(turned(T_found, R, centre=centre) for R in turns),
+            moved_to(T_last, apply_to_point(T_found, centre), centre=centre),
+            T_last,
+        ]
 
     def _noted(self, path: _Path, T_found: Transform, sure: float, seen: Evidence) -> bool:
         """Remember where a part was found; whether it is to go back to where it was."""

@@ -49,6 +49,7 @@ class StepPlaces:
         self._config = config
         self._joints = JointPlaces(assembly)
         self._fitted: dict[str, int] = {}
+        """Frames for which each part has fitted, up to the last one."""
 
     def step(
         self,
@@ -68,6 +69,7 @@ class StepPlaces:
             done: the step that is reached.
         """
         base = self._assembly.base
+        fitted_before, self._fitted = self._fitted, {}
         if not self._config.enabled or base not in poses or base in lost:
             return {}
         T_camera_base = poses[base].T_camera_part
@@ -79,8 +81,10 @@ class StepPlaces:
             seen = (
                 None if name in attached else self._seen(frame, tracker, name, T_camera_base, done)
             )
-            self._fitted[name] = self._fitted.get(name, 0) + 1 if seen is not None else 0
-            if seen is not None and self._fitted[name] >= self._config.frames:
+            if seen is None:
+                continue
+            self._fitted[name] = fitted_before.get(name, 0) + 1
+            if self._fitted[name] >= self._config.frames:
                 found[name] = seen
         return found
 

@@ -38,6 +38,9 @@ class Evidence(NamedTuple):
     little is seen, or nothing is known but the frame in which it was begun."""
     measured: bool = True
     """Whether depth was measured on the surface at all; where not, fit says nothing."""
+    gap: float | None = None
+    """How far the measured surface is behind the part's in the middle, hidden or not, metres; None where
+    too little is measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,3 +157,21 @@ def surface_evidence(depth, points, count, T, lens, tolerance, hidden_by, ids, c
         if abs(depth[v, u] - z) < tolerance:
             fitting += 1
     return (fitting / seen if seen > 0 else 0.0), seen / max(asked, 1)
+
+
+@kernel
+@no_type_check
+def depth_gaps(depth, points, count, T, lens):
+    """Return how far measured depth lies behind the first `count` points at pose T, metres.
+
+    Points outside of the image and without measured depth are left out.
+    """
+    height, width = depth.shape
+    gaps = np.empty(count)
+    n = 0
+    for k in range(count):
+        u, v, z = pixel_of(points[k], T, lens, width, height)
+        if z > 0.0 and depth[v, u] > 0.0:
+            gaps[n] = depth[v, u] - z
+            n += 1
+    return gaps[:n]

@@ -13,7 +13,7 @@ from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Transform
 from asdfviz.track import depth_kernels
-from asdfviz.track.confidence import HIDDEN_BY, surface_evidence
+from asdfviz.track.confidence import HIDDEN_BY, depth_gaps, surface_evidence
 from asdfviz.track.gathered_points import GatheredPoints
 from asdfviz.track.region_modality import at_iteration
 from asdfviz.track.viewpoint_model import ViewpointModel, Views
@@ -141,3 +141,12 @@ class DepthModality:
             silhouettes.crop,
             number,
         )
+
+    def gap(self, depth: MaybeDepth, T_camera_centre: Transform, *, views: Views) -> float | None:
+        """Median of how far the measured surface is behind the part's, metres.
+
+        None where less than a quarter of the surface points has measured depth.
+        """
+        count = self._surface.gather(views)
+        gaps = depth_gaps(depth, self._surface.points, count, T_camera_centre, self._lens)
+        return float(np.median(gaps)) if 4 * len(gaps) >= max(count, 1) else None

@@ -110,7 +110,7 @@ class Modalities:
     ) -> Evidence:
         """Return what the picture says of a pose; a modality that is not used says nothing."""
         views = self.model.views(T_camera_centre)
-        contrast, fit, measured = 0.0, 0.0, False
+        contrast, fit, measured, gap = 0.0, 0.0, False, None
         seen: list[float] = []
         if self.region is not None:
             contrast, share = self.region.evidence(
@@ -132,6 +132,7 @@ class Modalities:
                 number=number,
             )
             measured = share > 0
+            gap = self.depth.gap(depth, T_camera_centre, views=views)
             seen.append(share)
         alike = None
         if self.colors is not None and self.frames:  # a pose is like the one it was begun at
@@ -144,7 +145,7 @@ class Modalities:
                 number=number,
             )
         visible = float(np.mean(seen)) if seen else 0.0
-        return Evidence(contrast, fit, visible, alike, measured)
+        return Evidence(contrast, fit, visible, alike, measured, gap)
 
     def close_fit(self, depth: MaybeDepth, T_camera_centre: Transform, tolerance: float) -> float:
         """Share of the seen surface points that depth fits within a tolerance, metres; 0 without."""

@@ -67,7 +67,13 @@ def test_a_lost_part_is_put_where_it_is_seen_joined_for_long_enough(
     really, away.really = away.really, {}
     assert places.step(toy.frame(0), away, poses, LOST, 0) == {}
     away.really = really
-    assert places.step(toy.frame(0), away, poses, LOST, 0) == {}
+    for _ in range(2):
+        assert places.step(toy.frame(0), away, poses, LOST, 0) == {}
+    # So does one for which it is not lost, or the base is.
+    for lost, given in ((frozenset(), poses), (LOST, {})):
+        places.step(toy.frame(0), away, given, lost, 0)
+        for _ in range(2):
+            assert places.step(toy.frame(0), away, poses, LOST, 0) == {}
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from asdfviz.methods.refinding import RefindConfig, turned
 from asdfviz.methods.registry import available_methods, build_method, find_method
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.step_places import StepPlacesConfig
+from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.track import raster
 from asdfviz.track.presets import FINE, GBOT, RBOT_REGION, TrackerConfig
@@ -190,6 +191,24 @@ def test_a_part_that_was_hidden_and_moved_is_not_taken_for_what_lies_there(scene
     )
     assert set(said[2].poses) == {"base", "block"}
     assert all(set(p.poses) == {"base"} for p in said[6:])
+
+
+@pytest.mark.parametrize("tried", [True, False])
+def test_a_part_that_was_taken_too_deep_is_found_on_its_ray(*, tried: bool, scene: Scene) -> None:
+    follow = FollowConfig() if tried else FollowConfig(off_depth=np.inf)
+    bodies = tracking.load_bodies(scene.assembly)
+    following = tracking.Following(
+        bodies, scene.frames[0].camera, tracking.PartTrackerConfig(follow=follow, report_lost=True)
+    )
+    following.start(scene.frames[0], scene.initial("base", "block"))
+    following.update(scene.frames[0], StageTimer())
+    T_deep = following.tracker.poses["block"].copy()
+    T_deep[:3, 3] *= 1 + 0.06 / T_deep[2, 3]  # past what the tracker takes for something before it
+    following.tracker.replace(scene.frames[0], {"block": T_deep})
+    following.placed(["block"])
+    poses = following.update(scene.frames[0], StageTimer())
+    off_mm = scene.off_mm(FramePrediction(0, poses, None), "block")
+    assert off_mm < 3 if tried else off_mm > 20
 
 
 def test_published_settings_are_those_of_the_papers() -> None:

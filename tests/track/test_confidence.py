@@ -9,7 +9,7 @@ import pytest
 from asdfviz.datatypes import Camera, Frame
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.track.confidence import ConfidenceConfig, Evidence, confidence
+from asdfviz.track.confidence import ConfidenceConfig, Evidence, confidence, depth_gaps
 from asdfviz.track.presets import PRESETS
 from asdfviz.track.tracker import Body, Tracker
 
@@ -78,3 +78,13 @@ def test_confidence_grows_with_each_piece_of_evidence() -> None:
     assert confidence(measured, config, has_color=True, has_depth=True) < config.lost_below
     assert confidence(full, config, has_color=True, has_depth=False) > 0.99
     assert confidence(full, config, has_color=False, has_depth=True) > 0.99
+
+
+def test_gaps_are_how_far_the_measured_surface_lies_behind() -> None:
+    wall = np.full((120, 160), 0.5, np.float32)
+    wall[:, :80] = 0.0  # a hole
+    lens = np.array([150.0, 150.0, 79.5, 59.5])
+    points = np.array([[-0.02, 0.0, 0.0], [0.02, 0.0, 0.0], [0.03, 0.01, 0.01], [5.0, 0.0, 0.0]])
+    T = transform_from(np.eye(3), np.array([0.0, 0.0, 0.48]))
+    gaps = depth_gaps(wall, points, len(points), T, lens)
+    np.testing.assert_allclose(gaps, [0.02, 0.01], atol=1e-6)
