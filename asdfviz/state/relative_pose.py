@@ -29,7 +29,9 @@ so: then a part as far from the base as it should be speaks for the joined state
 rotation, though less than one that fits. With scores of 1 the full pose alone decides. A part far
 from its place speaks against the states that join it, one at its place against those that do not,
 and one bad pose never vetoes. Symmetric parts are compared by the nearest symmetric pose, free joints
-by what is left outside their freedom. Missing parts speak neither for nor against. Parts are taken as
+by what is left outside their freedom. Missing parts speak neither for nor against, and of twins (parts
+of one mesh) it does not show which one is missing: under every state those that were found are the ones
+as which they fit it best. Parts are taken as
 independent given the state; the power `1 / temperature` makes up for small errors of the base pose,
 which they share.
 
@@ -38,12 +40,14 @@ The paper compares relative poses with the known ones and gives no formula; this
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import Assembly, Joint, PoseEstimate
 from asdfviz.errors import MethodError
@@ -51,6 +55,7 @@ from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.half_done import ways_half_done
 from asdfviz.state.joints import deviation
+from asdfviz.state.twins import twin_groups
 
 
 @dataclass(frozen=True)
@@ -145,16 +150,18 @@ def relative_pose_probabilities(
         return None
     T_base_camera = inverse(base.T_camera_part)
     logs, alone = dict[str, Scores](), 0.0
-    for name, estimate in poses.items():
-        places = _places(assembly, name) if name != assembly.base else ()
-        if places:
-            T_base_part = T_base_camera @ estimate.T_camera_part
-            doubt = 1.0 - float(np.clip(base.score * estimate.score, 0.0, 1.0))
-            astray = config.doubted * (1.0 - config.in_place.probability(estimate.score))
-            outliers = max(config.outliers + (1.0 - config.outliers) * astray, _LEAST)
-            fits, apart = _fits(T_base_part, name, places, assembly, doubt=doubt, config=config)
-            logs[name] = np.log(outliers + (1.0 - outliers) * fits)
-            alone += math.log(outliers + (1.0 - outliers) * apart)
+    for group in _twins(assembly):
+        twins = [name for name in group if name != assembly.base]
+        found = {
+            name: (T_base_camera @ poses[name].T_camera_part, poses[name].score)
+            for name in twins
+            if name in poses
+        }
+        places = {name: _places(assembly, name) for name in twins} if found else {}
+        if any(places.values()):
+            told, apart = _told(found, places, assembly, score_base=base.score, config=config)
+            logs |= told
+            alone += apart
     if not logs:
         return None
     joined = _also_half_done(logs, assembly, share=config.half_done)
@@ -162,6 +169,49 @@ def relative_pose_probabilities(
     log_likelihood = np.logaddexp(math.log(there) + joined, math.log(1.0 - there) + alone)
     odds = np.exp((log_likelihood - log_likelihood.max()) / config.temperature)
     return odds / odds.sum()
+
+
+def _told(
+    found: Mapping[str, tuple[Transform, float]],
+    places: Mapping[str, tuple[_Place, ...]],
+    assembly: Assembly,
+    *,
+    score_base: float,
+    config: RelativePoseConfig,
+) -> tuple[dict[str, Scores], float]:
+    """Log-likelihood of every state by each found twin (T_base_part, score), and as if none were joined.
+
+    Which twin is which does not show: under every state they have the names that fit best.
+    """
+    everything: list[list[Scores]] = []
+    alone = 0.0
+    for T_base_part, score in found.values():
+        doubt = 1.0 - float(np.clip(score_base * score, 0.0, 1.0))
+        astray = config.doubted * (1.0 - config.in_place.probability(score))
+        outliers = max(config.outliers + (1.0 - config.outliers) * astray, _LEAST)
+        fits = [
+            _fits(T_base_part, name, of, assembly, doubt=doubt, config=config)
+            for name, of in places.items()
+        ]
+        apart = min(away for _, away in fits)
+        alone += math.log(outliers + (1.0 - outliers) * apart)
+        shares = [np.where(np.isnan(fit), apart, fit) for fit, _ in fits]
+        everything.append([np.log(outliers + (1.0 - outliers) * share) for share in shares])
+    told = np.array(everything)
+    if len(places) == 1:
+        return {name: told[i, 0] for i, name in enumerate(found)}, alone
+    best = np.empty((len(found), told.shape[2]))
+    assign = cast(Any, optimize).linear_sum_assignment
+    for state in range(told.shape[2]):
+        rows, columns = assign(-told[:, :, state])
+        best[rows, state] = told[rows, columns, state]
+    return {name: best[i] for i, name in enumerate(found)}, alone
+
+
+@functools.lru_cache(maxsize=8)
+def _twins(assembly: Assembly) -> tuple[tuple[str, ...], ...]:
+    """Comparing meshes in every frame would take long."""
+    return twin_groups(assembly)
 
 
 def _also_half_done(logs: Mapping[str, Scores], assembly: Assembly, *, share: float) -> Scores:
@@ -204,7 +254,10 @@ def _fits(
     doubt: float,
     config: RelativePoseConfig,
 ) -> tuple[Scores, float]:
-    """How well one part fits every state, plainly wrong poses aside, and how well none that joins it."""
+    """How well one part fits every state that places it (NaN: others), and how well none that joins it.
+
+    Plainly wrong poses aside.
+    """
     part = assembly.parts[name]
     center, center_base = part.middle, assembly.parts[assembly.base].middle
     reach = np.linalg.norm(_moved(T_base_part, center) - center_base)
@@ -224,8 +277,7 @@ def _fits(
         u, v = config.wrong_rotations * doubt, 1.0 - doubt
         fit_of_state[list(place.states)] = (1.0 - u) * fit + u * near
         best = max(best, (1.0 - v) * near + v * fit)
-    apart = max(1.0 - best, 0.0)
-    return np.where(np.isnan(fit_of_state), apart, fit_of_state), apart
+    return fit_of_state, max(1.0 - best, 0.0)
 
 
 def _bell(x: float | np.floating[Any]) -> float:

@@ -210,3 +210,20 @@ def test_a_step_of_which_one_part_is_still_out_is_not_done(place: Callable, firs
     both = fitting(caliper, place(scene(caliper, done)))
     assert both is not None
     assert both[done] > 3 * both[before]
+
+
+@pytest.mark.parametrize("named", ["rod", "rod-Copy"])
+def test_of_twins_it_does_not_show_which_one_is_missing(place: Callable, named: str) -> None:
+    clamp = load_assembly("screw_clamp")
+    front, rear = (clamp.steps[i] for i in (2, 3))
+    placed = {name: front.T_base_part[name] for name in ("lower_jaw", "pad")}
+    alone = fitting(clamp, place({**placed, named: FAR}))
+    assert alone is not None
+    before = clamp.steps[1].index
+    # The other one may be in, or hidden elsewhere; both cannot be in.
+    assert alone[front.index] == pytest.approx(alone[before])
+    assert alone[front.index] > 2 * alone[rear.index]
+    other = {"rod": "rod-Copy", "rod-Copy": "rod"}[named]
+    both = fitting(clamp, place({**placed, named: FAR, other: front.T_base_part["rod"]}))
+    assert both is not None
+    assert int(both.argmax()) == front.index
