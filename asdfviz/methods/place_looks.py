@@ -44,9 +44,9 @@ class PlaceLooksConfig:
     """Whether it is asked; only one that was taught names can be."""
     empty: float = 0.15
     """What it is expected to say of an empty place before it ever looked there, a probability."""
-    jump: float = 1.2
+    jump: float = 3.0
     """Rise of its log odds that speaks neither for the part nor against it."""
-    gain: float = 0.7
+    gain: float = 0.5
     """Log odds of the part per log odds of the network beyond that,"""
     most: float = 2.0
     """but no more than this"""

@@ -70,7 +70,7 @@ def test_an_empty_place_that_looks_like_the_part_is_compared_with_itself(
     assembly: Assembly, seeing: Callable
 ) -> None:
     looker = seeing(0.7)
-    looks = looks_of(assembly, looker)
+    looks = looks_of(assembly, looker, jump=1.2, gain=0.7)
     later = kept = None
     first = looks.step(base_at(), {}, ALONE, frame())
     for _ in range(40):
