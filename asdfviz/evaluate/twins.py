@@ -8,13 +8,12 @@ names end in `_twins`, and `asdfviz.evaluate.bop` does as BOP does.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, cast
 
 import numpy as np
-from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import PoseEstimate
 from asdfviz.evaluate.pose_errors import ErrorModel, add_s, add_s_at_least
+from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Transform
 
 FAR = 0.1
@@ -55,5 +54,4 @@ def exchanged(
                 if measured is not None:
                     measured[name, other] = error
             cost[i, j] = min(error, FAR) - OWN_NAME * (name == other)
-    assign = cast(Any, optimize).linear_sum_assignment
-    return {there[j]: poses[said[i]] for i, j in zip(*assign(cost), strict=True)}
+    return {there[j]: poses[said[i]] for i, j in cheapest_pairs(cost)}

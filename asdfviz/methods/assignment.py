@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias, cast
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
-from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import Assembly, Detection
 from asdfviz.geometry.boxes import box_middle, overlap
+from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Box
 
 MAX_OVERLAP = 0.5
@@ -137,10 +137,8 @@ def _matched(things: Sequence[_Thing], counts: Mapping[str, int]) -> dict[str, l
     gain: Float64[np.ndarray, "slots things"] = np.where(
         scores > LEAST, np.log(np.maximum(scores, LEAST) / LEAST), 0.0
     )
-    assign = cast(Any, optimize).linear_sum_assignment
     found: dict[str, list[Detection]] = {}
-    rows, columns = assign(-gain)
-    for row, column in zip(map(int, rows), map(int, columns), strict=True):
+    for row, column in cheapest_pairs(-gain):
         if scores[row, column] > LEAST:
             found.setdefault(slots[row], []).append(things[column].of_class[slots[row]])
     return found

@@ -139,27 +139,28 @@ class Follower:
         config, tracker = self._config, self._tracker
         if tracker.judged(seen) >= config.doubted_below:
             return None
-        starts = self._off_depth(name, seen)
+        T_found = tracker.poses[name]
+        starts = self._at_depth(name, T_found, seen.gap)
         if seen.visible >= tracker.config.confidence.least_visible:
-            starts += self._turned_and_shifted(name)
+            starts += self._turned_and_shifted(name, T_found)
         if not starts:
             return None
         best = max(tracker.trials(frame, name, starts), key=attrgetter("score"))
-        is_better = best.score > Trial(best.T_camera_part, seen, 0.0).score + config.margin
+        is_better = best.score > Trial(T_found, seen, 0.0).score + config.margin
         return best.T_camera_part if is_better else None
 
-    def _off_depth(self, name: str, seen: Evidence) -> list[Transform]:
+    def _at_depth(self, name: str, T_found: Transform, gap: float | None) -> list[Transform]:
         """The pose moved along its ray to where a surface was measured, if that is another place."""
-        if seen.gap is None or abs(seen.gap) < self._config.off_depth:
+        if gap is None or abs(gap) < self._config.off_depth:
             return []
-        centre, T_found = self._bodies[name].balance, self._tracker.poses[name]
+        centre = self._bodies[name].balance
         place = apply_to_point(T_found, centre)
-        return [moved_to(T_found, place * (1 + seen.gap / place[2]), centre=centre)]
+        return [moved_to(T_found, place * (1 + gap / place[2]), centre=centre)]
 
-    def _turned_and_shifted(self, name: str) -> list[Transform]:
+    def _turned_and_shifted(self, name: str, T_found: Transform) -> list[Transform]:
         """The pose turned to all sides, the last one at its place, and the last one."""
-        centre, T_found = self._bodies[name].balance, self._tracker.poses[name]
-        T_last, angle = self._paths[name].T_now, np.deg2rad(self._config.turn_deg)
+        centre, T_last = self._bodies[name].balance, self._paths[name].T_now
+        angle = np.deg2rad(self._config.turn_deg)
         turns = [rotation_about(axis, sign * angle) for axis in np.eye(3) for sign in (1.0, -1.0)]
         return [
             *(turned(T_found, R, centre=centre) for R in turns),

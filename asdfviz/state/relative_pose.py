@@ -44,13 +44,13 @@ import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import Assembly, Joint, PoseEstimate
 from asdfviz.errors import MethodError
+from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.half_done import ways_half_done
@@ -150,15 +150,13 @@ def relative_pose_probabilities(
         return None
     T_base_camera = inverse(base.T_camera_part)
     logs, alone = dict[str, Scores](), 0.0
-    for group in _twins(assembly):
-        twins = [name for name in group if name != assembly.base]
+    for places in _twin_places(assembly):
         found = {
             name: (T_base_camera @ poses[name].T_camera_part, poses[name].score)
-            for name in twins
+            for name in places
             if name in poses
         }
-        places = {name: _places(assembly, name) for name in twins} if found else {}
-        if any(places.values()):
+        if found:
             told, apart = _told(found, places, assembly, score_base=base.score, config=config)
             logs |= told
             alone += apart
@@ -201,17 +199,10 @@ def _told(
     if len(places) == 1:
         return {name: told[i, 0] for i, name in enumerate(found)}, alone
     best = np.empty((len(found), told.shape[2]))
-    assign = cast(Any, optimize).linear_sum_assignment
     for state in range(told.shape[2]):
-        rows, columns = assign(-told[:, :, state])
-        best[rows, state] = told[rows, columns, state]
+        for i, name in cheapest_pairs(-told[:, :, state]):
+            best[i, state] = told[i, name, state]
     return {name: best[i] for i, name in enumerate(found)}, alone
-
-
-@functools.lru_cache(maxsize=8)
-def _twins(assembly: Assembly) -> tuple[tuple[str, ...], ...]:
-    """Comparing meshes in every frame would take long."""
-    return twin_groups(assembly)
 
 
 def _also_half_done(logs: Mapping[str, Scores], assembly: Assembly, *, share: float) -> Scores:
@@ -226,6 +217,16 @@ def _also_half_done(logs: Mapping[str, Scores], assembly: Assembly, *, share: fl
         half = math.log(share) + np.logaddexp.reduce(more) - math.log(len(more))
         result[k] += np.logaddexp(math.log1p(-share) if share < 1 else -np.inf, half)
     return result
+
+
+@functools.lru_cache(maxsize=8)
+def _twin_places(assembly: Assembly) -> tuple[dict[str, tuple[_Place, ...]], ...]:
+    """The places of all twins of each part that some state joins; the same in every frame."""
+    groups = (
+        {name: _places(assembly, name) for name in names if name != assembly.base}
+        for names in twin_groups(assembly)
+    )
+    return tuple(places for places in groups if any(places.values()))
 
 
 def _places(assembly: Assembly, part: str) -> tuple[_Place, ...]:

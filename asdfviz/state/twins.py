@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from itertools import product
-from typing import Any, TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float64
-from scipy import optimize  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import Assembly, PoseEstimate
+from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, point_distance
 from asdfviz.state.joints import off_place
@@ -104,9 +104,8 @@ class PlaceNames:
 
 def _cheapest(group: tuple[str, ...], cost: Float64[np.ndarray, "n n"]) -> Mapping[str, str]:
     """From the names that change (rows) to those they change to (columns)."""
-    assign = cast(Any, optimize).linear_sum_assignment
-    rows, columns = assign(cost - OWN_NAME * np.eye(len(group)))
-    return {group[int(i)]: group[int(j)] for i, j in zip(rows, columns, strict=True) if i != j}
+    pairs = cheapest_pairs(cost - OWN_NAME * np.eye(len(group)))
+    return {group[i]: group[j] for i, j in pairs if i != j}
 
 
 def renamed(values: Mapping[str, _Value], names: Mapping[str, str]) -> dict[str, _Value]:
