@@ -27,6 +27,8 @@ class CropTrainConfig:
     sequence.json names the assembly."""
     scene_share: float = 0.4
     """Share of a batch that is cut out of them."""
+    empty_share: float = 0.15
+    """How often one of these shows a place about a base part in which the part is still missing."""
     start: Path | None = None
     """Checkpoint or crops.safetensors of another run to begin with: what is shared by all classes is
     taken over, and new classes begin at the mean of the old ones."""
@@ -101,6 +103,8 @@ def check_crop_config(config: CropTrainConfig) -> None:
         )
     if not 0 <= config.scene_share < 1:
         raise InputError(f"scene_share is {config.scene_share:g}, give one from 0 to below 1")
+    if not 0 <= config.empty_share < 1:
+        raise InputError(f"empty_share is {config.empty_share:g}, give one from 0 to below 1")
     least = {"threads": 1, "batch": 2, "grid": 60, "generators": 0, "shard": 16, "pool": 1}
     for name, smallest in least.items():
         if getattr(config, name) < smallest:

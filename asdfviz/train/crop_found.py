@@ -1,4 +1,5 @@
-"""Training crops cut out of scenes: parts and groups on their tables, in hands and under shadows.
+"""Training crops cut out of scenes: parts and groups on their tables, in hands and under shadows, and
+places in which a part is still missing.
 
 Crops that are rendered on their own never repeat, but lack what scenes have around a part. A share of
 these beside them brings the network nearer to what it is asked in use.
@@ -13,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Int64, UInt8
+from jaxtyping import Bool, Int64, UInt8
 
 from asdfviz.data.cameras import read_scene_cameras
 from asdfviz.data.images import read_rgb
@@ -36,13 +37,11 @@ from asdfviz.pose.labels import Group, part_of, read_groups
 from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import LEAST_VISIBLE, CropMaker, Crops
+from asdfviz.train.crop_places import NEAREST, EmptyPlaces
 from asdfviz.train.crop_pool import CropPool
 from asdfviz.train.crop_render import CENTER
 from asdfviz.train.crop_scenes import STORED_PIXELS
 from asdfviz.train.dataset import shown_subject, subjects_of
-
-NEAREST = 0.05
-"""What comes nearer to the camera than this, metres, is left out."""
 
 
 class _Shown(NamedTuple):
@@ -51,6 +50,8 @@ class _Shown(NamedTuple):
     label: int
     state: int
     """-1 for a part."""
+    name: int
+    """As in `Crops`."""
     T_camera_part: Transform
 
 
@@ -64,15 +65,31 @@ class _Cut(NamedTuple):
 class FoundCrops:
     """The crops of some scenes, drawn class by class."""
 
-    def __init__(self, crops: Crops) -> None:
+    def __init__(self, crops: Crops, *, nothing: int) -> None:
+        """Take crops; `nothing` is the name that those of empty places bear."""
         self.crops = crops
+        is_empty = crops.names.cpu().numpy() == nothing
         labels = crops.labels.cpu().numpy()
-        self._rows = {int(label): np.flatnonzero(labels == label) for label in np.unique(labels)}
+        self._shown = _rows_by_label(labels, ~is_empty)
+        self._empty = _rows_by_label(labels, is_empty)
+        self._every = np.flatnonzero(~is_empty)
 
-    def draw(self, labels: Int64[np.ndarray, "n"], *, rng: np.random.Generator) -> Crops:
-        """A random crop of each of these classes, of any where the scenes show none."""
-        every = np.arange(len(self.crops))
-        rows = [int(rng.choice(self._rows.get(int(label), every))) for label in labels]
+    def draw(
+        self, labels: Int64[np.ndarray, "n"], *, rng: np.random.Generator, empty: float = 0.0
+    ) -> Crops:
+        """A random crop of each of these classes, of any where the scenes show none.
+
+        Args:
+            labels: the classes.
+            rng: draws.
+            empty: how often an empty place of the class is taken instead, where scenes have any.
+        """
+        rows: list[int] = []
+        for label in labels.tolist():
+            of_class = self._shown.get(label, self._every)
+            if label in self._empty and rng.random() < empty:
+                of_class = self._empty[label]
+            rows.append(int(rng.choice(of_class)))
         return self.crops.taken(torch.tensor(rows, dtype=torch.int64))
 
 
@@ -88,14 +105,17 @@ def mixed(
     if found is None:
         return pool.draw(config.batch, rng=rng)
     cut_out = round(config.scene_share * config.batch)
-    crops = found.draw(maker.labels(rng, cut_out), rng=rng).to(config.device)
+    labels = maker.labels(rng, cut_out)
+    empty = 0.0 if config.teach == "poses" else config.empty_share  # they have no pose
+    crops = found.draw(labels, rng=rng, empty=empty).to(config.device)
     return Crops.joined([pool.draw(config.batch - cut_out, rng=rng), crops])
 
 
 def found_crops(
     folders: Sequence[Path], assemblies: Sequence[Assembly], classes: Sequence[CropClass]
 ) -> FoundCrops:
-    """Cut out every part that is seen well enough, and what is joined to every base part.
+    """Cut out every part that is seen well enough, what is joined to every base part, and the places
+    about it that are still empty.
 
     Args:
         folders: scene folders with truth; with several assemblies, sequence.json says whose.
@@ -109,8 +129,10 @@ def found_crops(
     number = {c.name: place for place, c in enumerate(classes)}
     spans = state_spans(group_states(classes))
     cuts: list[_Cut] = []
+    places = [EmptyPlaces(assembly) for assembly in assemblies]
     for folder in folders:
-        assembly = shown_subject(folder, subjects).assembly
+        subject = shown_subject(folder, subjects)
+        assembly, empty = subject.assembly, places[subjects.index(subject)]
         files, cameras = find_scene_files(folder), read_scene_cameras(folder / "scene_camera.json")
         objects, groups = read_scene_objects(folder), read_groups(folder)
         for index in files.rgb:
@@ -118,13 +140,19 @@ def found_crops(
                 continue
             held = groups.get(index, ())
             shown = [*_shown(assembly, number, spans, objects[index], held)]
-            rgb = read_rgb(files.rgb[index]) if shown else None
+            if not shown:
+                continue
+            rgb, K = read_rgb(files.rgb[index]), cameras[index].K
+            size_wh = (rgb.shape[1], rgb.shape[0])
+            for part, T in empty.find(objects[index], held, K=K, size_wh=size_wh):
+                label = number[class_name(assembly, part)]
+                shown.append(_Shown(label, -1, len(classes), T))
             for one in shown:
-                made = None if rgb is None else _cut(rgb, cameras[index].K, one, classes)
+                made = _cut(rgb, K, one, classes)
                 cuts += [] if made is None else [made]
     if not cuts:
         raise SequenceError(f"no part is seen in {[str(f) for f in folders]}")
-    return FoundCrops(_crops(cuts))
+    return FoundCrops(_crops(cuts), nothing=len(classes))
 
 
 def _shown(
@@ -146,7 +174,8 @@ def _shown(
     parts = [part_of(assembly, item) for item in objects]
     for part, item in zip(parts, objects, strict=True):
         if part is not None and _is_seen(item):
-            yield _Shown(number[class_name(assembly, part)], -1, item.T_camera_object)
+            label = number[class_name(assembly, part)]
+            yield _Shown(label, -1, label, item.T_camera_object)
     states = [s.name for s in assembly.states]
     group = group_name(assembly)
     for held in groups:
@@ -155,7 +184,13 @@ def _shown(
             is_base = part is not None and part.name == assembly.base
             if is_base and held.state in states and _is_seen(objects[place]):
                 state = spans[group].start + states.index(held.state)
-                yield _Shown(number[group], state, objects[place].T_camera_object)
+                yield _Shown(number[group], state, -1, objects[place].T_camera_object)
+
+
+def _rows_by_label(
+    labels: Int64[np.ndarray, "n"], wanted: Bool[np.ndarray, "n"]
+) -> dict[int, Int64[np.ndarray, "k"]]:
+    return {int(c): np.flatnonzero(wanted & (labels == c)) for c in np.unique(labels[wanted])}
 
 
 def _is_seen(item: SceneObject) -> bool:
@@ -186,7 +221,7 @@ def _crops(cuts: Sequence[_Cut]) -> Crops:
         torch.from_numpy(pictures),  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         labels,
         states,
-        torch.where(states < 0, labels, -1),
+        torch.tensor([c.shown.name for c in cuts]),
         to_tensor(np.stack([c.T_crop_part for c in cuts]).astype(np.float32), "cpu"),
         torch.tensor([c.focal for c in cuts], dtype=torch.float32),
         torch.zeros(len(cuts), dtype=torch.bool),

@@ -35,16 +35,54 @@ def test_every_part_and_the_base_parts_group_are_cut_out(
 ) -> None:
     names = [c.name for c in crop_classes([assembly])]
     counts = dict.fromkeys(names, 0)
-    for label in found.crops.labels.tolist():
+    for label in found.crops.labels[found.crops.names != len(names)].tolist():
         counts[names[label]] += 1
     # Every frame shows a body and a loose bar, every other one a joined bar besides.
     assert counts == {"toy/body": 8, "toy/bar": 12, "toy//group": FRAMES}
     states = found.crops.states[found.crops.labels == names.index("toy//group")]
     assert states.tolist() == [0, 1] * (FRAMES // 2)
-    is_part = found.crops.states < 0
+    is_part = (found.crops.states < 0) & (found.crops.names != len(names))
+    is_group = found.crops.states >= 0
     assert torch.equal(found.crops.names[is_part], found.crops.labels[is_part])
-    assert (found.crops.names[~is_part] == -1).all()
+    assert (found.crops.names[is_group] == -1).all()
     assert not found.crops.outlined.any()
+
+
+def test_a_place_that_the_next_state_fills_is_cut_out_while_it_is_empty(
+    found: FoundCrops, assembly: Assembly
+) -> None:
+    crops = found.crops
+    is_empty = crops.names == 3
+    # In every other frame the bar is joined; what lies loose beside is not in its place.
+    assert int(is_empty.sum()) == FRAMES // 2
+    assert (crops.labels[is_empty] == 1).all()
+    T_body_bar = assembly.states[1].T_base_part["bar"]
+    bodies = [T for T, label in zip(crops.T_crop_part, crops.labels, strict=True) if label == 0]
+    assert len(bodies) == FRAMES
+    drawn = found.draw(np.full(40, 1), rng=np.random.default_rng(0), empty=0.5)
+    assert 10 < int((drawn.names == 3).sum()) < 30
+    assert not (found.draw(np.full(40, 1), rng=np.random.default_rng(0)).names == 3).any()
+    # Both seen from the camera: the place is as far from the body as the state says.
+    apart = [
+        float((a[:3, 3].norm() - b[:3, 3].norm()).abs())
+        for a, b in zip(crops.T_crop_part[is_empty], bodies[::2], strict=True)
+    ]
+    assert max(apart) <= float(np.linalg.norm(T_body_bar[:3, 3])) + 1e-6
+
+
+def test_a_place_with_a_like_part_in_it_is_not_empty(
+    scene: Path, assembly: Assembly, tmp_path: Path
+) -> None:
+    taken = shutil.copytree(scene, tmp_path / "taken")
+    truth = json.loads((taken / "scene_gt.json").read_text())
+    for frame in truth.values():
+        loose, body = frame[0], frame[1]
+        R = np.reshape(body["cam_R_m2c"], (3, 3))
+        place = R @ assembly.states[1].T_base_part["bar"][:3, 3] * 1e3
+        loose |= {"cam_R_m2c": body["cam_R_m2c"], "cam_t_m2c": [*(place + body["cam_t_m2c"])]}
+    (taken / "scene_gt.json").write_text(json.dumps(truth))
+    found = found_crops([taken], [assembly], crop_classes([assembly]))
+    assert not (found.crops.names == 3).any()
 
 
 def test_where_a_cut_out_shows_a_part_its_pose_projects_to(
@@ -120,3 +158,5 @@ def test_what_is_hidden_is_not_cut_out(scene: Path, assembly: Assembly, tmp_path
 def test_a_share_of_all_is_refused() -> None:
     with pytest.raises(InputError, match="scene_share is 1"):
         check_crop_config(CropTrainConfig(assemblies=("a",), output=Path(), scene_share=1.0))
+    with pytest.raises(InputError, match=r"empty_share is -0\.1"):
+        check_crop_config(CropTrainConfig(assemblies=("a",), output=Path(), empty_share=-0.1))
