@@ -89,7 +89,7 @@ class PartTracks:
             self._look_for(name, frame, proposed.get(name), looked_at.get(name), state)
         poses = self.tracker.poses
         free = {name: poses[name] for name, track in self.tracks.items() if track.explore}
-        otherwise = self._checks.step(frame, self.tracker, free)
+        otherwise = self._checks.step(frame, self.tracker, free, looked_at)
         self.tracker.replace(frame, otherwise)
         for name in otherwise:
             self.tracks[name].rival = None

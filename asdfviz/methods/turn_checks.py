@@ -19,6 +19,7 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
 from asdfviz.geometry.transforms import point_distance, rotation_angle
 from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned
 from asdfviz.methods.turn_memory import SPUN, TURNS, TurnMemory
 from asdfviz.methods.turn_table import TurnTable, TurnTableConfig
@@ -66,6 +67,8 @@ class TurnConfig:
     """What the table says, besides."""
     drawn: DrawnConfig = field(default_factory=DrawnConfig)
     """By what turns are compared: how they would look."""
+    liked: float = 0.1
+    """Weight of the crop network's preference for a turn, 0 to 1, where all of the part is seen."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
@@ -87,6 +90,7 @@ class TurnChecks:
         self._parts, self._bodies, self._config = parts, bodies, config
         self._table = TurnTable(parts, config=config.table)
         self._turns: dict[str, list[TurnMemory]] = {}
+        self._looked_at: Mapping[str, LookedAt] = {}
         self._same = float(np.deg2rad(config.same_deg))
         self._first = 0
 
@@ -132,7 +136,11 @@ class TurnChecks:
         return self._looks(frame, name, T_now, T_other)
 
     def step(
-        self, frame: Frame, tracker: Tracker, poses: Mapping[str, Transform]
+        self,
+        frame: Frame,
+        tracker: Tracker,
+        poses: Mapping[str, Transform],
+        looked_at: Mapping[str, LookedAt] | None = None,
     ) -> dict[str, Transform]:
         """Parts that are turned otherwise, with their poses T_camera_part.
 
@@ -140,10 +148,12 @@ class TurnChecks:
             frame: with depth.
             tracker: knows the parts' colours; nothing is moved.
             poses: settled in this frame or one before.
+            looked_at: what crops told of the parts in this frame, if anything.
         """
         if not self._config.enabled or not poses:
             return {}
         self._recall(poses)
+        self._looked_at = looked_at or {}
         names = list(poses)
         start = self._first % len(names)
         self._first += self._config.a_frame
@@ -234,7 +244,13 @@ class TurnChecks:
         """By how much another pose of a part agrees better with what is seen."""
         stands, _ = self._table.said(frame, name, now.T_camera_part, other.T_camera_part)
         looks = self._looks(frame, name, now.T_camera_part, other.T_camera_part)
-        return stands + (other.detail - now.detail if looks is None else looks)
+        ahead = stands + (other.detail - now.detail if looks is None else looks)
+        look = self._looked_at.get(name)
+        if look is None:
+            return ahead
+        liked = look.likely(other.T_camera_part) - look.likely(now.T_camera_part)
+        seen = min(now.evidence.visible, other.evidence.visible)
+        return ahead + self._config.liked * seen * liked
 
     def _looks(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> float | None:
         """By how much another pose of a part would look more like what is seen; None if unknown."""

@@ -14,6 +14,7 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods import tracking
 from asdfviz.methods.drawn_looks import DrawnConfig
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned
 from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
 from asdfviz.methods.turn_table import TurnTableConfig
@@ -80,6 +81,29 @@ def test_a_part_is_turned_to_lie_on_the_table(lying: Lying, request: pytest.Fixt
     for _ in range(60):
         pose = lying.checks.step(lying.frame, lying.tracker, {"base": pose}).get("base", pose)
     assert (float(-pose[2, 2]) > 0.9) == ("told" in request.node.name)
+
+
+class Upright(LookedAt):
+    """A crop by which the base stands upright, whichever way it looks."""
+
+    def __init__(self) -> None:
+        """Nothing else is asked of it."""
+
+    def likely(self, T_camera_part: Transform) -> float:
+        return float(-T_camera_part[2, 2] > 0.9)
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
+@pytest.mark.parametrize("liked", [0.1, 0.0])
+def test_a_part_is_turned_as_the_crop_network_keeps_saying(lying: Lying, liked: float) -> None:
+    drawn, table = DrawnConfig(enabled=False), TurnTableConfig(enabled=False)
+    config = TurnConfig(table=table, drawn=drawn, liked=liked)
+    checks = TurnChecks(lying.parts, lying.bodies, config=config)
+    looked_at, pose = {"base": Upright()}, lying.wrong
+    for _ in range(60):
+        found = checks.step(lying.frame, lying.tracker, {"base": pose}, looked_at)
+        pose = found.get("base", pose)
+    assert (float(-pose[2, 2]) > 0.9) == (liked > 0)
 
 
 @pytest.mark.parametrize(
