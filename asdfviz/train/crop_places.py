@@ -70,9 +70,11 @@ class EmptyPlaces:
             bases = [p for p in group.members or () if (q := parts[p]) and q.name == self._base]
             if not bases or group.state not in self._states:
                 continue
-            T_camera_base = objects[bases[0]].T_camera_object
-            for name, T in self._wanted(group.state):
-                part, T_camera_part = self._assembly.parts[name], T_camera_base @ T
+            base = objects[bases[0]]
+            for name, T_base_part in self._wanted(group.state):
+                # The base part is the object, so its frame is the base's.
+                T_camera_base, part = (base.T_camera_object, self._assembly.parts[name])
+                T_camera_part = T_camera_base @ T_base_part
                 box = self._box(part, T_camera_part, K)
                 if box is not None and self._is_empty(part, box, seen, size_wh):
                     yield part, T_camera_part
