@@ -7,9 +7,10 @@ looks more like what is seen, which a few frames tell; the wrong one often stand
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from asdfviz.methods.turn_table import TurnTable, TurnTableConfig
 from asdfviz.track.bodies import Body
 from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
+
+Ahead: TypeAlias = Callable[[Trial], float]
+"""By how much a pose agrees better with what is seen than the one that the part has."""
 
 ROUGH = 2
 """Of all of them as many searches tell"""
@@ -68,7 +72,8 @@ class TurnConfig:
     drawn: DrawnConfig = field(default_factory=DrawnConfig)
     """By what turns are compared: how they would look."""
     liked: float = 0.1
-    """Weight of the crop network's preference for a turn, 0 to 1, where all of the part is seen."""
+    """Weight of the crop network's preference for a turn, 0 to 1, where all of the part is seen;
+    `asdf_track` alone asks it."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
@@ -90,7 +95,6 @@ class TurnChecks:
         self._parts, self._bodies, self._config = parts, bodies, config
         self._table = TurnTable(parts, config=config.table)
         self._turns: dict[str, list[TurnMemory]] = {}
-        self._looked_at: Mapping[str, LookedAt] = {}
         self._same = float(np.deg2rad(config.same_deg))
         self._first = 0
 
@@ -153,13 +157,13 @@ class TurnChecks:
         if not self._config.enabled or not poses:
             return {}
         self._recall(poses)
-        self._looked_at = looked_at or {}
+        looks = looked_at or {}
         names = list(poses)
         start = self._first % len(names)
         self._first += self._config.a_frame
         found: dict[str, Transform] = {}
         for name in (names[start:] + names[:start])[: self._config.a_frame]:
-            right = self._checked(frame, tracker, name, poses[name])
+            right = self._checked(frame, tracker, name, poses[name], looks.get(name))
             if right is not None:
                 T_wrong, found[name] = right
                 self._turns[name] = [self._begun(name, T_wrong, found[name])]
@@ -188,7 +192,12 @@ class TurnChecks:
         return TurnMemory(T_right, (*TURNS, *far[: self._config.remembered]))
 
     def _checked(
-        self, frame: Frame, tracker: Tracker, name: str, T_now: Transform
+        self,
+        frame: Frame,
+        tracker: Tracker,
+        name: str,
+        T_now: Transform,
+        look: LookedAt | None,
     ) -> tuple[Transform, Transform] | None:
         """The part's pose and that in another turn, if that is the right one."""
         known, centre = self._turns[name][0], self._bodies[name].balance
@@ -201,16 +210,17 @@ class TurnChecks:
             return None
         known.last, known.rested = turns[-1], 0
         known.fresh = max(known.fresh - len(turns), 0)
+        ahead = partial(self._ahead, frame, name, look, now)
         for turn, other in zip(turns, others, strict=True):
-            self._judge(frame, name, known, turn, now, other)
+            self._judge(name, known, turn, now, other, ahead)
         lead, turn = max((float(known.lead[turn]), turn) for turn in turns)
         if lead < self._config.lead:
             return None
         other = others[turns.index(turn)]
-        return now.T_camera_part, self._best(frame, tracker, name, now, other)
+        return now.T_camera_part, self._best(frame, tracker, name, now, other, ahead)
 
     def _judge(
-        self, frame: Frame, name: str, known: TurnMemory, turn: int, now: Trial, other: Trial
+        self, name: str, known: TurnMemory, turn: int, now: Trial, other: Trial, ahead_by: Ahead
     ) -> None:
         """Note what a frame says for a turn."""
         if self._angle(name, now.T_camera_part, other.T_camera_part) < self._same:
@@ -218,11 +228,17 @@ class TurnChecks:
             return
         # Where the part could be seen and would not be, it is not in this turn.
         is_hidden = other.evidence.visible < self._config.visible
-        ahead = -self._config.step if is_hidden else self._ahead(frame, name, now, other)
+        ahead = -self._config.step if is_hidden else ahead_by(other)
         known.lead[turn] += min(ahead, self._config.step) - self._config.slack
 
     def _best(
-        self, frame: Frame, tracker: Tracker, name: str, now: Trial, other: Trial
+        self,
+        frame: Frame,
+        tracker: Tracker,
+        name: str,
+        now: Trial,
+        other: Trial,
+        ahead: Ahead,
     ) -> Transform:
         """Of all that a part may be turned to, once it is known not to be as it is now.
 
@@ -231,7 +247,6 @@ class TurnChecks:
         centre = self._bodies[name].balance
         starts = [turned(now.T_camera_part, R, centre=centre) for R in (*TURNS, *SPUN)]
         starts = [T for T in starts if self.allows(frame, name, now.T_camera_part, T)]
-        ahead = partial(self._ahead, frame, name, now)
         rough = sorted(tracker.trials(frame, name, starts, rounds=ROUGH), key=ahead, reverse=True)
         found = [other]
         for trial in tracker.trials(frame, name, [t.T_camera_part for t in rough[:SETTLED]]):
@@ -240,12 +255,13 @@ class TurnChecks:
                 found.append(trial)
         return max(found, key=ahead).T_camera_part
 
-    def _ahead(self, frame: Frame, name: str, now: Trial, other: Trial) -> float:
+    def _ahead(
+        self, frame: Frame, name: str, look: LookedAt | None, now: Trial, other: Trial
+    ) -> float:
         """By how much another pose of a part agrees better with what is seen."""
         stands, _ = self._table.said(frame, name, now.T_camera_part, other.T_camera_part)
         looks = self._looks(frame, name, now.T_camera_part, other.T_camera_part)
         ahead = stands + (other.detail - now.detail if looks is None else looks)
-        look = self._looked_at.get(name)
         if look is None:
             return ahead
         liked = look.likely(other.T_camera_part) - look.likely(now.T_camera_part)

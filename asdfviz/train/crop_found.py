@@ -20,7 +20,7 @@ from asdfviz.data.cameras import read_scene_cameras
 from asdfviz.data.images import read_rgb
 from asdfviz.data.scene_files import find_scene_files
 from asdfviz.data.scene_objects import SceneObject, read_scene_objects
-from asdfviz.datatypes import Assembly
+from asdfviz.datatypes import Assembly, Part
 from asdfviz.detector.crop_classes import (
     CropClass,
     class_name,
@@ -30,14 +30,13 @@ from asdfviz.detector.crop_classes import (
 )
 from asdfviz.detector.crop_cut import crop_camera, cut
 from asdfviz.errors import SequenceError
-from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Intrinsics, Rgb, Transform
-from asdfviz.geometry.transforms import apply, transform_from
+from asdfviz.geometry.transforms import transform_from
 from asdfviz.pose.labels import Group, part_of, read_groups
 from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import LEAST_VISIBLE, CropMaker, Crops
-from asdfviz.train.crop_places import NEAREST, EmptyPlaces
+from asdfviz.train.crop_places import EmptyPlaces, box_of, held_bases
 from asdfviz.train.crop_pool import CropPool
 from asdfviz.train.crop_render import CENTER
 from asdfviz.train.crop_scenes import STORED_PIXELS
@@ -129,22 +128,23 @@ def found_crops(
     number = {c.name: place for place, c in enumerate(classes)}
     spans = state_spans(group_states(classes))
     cuts: list[_Cut] = []
-    places = [EmptyPlaces(assembly) for assembly in assemblies]
+    places = {subject.assembly.name: EmptyPlaces(subject) for subject in subjects}
     for folder in folders:
-        subject = shown_subject(folder, subjects)
-        assembly, empty = subject.assembly, places[subjects.index(subject)]
+        assembly = shown_subject(folder, subjects).assembly
         files, cameras = find_scene_files(folder), read_scene_cameras(folder / "scene_camera.json")
         objects, groups = read_scene_objects(folder), read_groups(folder)
         for index in files.rgb:
             if index not in objects or index not in cameras:
                 continue
             held = groups.get(index, ())
-            shown = [*_shown(assembly, number, spans, objects[index], held)]
+            parts = [part_of(assembly, item) for item in objects[index]]
+            shown = [*_shown(assembly, number, spans, objects[index], parts, held)]
             if not shown:
                 continue
             rgb, K = read_rgb(files.rgb[index]), cameras[index].K
             size_wh = (rgb.shape[1], rgb.shape[0])
-            for part, T in empty.find(objects[index], held, K=K, size_wh=size_wh):
+            empty = places[assembly.name].find(objects[index], parts, held, K=K, size_wh=size_wh)
+            for part, T in empty:
                 label = number[class_name(assembly, part)]
                 shown.append(_Shown(label, -1, len(classes), T))
             for one in shown:
@@ -160,6 +160,7 @@ def _shown(
     number: Mapping[str, int],
     spans: Mapping[str, slice],
     objects: Sequence[SceneObject],
+    parts: Sequence[Part | None],
     groups: Sequence[Group],
 ) -> Iterator[_Shown]:
     """The parts of a frame, and the groups that hold a base part.
@@ -169,22 +170,19 @@ def _shown(
         number: of every class.
         spans: where the states of each group lie.
         objects: of the frame.
-        groups: likewise.
+        parts: of the assembly that they are; None: another thing.
+        groups: of the frame.
     """
-    parts = [part_of(assembly, item) for item in objects]
     for part, item in zip(parts, objects, strict=True):
         if part is not None and _is_seen(item):
             label = number[class_name(assembly, part)]
             yield _Shown(label, -1, label, item.T_camera_object)
     states = [s.name for s in assembly.states]
     group = group_name(assembly)
-    for held in groups:
-        for place in held.members or ():
-            part = parts[place]
-            is_base = part is not None and part.name == assembly.base
-            if is_base and held.state in states and _is_seen(objects[place]):
-                state = spans[group].start + states.index(held.state)
-                yield _Shown(number[group], state, -1, objects[place].T_camera_object)
+    for held, place in held_bases(assembly, parts, groups):
+        if _is_seen(objects[place]):
+            state = spans[group].start + states.index(held)
+            yield _Shown(number[group], state, -1, objects[place].T_camera_object)
 
 
 def _rows_by_label(
@@ -199,11 +197,10 @@ def _is_seen(item: SceneObject) -> bool:
 
 def _cut(rgb: Rgb, K: Intrinsics, shown: _Shown, classes: Sequence[CropClass]) -> _Cut | None:
     """The crop about a true box, wider than the network's input so that it can be rolled."""
-    corners = apply(shown.T_camera_part, classes[shown.label].corners)
-    if corners[:, 2].min() < NEAREST:
+    box = box_of(classes[shown.label].corners, shown.T_camera_part, K)
+    if box is None:
         return None
-    pixels = project(corners, K)
-    camera = crop_camera(np.concatenate([pixels.min(axis=0), pixels.max(axis=0)]), K)
+    camera = crop_camera(box, K)
     K_stored = camera.K.copy()
     K_stored[:2, 2] = CENTER
     picture = cut(rgb, replace(camera, K=K_stored), K, side=STORED_PIXELS)
