@@ -30,6 +30,8 @@ class TrainCrops:
     """Scene folders with truth whose parts are shown beside rendered ones: nearer to what is asked later."""
     scene_share: float = 0.4
     """Share of a batch that is cut out of them."""
+    empty_share: float = 0.15
+    """How often one of these shows a place about a base part in which the part is still missing."""
     start: Path | None = None
     """Weights to begin with (last.pt or crops.safetensors of another run): what its classes share is
     taken over."""

@@ -50,6 +50,14 @@ FIRST_OF = {"synth": "images", "bench": "track"}
 """Commands with a level below them."""
 
 
+def test_the_shares_of_a_crop_training_are_checked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ("train-crops", "--assembly", "corner_clamp", "--out", str(tmp_path))
+    assert exit_code(*given, "--empty-share", "2") == 2
+    assert "empty_share is 2, give one from 0 to below 1" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_shows_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(command, "--help") == 0
