@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from types import FrameType
@@ -68,3 +69,18 @@ def stop_on_interrupt() -> Generator[Callable[[], bool]]:
         yield lambda: asked
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def with_rate(report: Report, unit: str) -> Callable[[int, int], None]:
+    """Report progress with the pace of what this call made, without what lay there before."""
+    begun: tuple[int, float] | None = None
+
+    def tell(done: int, total: int) -> None:
+        nonlocal begun
+        now = time.perf_counter()
+        if begun is None:
+            begun = (done, now)
+        made, seconds = done - begun[0], now - begun[1]
+        report(done, total, f"{made / seconds:.2f} {unit}/s" if made and seconds else "")
+
+    return tell

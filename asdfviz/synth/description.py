@@ -53,6 +53,17 @@ class Placed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Photo:
+    """A photo that lies on a ground, its middle at the maps' origin."""
+
+    file: str
+    width: float
+    """Metres that its longer side shows."""
+    gain: Vector
+    """Factors on its colours, linear RGB."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Ground:
     """A horizontal textured plane, whole or cut to a convex outline."""
 
@@ -76,6 +87,8 @@ class Ground:
     """Centre x, y and radius of a round outline, metres."""
     scale: float = 1.0
     """Factor on the size of the large map."""
+    photo: Photo | None = None
+    """Shown instead of the maps and colours; `colors` are then its mean."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ from torch import Tensor
 from torch.nn.functional import grid_sample
 
 from asdfviz.synth.description import Ground, Scene
+from asdfviz.synth.photo_grounds import photo_looks
 from asdfviz.synth.tensors import to_tensor, unit
 from asdfviz.synth.textures import (
     BLURS_PX,
@@ -59,6 +60,10 @@ def ground_looks(
     ground: Ground, x: Float32[Tensor, "p"], y: Float32[Tensor, "p"], footprint: float
 ) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p 3"]]:
     """Albedo and normal at points of a ground's plane; `footprint` is a pixel's size there, metres."""
+    if ground.photo is not None:
+        up = torch.zeros(len(x), 3, device=x.device)
+        up[:, 2] = 1
+        return photo_looks(ground, ground.photo, x, y, footprint), up
     weights = _texels(ground, x, y, footprint)
     colors = to_tensor(ground.colors, x.device, dtype=torch.float32)
     w1, w2 = weights[0, :, None], weights[1, :, None]

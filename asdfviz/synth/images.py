@@ -14,6 +14,7 @@ from asdfviz.errors import InputError
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.bop_writer import SceneFolder, require_size
 from asdfviz.synth.packs import PackConfig, render_pack
+from asdfviz.synth.photo_grounds import recorded
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, TrueScene, camera_for, make_scene
 from asdfviz.synth.sensor import (
@@ -75,7 +76,8 @@ def generate_images(
     kind = "scenes" if isinstance(chosen, SceneConfig) else "packs"
     about = {"fps": 0, "seed": seed, "kind": kind, "masks": masks, "shift": shift}
     camera = camera_for(chosen.width, chosen.height)
-    output.begin(assembly, sequence={**about, "config": asdict(chosen)}, camera=camera)
+    drawn = recorded(asdict(chosen), chosen.photos)
+    output.begin(assembly, sequence={**about, "config": drawn}, camera=camera)
     missing = [index for index in range(count) if not output.has(index)]
     merged = 0
 

@@ -28,8 +28,8 @@ SKINS = ((236, 196, 170), (222, 170, 138), (196, 140, 106), (150, 98, 68), (98, 
 GLOVES = ((60, 110, 190), (25, 25, 28), (235, 235, 235), (120, 80, 170))
 
 
-def linear(srgb: object) -> Vector:
-    """Linear RGB (0 to 1) of an sRGB colour (0 to 255)."""
+def linear(srgb: object) -> Float64[np.ndarray, "*pixels 3"]:
+    """Linear RGB (0 to 1) of sRGB colours (0 to 255)."""
     return (np.asarray(srgb, dtype=np.float64) / 255.0) ** 2.2
 
 

@@ -7,7 +7,7 @@ ground and share the one camera, so every pose stays exact.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Placed, Scene
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
 from asdfviz.synth.layout import hand_at
-from asdfviz.synth.looks import any_grounds, part_colors, plastic, random_hue, random_lights
+from asdfviz.synth.looks import part_colors, plastic, random_hue, random_lights
+from asdfviz.synth.photo_grounds import Photos, choose_grounds
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import Group, TrueScene, camera_for
 from asdfviz.synth.sensor import photograph, random_rgb_sensor
@@ -58,6 +59,8 @@ class PackConfig:
     """Objects are never nearer to the camera, metres."""
     farthest: float = 1.3
     """Distance of the ground from the camera, metres; objects are nearer."""
+    photos: Photos = field(default_factory=Photos)
+    """Of the user's own table, which most packs then lie over."""
 
     def check(self) -> None:
         """Refuse figures with which no pack can be drawn.
@@ -102,7 +105,8 @@ def make_pack(assets: Assets, *, rng: np.random.Generator, config: PackConfig) -
         grasp = int(rng.integers(len(assets.hands)))
         placed += hand_at(assets, anchor + np.array([0, 0, 0.02]), away, rng, grasp=grasp)
     lights, sky, tint = random_lights(rng)
-    grounds = any_grounds(rng.uniform(-1.2, 1.2, size=(6, 2)), rng)
+    spread = rng.uniform(-1.2, 1.2, size=(6, 2))
+    grounds = choose_grounds(spread, rng, theatre_share=None, photos=config.photos)
     target = np.array([0.0, 0.0, config.farthest * 0.5])
     scene = Scene(
         camera,

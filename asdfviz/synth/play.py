@@ -18,9 +18,10 @@ from asdfviz.synth.description import Ground, Light, Placed
 from asdfviz.synth.film import Moment, film
 from asdfviz.synth.fixture import find_fixture
 from asdfviz.synth.layout import Outfit, Table, dress, turn_z
-from asdfviz.synth.looks import any_grounds, random_lights, theatre
+from asdfviz.synth.looks import random_lights
 from asdfviz.synth.motion import moved
 from asdfviz.synth.penetration import Solid, solid_of
+from asdfviz.synth.photo_grounds import choose_grounds
 from asdfviz.synth.routes import free_targets
 from asdfviz.synth.scene import camera_for, random_view
 from asdfviz.synth.script import Director
@@ -92,9 +93,7 @@ def plan_sequence(assets: Assets, *, seed: int, config: SequenceConfig) -> Play:
     if config.covering_hand:
         others = (*others, hovering(solids, stage.stand, moments, outfit, rng))
     footprints = np.concatenate(table.outlines)
-    scenery = (
-        theatre(footprints, rng) if rng.random() < config.theatre else any_grounds(footprints, rng)
-    )
+    scenery = choose_grounds(footprints, rng, theatre_share=config.theatre, photos=config.photos)
     lights, sky, tint = random_lights(rng)
     return Play(moments, stage, outfit, others, furniture, table, scenery, lights, sky, tint)
 

@@ -7,7 +7,7 @@ tilted by up to 43 degrees, any roll; near views are drawn more often than far o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,7 +29,8 @@ from asdfviz.synth.layout import (
     stand,
     turn_z,
 )
-from asdfviz.synth.looks import any_grounds, part_colors, plastic, random_lights, theatre
+from asdfviz.synth.looks import part_colors, plastic, random_lights
+from asdfviz.synth.photo_grounds import Photos, choose_grounds
 from asdfviz.synth.shading import look_at
 from asdfviz.synth.strays import stray
 
@@ -72,6 +73,8 @@ class SceneConfig:
     """At most."""
     distractors: int = 6
     """At most."""
+    photos: Photos = field(default_factory=Photos)
+    """Of the user's own table, which most scenes then show."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -193,7 +196,7 @@ def _loose_parts(
 
 def _grounds(table: Table, rng: np.random.Generator, config: SceneConfig) -> tuple[Ground, ...]:
     points = np.concatenate(table.outlines)
-    return theatre(points, rng) if rng.random() < config.theatre else any_grounds(points, rng)
+    return choose_grounds(points, rng, theatre_share=config.theatre, photos=config.photos)
 
 
 def _around(

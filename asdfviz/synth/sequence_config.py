@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 from asdfviz.errors import InputError
 from asdfviz.synth.motion import Pace
+from asdfviz.synth.photo_grounds import Photos
 
 Condition: TypeAlias = Literal["table", "normal", "dynamic", "hand", "blur"]
 """`table`: hands assemble (the paper's recordings). `normal`: parts move into place by themselves
@@ -48,6 +49,8 @@ class SequenceConfig:
     """At most."""
     theatre: float = 0.7
     """Probability of the blue drape."""
+    photos: Photos = field(default_factory=Photos)
+    """Of the user's own table, which most sequences then show."""
     light_speed: float = 0.0
     """How fast the lights travel round the table, radians a second."""
     sway: float = 0.0

@@ -14,6 +14,7 @@ from asdfviz.geometry.shapes import Depth
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.bop_writer import SceneFolder, require_size
 from asdfviz.synth.gbuffer import Views
+from asdfviz.synth.photo_grounds import recorded
 from asdfviz.synth.play import Play, plan_sequence
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import TrueScene, camera_for
@@ -83,7 +84,8 @@ def generate_sequence(
     output = SceneFolder(folder, assets=assets, masks=masks)
     about = {"fps": chosen.fps, "seed": seed, "kind": "sequence", "masks": masks}
     camera = camera_for(chosen.width, chosen.height)
-    output.begin(assembly, sequence={**about, "config": asdict(chosen)}, camera=camera)
+    drawn = recorded(asdict(chosen), chosen.photos)
+    output.begin(assembly, sequence={**about, "config": drawn}, camera=camera)
     studio = Studio.of(play, assets, seed=seed, config=chosen)
     complete = True
     for index in range(len(play.moments)):

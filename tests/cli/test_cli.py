@@ -18,7 +18,7 @@ from exits import exit_code
 from asdfviz.annotate.identity import open_annotation
 from asdfviz.annotate.records import Seed
 from asdfviz.cli.run import method_apart
-from asdfviz.cli.synth import SynthPacks
+from asdfviz.cli.synth_images import SynthPacks
 from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import check_run_folder, load_run
 from asdfviz.data.sequences import open_sequence
@@ -158,6 +158,18 @@ def test_packs_are_drawn_as_asked_and_else_as_the_library_does(tmp_path: Path) -
     assert SynthPacks("corner_clamp", tmp_path).config() == PackConfig()
     asked = SynthPacks("corner_clamp", tmp_path, groups=0.8, sizes_px=(52.0, 180.0), width=320)
     assert asked.config() == PackConfig(width=320, groups=0.8, sizes_px=(52.0, 180.0))
+
+
+@pytest.mark.parametrize("kind", ["images", "packs", "sequence"])
+def test_photos_that_are_not_there_are_said_before_a_folder_is_begun(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    line = ("synth", kind, "--assembly", "corner_clamp", "--out", str(tmp_path / "new"))
+    assert exit_code(*line, "--grounds", str(tmp_path / "bench")) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "bench is no folder; give one with photos of your empty table" in said
+    assert not (tmp_path / "new" / "sequence.json").exists()
 
 
 def test_a_sequence_of_too_few_frames_is_refused_before_it_is_begun(

@@ -1,4 +1,4 @@
-"""Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY SEED [MESHES]`.
+"""Makes a sorting test: `python tests/looks/make_sorting_test.py OUT REAL_FOLDER ASSEMBLY SEED`.
 
 Twenty crops of synthetic frames among twenty of real ones, at random places over the covered table (with
 as much cloth in both), shuffled and numbered, as two sheets (OUT/sheet_1.png, OUT/sheet_2.png) and as
@@ -9,13 +9,14 @@ whole.
 The frames are what `asdfviz synth images` draws where its throws come out as the real table did: the
 drape, a room's lights, the first step in bare hands, parts in the colours of the real prints. What is
 set here lies within what the generator draws, or a little beyond (one lamp's size, the sky's blue).
-REAL_FOLDER holds rgb/*.png of a fixed camera over a table; ASSEMBLY is what lies there; MESHES
-holds finer meshes of its parts, PART.ply in millimetres.
+REAL_FOLDER holds rgb/*.png of a fixed camera over a table; ASSEMBLY is what lies there; `--meshes`
+names finer meshes of its parts, PART.ply in millimetres; `--grounds` photos of the empty table, as
+`asdfviz synth images --grounds` takes them, instead of the drape that is drawn.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from asdfviz.geometry.shapes import Mask, Rgb, Vector
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.description import Finish, Light, Placed, Scene
 from asdfviz.synth.looks import linear
+from asdfviz.synth.photo_grounds import Photos, find_photos, photographed
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, make_scene
 from asdfviz.synth.sensor import RgbSensor, blur_moving, photograph
@@ -73,17 +75,19 @@ WARM = np.array([1.03, 1.0, 0.97])
 SKIN = (200, 162, 146)
 
 
-def main(out: Path, real: Path, name: str, seed: int, meshes: Path | None) -> None:
+def main(
+    out: Path, real: Path, name: str, seed: int, *, meshes: Path | None, photos: Photos
+) -> None:
     """Write the sheets, the crops, the whole frames and the key."""
     rng = np.random.default_rng(seed)
-    photos = [_read(f) for f in sorted((real / "rgb").glob("*.png"))]
-    cloth = np.median([_cloth_color(p) for p in photos], axis=0)
+    taken = [_read(f) for f in sorted((real / "rgb").glob("*.png"))]
+    cloth = np.median([_cloth_color(p) for p in taken], axis=0)
     assets = _matching_assets(name, meshes)
     (out / "frames").mkdir(parents=True, exist_ok=True)
-    frames = _shots(assets, cloth, rng)
+    frames = _shots(assets, cloth, photos, rng)
     for k, frame in enumerate(frames):
         cv2.imwrite(str(out / f"frames/{k}.png"), frame[:, :, ::-1])
-    crops = [(_crop(photos, rng), "real") for _ in range(COUNT)]
+    crops = [(_crop(taken, rng), "real") for _ in range(COUNT)]
     crops += [(_crop_like(c, frames, rng), "synthetic") for c, _ in crops]
     shuffled = [crops[k] for k in rng.permutation(len(crops))]
     for k, (crop, _) in enumerate(shuffled):
@@ -167,12 +171,12 @@ def _as_printed(name: str, part: Part, meshes: Path | None) -> Part:
     return replace(part, color=np.array(color, np.uint8), mesh=mesh)
 
 
-def _shots(assets: Assets, cloth: Vector, rng: np.random.Generator) -> list[Rgb]:
+def _shots(assets: Assets, cloth: Vector, photos: Photos, rng: np.random.Generator) -> list[Rgb]:
     """One scene as the real camera takes it a few times, some hands in motion.
 
     It is exposed so that the drape has its colour.
     """
-    scene = _like_the_real_one(_scene(assets, rng), assets, rng)
+    scene = _like_the_real_one(_scene(assets, rng), assets, photos, rng)
     scene = _toned(scene, cloth)
     still = render([scene], assets.bank, rng=rng, supersampling=2.5, shading=LIGHT)[0]
     moving = [i for i, p in enumerate(scene.placed) if p.kind == "hand" and rng.random() < 0.5]
@@ -213,14 +217,19 @@ def _scene(assets: Assets, rng: np.random.Generator) -> Scene:
             return scene
 
 
-def _like_the_real_one(scene: Scene, assets: Assets, rng: np.random.Generator) -> Scene:
+def _like_the_real_one(
+    scene: Scene, assets: Assets, photos: Photos, rng: np.random.Generator
+) -> Scene:
     """Two panels to one side, folds along the picture, all hands of one skin."""
     right = scene.T_camera_world[0, :2]
     turn = float(np.arctan2(right[1], right[0]) + np.pi / 2 + rng.normal() * 0.12)
     drape, *others = scene.grounds
+    drape = replace(drape, angle=turn, bump=2.0)
+    if photos.files:
+        drape = replace(photographed(drape, photos, rng), angle=turn - np.pi / 2, offset=(0.0, 0.0))
     return replace(
         scene,
-        grounds=(replace(drape, angle=turn, bump=2.0), *others),
+        grounds=(drape, *others),
         lights=_panels(rng),
         sky=WARM * [0.9, 1.0, 1.12] * 0.42,
         placed=tuple(replace(p, finish=_finish(p, assets)) for p in scene.placed),
@@ -275,10 +284,16 @@ def _finish(thing: Placed, assets: Assets) -> Finish:
 
 
 if __name__ == "__main__":
-    main(
-        Path(sys.argv[1]),
-        Path(sys.argv[2]),
-        sys.argv[3],
-        int(sys.argv[4]),
-        Path(sys.argv[5]) if len(sys.argv) > 5 else None,
-    )
+    parser = argparse.ArgumentParser(description="Makes a sorting test; see the top of the file.")
+    parser.add_argument("out", type=Path)
+    parser.add_argument("real", type=Path)
+    parser.add_argument("assembly")
+    parser.add_argument("seed", type=int)
+    parser.add_argument("--meshes", type=Path)
+    parser.add_argument("--grounds", type=Path)
+    parser.add_argument("--ground-width", type=float, default=0.6)
+    asked = parser.parse_args()
+    found = Photos()
+    if asked.grounds is not None:
+        found = find_photos(asked.grounds, width=asked.ground_width, share=1.0)
+    main(asked.out, asked.real, asked.assembly, asked.seed, meshes=asked.meshes, photos=found)
