@@ -28,7 +28,7 @@ from asdfviz.data.meshes import read_mesh
 from asdfviz.datatypes import Part
 from asdfviz.geometry.shapes import Mask, Rgb, Vector
 from asdfviz.synth.assets import Assets, load_assets
-from asdfviz.synth.description import Finish, Light, Placed, Scene
+from asdfviz.synth.description import Finish, Ground, Light, Placed, Scene
 from asdfviz.synth.looks import linear
 from asdfviz.synth.photo_grounds import Photos, find_photos, photographed
 from asdfviz.synth.render import Picture, render
@@ -47,11 +47,9 @@ ALIKE = 0.1
 TRIES = 60
 """so many does."""
 PRINTS = {
-    (20, 90, 170): (20, 58, 146),
-    (132, 132, 132): (173, 165, 154),
-    (25, 25, 28): (22, 17, 16),
-    (235, 235, 232): (226, 218, 207),
-}
+    (20, 90, 170): (20, 58, 146), (132, 132, 132): (173, 165, 154),
+    (25, 25, 28): (22, 17, 16), (235, 235, 232): (226, 218, 207),
+}  # fmt: skip
 """Colours of the real prints, where the mesh files say otherwise."""
 BRIGHT = ((20, 60, 152), "CLAMP_BASE")
 """A print of another blue, and the end of its part's name."""
@@ -61,7 +59,7 @@ CONFIG = SceneConfig(
     tilted=0.0, duplicates=0, distractors=0,
 )  # fmt: skip
 SENSOR = RgbSensor(
-    blur_px=0.6, noise=0.0052, sharpening=0.75, knee=0.7, thin_px=1.6, contrast=1.08,
+    exposure=0.455, blur_px=0.6, noise=0.0052, sharpening=0.75, knee=0.7, thin_px=1.6, contrast=1.08,
     saturation=1.12, jpeg_quality=94, vignette=0.08, shading=(-0.06, 0.2),
 )  # fmt: skip
 """What the real frames look like to have been taken with."""
@@ -76,10 +74,12 @@ SKIN = (200, 162, 146)
 
 
 def main(
-    out: Path, real: Path, name: str, seed: int, *, meshes: Path | None, photos: Photos
-) -> None:
+    out: Path, real: Path, name: str, seed: int,
+    meshes: Path | None, grounds: Path | None, ground_width: float,
+) -> None:  # fmt: skip
     """Write the sheets, the crops, the whole frames and the key."""
     rng = np.random.default_rng(seed)
+    photos = Photos() if grounds is None else find_photos(grounds, width=ground_width, share=1.0)
     taken = [_read(f) for f in sorted((real / "rgb").glob("*.png"))]
     cloth = np.median([_cloth_color(p) for p in taken], axis=0)
     assets = _matching_assets(name, meshes)
@@ -180,18 +180,18 @@ def _shots(assets: Assets, cloth: Vector, photos: Photos, rng: np.random.Generat
     scene = _toned(scene, cloth)
     still = render([scene], assets.bank, rng=rng, supersampling=2.5, shading=LIGHT)[0]
     moving = [i for i, p in enumerate(scene.placed) if p.kind == "hand" and rng.random() < 0.5]
+    sensor = replace(SENSOR, noise=0.002) if photos.files else SENSOR  # photos have their grain
     shots: list[Rgb] = []
     for _ in range(SHOTS):
         radiance, seed = still.radiance, int(rng.integers(2**31))
         for i in moving:
             dx, dy = rng.normal(size=2) * 4.5
             radiance = blur_moving(radiance, still.ids == i, (float(dx), float(dy)))
-        shots.append(_exposed(replace(still, radiance=radiance), cloth, seed))
+        shots.append(_exposed(replace(still, radiance=radiance), sensor, cloth, seed))
     return shots
 
 
-def _exposed(picture: Picture, cloth: Vector, seed: int) -> Rgb:
-    sensor = replace(SENSOR, exposure=0.455)
+def _exposed(picture: Picture, sensor: RgbSensor, cloth: Vector, seed: int) -> Rgb:
     for _ in range(7):
         color = _cloth_color(_taken(picture, sensor, seed))
         r, g, b = (cloth / np.maximum(color, 1)) ** 2.0
@@ -222,11 +222,11 @@ def _like_the_real_one(
 ) -> Scene:
     """Two panels to one side, folds along the picture, all hands of one skin."""
     right = scene.T_camera_world[0, :2]
-    turn = float(np.arctan2(right[1], right[0]) + np.pi / 2 + rng.normal() * 0.12)
+    turn = float(np.arctan2(right[1], right[0]) + np.pi / 2 + rng.normal() * 0.06)
     drape, *others = scene.grounds
     drape = replace(drape, angle=turn, bump=2.0)
     if photos.files:
-        drape = replace(photographed(drape, photos, rng), angle=turn - np.pi / 2, offset=(0.0, 0.0))
+        drape = _photographed(drape, photos, turn - np.pi / 2, rng)
     return replace(
         scene,
         grounds=(drape, *others),
@@ -236,22 +236,24 @@ def _like_the_real_one(
     )
 
 
+def _photographed(drape: Ground, photos: Photos, turn: float, rng: np.random.Generator) -> Ground:
+    """A photo instead of the drape, upright and as bright."""
+    lying = photographed(drape, photos, rng)
+    assert lying.photo is not None
+    bright = float(drape.colors[0].mean() / lying.colors.mean())
+    photo = replace(lying.photo, gain=lying.photo.gain * bright)
+    return replace(lying, photo=photo, colors=lying.colors * bright, angle=turn, offset=(0.0, 0.0))
+
+
 def _toned(scene: Scene, cloth: Vector) -> Scene:
     """Floor and table as bright as they are beside the drape."""
     drape, table, rim, carpet = scene.grounds
     blue = drape.colors[0] / linear(cloth)
     pale = np.minimum(linear(TABLE) * blue, 0.9)
     brown = linear(CARPET) * blue / CARPET_MEAN
-    colors = carpet.colors * (brown / carpet.colors[0])
-    return replace(
-        scene,
-        grounds=(
-            drape,
-            replace(table, colors=np.stack([pale] * 3)),
-            rim,
-            replace(carpet, colors=colors),
-        ),
-    )
+    table = replace(table, colors=np.stack([pale] * 3))
+    carpet = replace(carpet, colors=carpet.colors * (brown / carpet.colors[0]))
+    return replace(scene, grounds=(drape, table, rim, carpet))
 
 
 def _panels(rng: np.random.Generator) -> tuple[Light, ...]:
@@ -285,15 +287,9 @@ def _finish(thing: Placed, assets: Assets) -> Finish:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Makes a sorting test; see the top of the file.")
-    parser.add_argument("out", type=Path)
-    parser.add_argument("real", type=Path)
-    parser.add_argument("assembly")
-    parser.add_argument("seed", type=int)
+    for name, kind in {"out": Path, "real": Path, "name": str, "seed": int}.items():
+        parser.add_argument(name, type=kind)
     parser.add_argument("--meshes", type=Path)
     parser.add_argument("--grounds", type=Path)
     parser.add_argument("--ground-width", type=float, default=0.6)
-    asked = parser.parse_args()
-    found = Photos()
-    if asked.grounds is not None:
-        found = find_photos(asked.grounds, width=asked.ground_width, share=1.0)
-    main(asked.out, asked.real, asked.assembly, asked.seed, meshes=asked.meshes, photos=found)
+    main(**vars(parser.parse_args()))
