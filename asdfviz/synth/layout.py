@@ -143,6 +143,21 @@ def place_loose(
     return transform_from(T[:3, :3], T[:3, 3] + np.array([spot[0], spot[1], lift]))
 
 
+def place_carried(
+    assets: Assets, name: str, table: Table, rng: np.random.Generator
+) -> Transform | None:
+    """T_world_part of a part over the table, turned freely, or None if there is no room."""
+    points = assets.assembly.parts[name].mesh.vertices
+    T = lowered(points, random_rotation(rng))
+    lying = apply(T, points)
+    spot = table.find_place(footprint(lying), rng, border=(0.15, 0.15))
+    if spot is None:
+        return None
+    room = inverse(table.T_camera_world)[2, 3] - 0.28 - float(np.ptp(lying[:, 2]))
+    shift = np.array([*spot, max(0.0, min(rng.uniform(0.01, 0.16), room))])
+    return transform_from(T[:3, :3], T[:3, 3] + shift)
+
+
 def place_distractor(assets: Assets, table: Table, rng: np.random.Generator) -> Placed | None:
     """Some solid, stretched to a size of 1 to 12 cm."""
     kind = int(rng.integers(len(assets.distractors)))

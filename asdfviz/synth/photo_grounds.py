@@ -25,7 +25,7 @@ from asdfviz.synth.description import Ground, Photo
 from asdfviz.synth.looks import any_grounds, linear, theatre
 from asdfviz.synth.tensors import to_tensor
 
-LARGEST_PX = 2048
+LARGEST_PX = 1600
 """Of a photo's longer side; larger ones are halved first."""
 LEAST_PX = 64
 """A photo that is smaller shows no table."""
@@ -160,7 +160,7 @@ def photo_looks(
     return (seen.T * gain).clamp(0.002, 0.95)
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=8)
 def _levels(file: str) -> Sequence[Float32[np.ndarray, "h w 3"]]:
     """A photo in linear RGB, halved again and again."""
     image = read_rgb(Path(file))

@@ -7,7 +7,7 @@ tilted by up to 43 degrees, any roll; near views are drawn more often than far o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from asdfviz.synth.layout import (
     group_points,
     holding_hand,
     passing_hand,
+    place_carried,
     place_distractor,
     place_group,
     place_loose,
@@ -65,6 +66,8 @@ class SceneConfig:
     """A joined part is out of place or missing, as no state says; the scene then has no group."""
     hand_when_held: float = 0.75
     passing_hand: float = 0.35
+    carried: float = 0.5
+    """A hand holds one of the loose parts over the table, as on its way to the group."""
     present: float = 0.88
     """Of each loose part."""
     tilted: float = 0.3
@@ -145,6 +148,9 @@ def make_scene(
     group = apply(T_world_base, group_points(assets.assembly, T_base_part))
     placed += _around(assets, group, table, rng, config, held=held, hands=hands)
     lights, sky, tint = random_lights(rng, room=config.room_light)
+    if hands:
+        # Throws of its own, so that all else is as it is without.
+        placed = _carried(assets, placed, len(T_base_part), table, rng.spawn(1)[0], config)
     target = table.on_table(camera.width / 2, camera.height / 2)
     scene = Scene(
         camera,
@@ -192,6 +198,27 @@ def _loose_parts(
         if T is not None:
             placed.append(_part(assets, name, T, colors, rng))
     return placed
+
+
+def _carried(
+    assets: Assets,
+    placed: list[Placed],
+    joined: int,
+    table: Table,
+    rng: np.random.Generator,
+    config: SceneConfig,
+) -> list[Placed]:
+    """What is placed, one of the loose parts taken up by a hand; the first `joined` ones are no such."""
+    loose = [i for i, p in enumerate(placed) if p.kind == "part" and i >= joined]
+    if not loose or rng.random() >= config.carried:
+        return placed
+    taken = loose[int(rng.integers(len(loose)))]
+    T = place_carried(assets, placed[taken].name, table, rng)
+    if T is None:
+        return placed
+    points = apply(T, assets.assembly.parts[placed[taken].name].mesh.vertices)
+    moved = [replace(p, T_world_mesh=T) if i == taken else p for i, p in enumerate(placed)]
+    return moved + holding_hand(assets, points, rng)
 
 
 def _grounds(table: Table, rng: np.random.Generator, config: SceneConfig) -> tuple[Ground, ...]:
