@@ -289,8 +289,7 @@ def holding_hand(assets: Assets, points_world: Points, rng: np.random.Generator)
 def passing_hand(assets: Assets, table: Table, rng: np.random.Generator) -> list[Placed]:
     """A hand near the border of the view, above the table."""
     side = int(rng.integers(4))
-    s = rng.uniform(0.1, 0.9)
-    inset = rng.uniform(0.06, 0.3)
+    s, inset = rng.uniform(0.1, 0.9), rng.uniform(0.06, 0.3)
     u, v = ((s, inset), (s, 1 - inset), (inset, s), (1 - inset, s))[side]
     spot = table.on_table(u * table.width, v * table.height)
     middle = table.on_table(table.width / 2, table.height / 2)

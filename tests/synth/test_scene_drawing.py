@@ -56,7 +56,7 @@ COUNT = 160
 
 @pytest.fixture(scope="module")
 def drawn(toy_assets: Assets) -> list[TrueScene]:
-    config = SceneConfig(distractors=0, duplicates=0)
+    config = SceneConfig(distractors=0, duplicates=0, carried=0.0)
     return [
         make_scene(toy_assets, rng=np.random.default_rng([4, seed]), config=config)
         for seed in range(COUNT)
@@ -116,3 +116,53 @@ def test_no_part_hangs_over_the_edge_of_its_table(
             assert np.hypot(xy[:, 0] - x, xy[:, 1] - y).max() < radius - 0.015
         bounded += top.circle is not None or len(top.edges) > 0
     assert bounded > 0.5 * COUNT
+
+
+def test_hands_carry_loose_parts_and_nothing_else_changes(toy_assets: Assets) -> None:
+    carried = 0
+    for seed in range(40):
+        without, with_one = (
+            make_scene(
+                toy_assets,
+                rng=np.random.default_rng([9, seed]),
+                config=SceneConfig(distractors=0, carried=share),
+            )
+            for share in (0.0, 1.0)
+        )
+        before, after = without.scene.placed, with_one.scene.placed
+        assert [g.members for g in with_one.groups] == [g.members for g in without.groups]
+        moved = [
+            i
+            for i, (a, b) in enumerate(zip(before, after, strict=False))
+            if not np.array_equal(a.T_world_mesh, b.T_world_mesh)
+        ]
+        joined = {i for group in with_one.groups for i in group.members}
+        assert len(moved) <= 1
+        assert np.array_equal(without.scene.T_camera_world, with_one.scene.T_camera_world)
+        if not moved:
+            assert len(before) == len(after)
+            continue
+        carried += 1
+        part = after[moved[0]]
+        assert part.kind == "part"
+        assert moved[0] not in joined
+        points = apply(part.T_world_mesh, toy_assets.assembly.parts[part.name].mesh.vertices)
+        assert points[:, 2].min() >= 0.0
+        hands = after[len(before) :]
+        assert hands
+        assert {p.kind for p in hands} == {"hand"}
+        grasp = hands[0].T_world_mesh[:3, 3]
+        assert np.linalg.norm(points - grasp, axis=1).min() < 0.03
+        # It is where nothing else stands.
+        for other in (p for i, p in enumerate(after) if p.kind == "part" and i != moved[0]):
+            mesh = toy_assets.assembly.parts[other.name].mesh.vertices
+            apart = points.mean(axis=0) - apply(other.T_world_mesh, mesh).mean(axis=0)
+            assert np.linalg.norm(apart) > 0.01
+    assert carried > 20
+
+
+def test_nobody_carries_anything_where_hands_are_left_out(toy_assets: Assets) -> None:
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        scene = make_scene(toy_assets, rng=rng, config=SceneConfig(carried=1.0), hands=False)
+        assert not [p for p in scene.scene.placed if p.kind == "hand"]
