@@ -13,12 +13,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import trimesh
 from exits import exit_code
 
 from asdfviz.annotate.identity import open_annotation
 from asdfviz.annotate.records import Seed
 from asdfviz.cli.run import method_apart
 from asdfviz.cli.synth_images import SynthPacks
+from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import check_run_folder, load_run
 from asdfviz.data.sequences import open_sequence
@@ -333,6 +335,17 @@ def test_methods_lists_the_paper_ones(capsys: pytest.CaptureFixture[str]) -> Non
     assert exit_code("methods", "--json") == 0
     names = {row["name"] for row in json.loads(capsys.readouterr().out)}
     assert {"yolov8pose", "asdf"} <= names
+
+
+def test_the_readme_s_smallest_assembly_loads(tmp_path: Path) -> None:
+    indented = re.search(r"^    name: my_model\n.*?\n\n", README.read_text(), re.M | re.S)
+    assert indented is not None
+    (tmp_path / "assembly.yaml").write_text(textwrap.dedent(indented.group()))
+    trimesh.creation.box((40, 40, 10)).export(tmp_path / "plate.ply")
+    trimesh.creation.cylinder(8, 15).export(tmp_path / "knob.ply")
+    assembly = load_assembly(str(tmp_path))
+    assert [state.name for state in assembly.states] == ["plate", "knob"]
+    assert assembly.states[1].T_base_part["knob"][2, 3] == pytest.approx(0.0125)
 
 
 def test_every_command_of_the_readme_parses() -> None:
