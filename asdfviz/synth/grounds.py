@@ -60,11 +60,12 @@ def ground_looks(
     ground: Ground, x: Float32[Tensor, "p"], y: Float32[Tensor, "p"], footprint: float
 ) -> tuple[Float32[Tensor, "p 3"], Float32[Tensor, "p 3"]]:
     """Albedo and normal at points of a ground's plane; `footprint` is a pixel's size there, metres."""
+    u, v = _on_maps(ground, x, y)
     if ground.photo is not None:
         up = torch.zeros(len(x), 3, device=x.device)
         up[:, 2] = 1
-        return photo_looks(ground, ground.photo, x, y, footprint), up
-    weights = _texels(ground, x, y, footprint)
+        return photo_looks(ground.photo, u, v, footprint), up
+    weights = _texels(ground, u, v, footprint)
     colors = to_tensor(ground.colors, x.device, dtype=torch.float32)
     w1, w2 = weights[0, :, None], weights[1, :, None]
     color = (colors[0] * (1 - w1) + colors[1] * w1) * (1 - w2) + colors[2] * w2
@@ -75,14 +76,19 @@ def ground_looks(
     return (color * weights[2, :, None]).clamp(0.002, 0.95), normal
 
 
-def _texels(
-    ground: Ground, x: Float32[Tensor, "p"], y: Float32[Tensor, "p"], footprint: float
-) -> Float32[Tensor, "5 p"]:
-    """Both maps at points of the plane, combined."""
+def _on_maps(
+    ground: Ground, x: Float32[Tensor, "p"], y: Float32[Tensor, "p"]
+) -> tuple[Float32[Tensor, "p"], Float32[Tensor, "p"]]:
+    """Where points of the plane lie on the ground's maps, or its photo, metres."""
     c, s = float(np.cos(ground.angle)), float(np.sin(ground.angle))
-    u = c * x + s * y + ground.offset[0]
-    v = -s * x + c * y + ground.offset[1]
-    device = str(x.device)
+    return c * x + s * y + ground.offset[0], -s * x + c * y + ground.offset[1]
+
+
+def _texels(
+    ground: Ground, u: Float32[Tensor, "p"], v: Float32[Tensor, "p"], footprint: float
+) -> Float32[Tensor, "5 p"]:
+    """Both maps, combined, at points (u, v) of them."""
+    device = str(u.device)
     size = MACRO_SIZE * ground.scale
     large = macro_map(*ground.macro, device)
     grid = torch.stack([u, v], dim=1)[None, None] * (2 / size)

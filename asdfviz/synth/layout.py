@@ -74,6 +74,10 @@ class Table:
         eye = T_world_camera[:3, 3]
         return eye - ray * (eye[2] / min(ray[2], -1e-6))
 
+    def room_above(self, points_world: Points) -> float:
+        """By how much things that lie there may be raised before they are too near to the camera."""
+        return inverse(self.T_camera_world)[2, 3] - 0.28 - float(np.ptp(points_world[:, 2]))
+
     def find_place(
         self,
         outline: Float64[np.ndarray, "k 2"],
@@ -115,9 +119,7 @@ def place_group(
     points = group_points(assets.assembly, T_base_part)
     if held:
         standing = lowered(points, random_rotation(rng))
-        eye = inverse(table.T_camera_world)[2, 3]
-        size = float(np.ptp(apply(standing, points)[:, 2]))
-        lift = max(0.0, min(rng.uniform(0.0, 0.22), eye - 0.28 - size))
+        lift = max(0.0, min(rng.uniform(0.0, 0.22), table.room_above(apply(standing, points))))
     else:
         alone = len(T_base_part) == 1
         base = assets.resting[assets.assembly.base]
@@ -153,8 +155,7 @@ def place_carried(
     spot = table.find_place(footprint(lying), rng, border=(0.15, 0.15))
     if spot is None:
         return None
-    room = inverse(table.T_camera_world)[2, 3] - 0.28 - float(np.ptp(lying[:, 2]))
-    shift = np.array([*spot, max(0.0, min(rng.uniform(0.01, 0.16), room))])
+    shift = np.array([*spot, max(0.0, min(rng.uniform(0.01, 0.16), table.room_above(lying)))])
     return transform_from(T[:3, :3], T[:3, 3] + shift)
 
 
@@ -282,8 +283,7 @@ def holding_hand(assets: Assets, points_world: Points, rng: np.random.Generator)
     point = ends.mean(axis=0) - 0.004 * away + [0, 0, 0.004]
     # Fingers come from above: keep the knuckles over the table.
     point[2] = max(float(point[2]), 0.012)
-    turn = turn_z(rng.normal() * 0.35)
-    return hand_at(assets, point, turn @ away, rng)
+    return hand_at(assets, point, turn_z(rng.normal() * 0.35) @ away, rng)
 
 
 def passing_hand(assets: Assets, table: Table, rng: np.random.Generator) -> list[Placed]:

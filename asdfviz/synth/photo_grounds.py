@@ -55,8 +55,8 @@ def find_photos(folder: Path, *, width: float, share: float) -> Photos:
         share: of the scenes.
 
     Raises:
-        InputError: the folder is missing or has no photo, one cannot be read or is too small, or a
-            figure is impossible.
+        InputError: the folder is missing or has no photo, one is too small, or a figure is impossible.
+        SequenceError: a photo cannot be read.
     """
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder; give one with photos of your empty table")
@@ -127,37 +127,34 @@ def photographed(ground: Ground, photos: Photos, rng: np.random.Generator) -> Gr
 
 
 def photo_looks(
-    ground: Ground,
-    photo: Photo,
-    x: Float32[Tensor, "p"],
-    y: Float32[Tensor, "p"],
-    footprint: float,
+    photo: Photo, u: Float32[Tensor, "p"], v: Float32[Tensor, "p"], footprint: float
 ) -> Float32[Tensor, "p 3"]:
-    """Albedo at points of a ground's plane; the photo is mirrored beyond its borders.
+    """Albedo at points of a photo that lies on a plane; it is mirrored beyond its borders.
 
     Args:
-        ground: whose turn and shift count.
         photo: what lies there.
-        x: metres in the world.
-        y: likewise.
+        u: metres to the right of its middle.
+        v: metres up from it.
         footprint: a pixel's size on the plane, metres.
     """
     levels = _levels(photo.file)
     high, wide = levels[0].shape[:2]
     texel = photo.width / max(high, wide)
-    finest = max(0, round(float(np.log2(max(footprint / texel, 1.0)))))
-    level = min(finest, len(levels) - 1)
-    image = to_tensor(levels[level].transpose(2, 0, 1).copy(), x.device)
-    c, s = float(np.cos(ground.angle)), float(np.sin(ground.angle))
-    u = (c * x + s * y + ground.offset[0]) * (2 / (wide * texel))
-    # Rows of a photo go down where the plane's y goes up, seen from above; else it would be mirrored.
-    v = (s * x - c * y - ground.offset[1]) * (2 / (high * texel))
-    grid = torch.stack([u, v], dim=1)[None, None]
+    finest = round(float(np.log2(max(footprint / texel, 1.0))))
+    image = _level(photo.file, min(finest, len(levels) - 1), str(u.device))
+    # Rows of a picture go down.
+    grid = torch.stack([u * (2 / (wide * texel)), -v * (2 / (high * texel))], dim=1)[None, None]
     seen = grid_sample(
         image[None], grid, mode="bilinear", padding_mode="reflection", align_corners=False
     )[0, :, 0]
-    gain = to_tensor(photo.gain, x.device, dtype=torch.float32)
+    gain = to_tensor(photo.gain, u.device, dtype=torch.float32)
     return (seen.T * gain).clamp(0.002, 0.95)
+
+
+@lru_cache(maxsize=8)
+def _level(file: str, level: int, device: str) -> Float32[Tensor, "3 h w"]:
+    """One of a photo's levels on a device: frames of a sequence show the same one."""
+    return to_tensor(np.ascontiguousarray(_levels(file)[level].transpose(2, 0, 1)), device)
 
 
 @lru_cache(maxsize=8)

@@ -222,11 +222,11 @@ def _like_the_real_one(
 ) -> Scene:
     """Two panels to one side, folds along the picture, all hands of one skin."""
     right = scene.T_camera_world[0, :2]
-    turn = float(np.arctan2(right[1], right[0]) + np.pi / 2 + rng.normal() * 0.06)
+    along = float(np.arctan2(right[1], right[0]) + rng.normal() * 0.06)
     drape, *others = scene.grounds
-    drape = replace(drape, angle=turn, bump=2.0)
+    drape = replace(drape, angle=along + np.pi / 2, bump=2.0)
     if photos.files:
-        drape = _photographed(drape, photos, turn - np.pi / 2, rng)
+        drape = _photographed(drape, photos, along, rng)
     return replace(
         scene,
         grounds=(drape, *others),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,3 +67,14 @@ def toy() -> Assembly:
 @pytest.fixture(scope="session")
 def toy_assets(toy: Assembly) -> Assets:
     return load_assets(toy)
+
+
+@pytest.fixture(scope="module")
+def toy_loaded_once(toy_assets: Assets) -> Iterator[None]:
+    """Meshes and resting faces are the same for every job on the toy."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "asdfviz.synth.images.load_assets",
+            lambda assembly, device: replace(toy_assets, assembly=assembly),
+        )
+        yield

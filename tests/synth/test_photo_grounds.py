@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -118,17 +117,7 @@ def _green(assets: Assets, seed: int, config: SceneConfig | PackConfig) -> float
     return float((behind.argmax(axis=1) == 1).mean())
 
 
-@pytest.fixture
-def _loaded_once(toy_assets: Assets) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "asdfviz.synth.images.load_assets",
-            lambda assembly, device: replace(toy_assets, assembly=assembly),
-        )
-        yield
-
-
-@pytest.mark.usefixtures("_loaded_once")
+@pytest.mark.usefixtures("toy_loaded_once")
 def test_a_folder_notes_the_names_of_photos_and_goes_on_with_the_same(
     tmp_path: Path, folder: Path, toy: Assembly
 ) -> None:

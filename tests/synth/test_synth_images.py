@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from asdfviz.datatypes import KEYPOINTS, Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.transforms import apply, transform_from
-from asdfviz.synth.assets import Assets
 from asdfviz.synth.images import TEST_SEEDS, generate_images
 from asdfviz.synth.packs import PackConfig
 from asdfviz.synth.scene import SceneConfig
@@ -31,15 +29,7 @@ PACKS = PackConfig(width=WIDTH, height=HEIGHT)
 COUNT = 2
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _loaded_once(toy_assets: Assets) -> Iterator[None]:
-    """Meshes and resting faces are the same for every job on the toy."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "asdfviz.synth.images.load_assets",
-            lambda assembly, device: replace(toy_assets, assembly=assembly),
-        )
-        yield
+pytestmark = pytest.mark.usefixtures("toy_loaded_once")
 
 
 @pytest.fixture(scope="module", params=["scenes", "packs"])
