@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, StateEstimate
-from asdfviz.geometry.shapes import Scores
+from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig
@@ -55,6 +55,10 @@ class FollowedState:
     def base(self) -> PoseEstimate | None:
         """Where the base is by all that was seen of the group in the last frame, if anything was."""
         return self._fits.base
+
+    def settle(self, T_camera_base: Transform) -> None:
+        """Where the last frame's base was by all parts of its group together, settled."""
+        self._fits.settle(T_camera_base)
 
     def step(
         self,

@@ -63,6 +63,12 @@ class GroupFits:
         share that agrees. None where nothing was said."""
         return self._base
 
+    def settle(self, T_camera_base: Transform) -> None:
+        """Where the last frame's base turned out to be once its group was settled: from there on it is
+        looked for, since what agreed best among a few accounts may be millimetres off for good."""
+        if self._last is not None:
+            self._last = T_camera_base
+
     def step(
         self,
         poses: Mapping[str, PoseEstimate],
@@ -192,13 +198,13 @@ class GroupFits:
         for state in likely:
             if first.said(state).is_seen(visible=config.moved_visible, agreeing=config.enough):
                 return first
-        found = [(weight * first.said(state).value, first, STILL) for state in likely]
+        found = [(weight * first.said(state).value, first, STILL, state) for state in likely]
         for trial in trials:
             cost = 0.0 if trial is first else config.other
             for state in likely:
-                found.append((weight * trial.said(state).value - cost, trial, STILL))
+                found.append((weight * trial.said(state).value - cost, trial, STILL, state))
                 said, move = trial.found(state)
                 if said.is_seen(visible=config.moved_visible, agreeing=config.moved_agreeing):
-                    found.append((weight * said.value - cost - config.moved, trial, move))
-        _, best, move = max(found, key=lambda one: one[0])
-        return best if move == STILL else best.moved(move)
+                    found.append((weight * said.value - cost - config.moved, trial, move, state))
+        _, best, move, state = max(found, key=lambda one: one[0])
+        return best if move == STILL else best.moved(move, state)

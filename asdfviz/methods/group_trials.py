@@ -51,8 +51,7 @@ class Trial:
         self._placements: dict[tuple[object, ...], Drawn] = {}
         self._scenes: dict[int, Drawn] = {}
         self._said: dict[int, Said] = {}
-        base = self._drawn([assembly.base], [np.eye(4)])
-        self._nearer = nearer_by(base.inverse_depth, view.depth, config=config)
+        self._base_nearer = self._nearer(self._drawn([assembly.base], [np.eye(4)]))
 
     def said(self, state: State) -> Said:
         """What the picture says for a state whose scene may lie a little aside."""
@@ -67,7 +66,7 @@ class Trial:
             weight: of `Said.value`, as `trusted` gives it.
         """
         states = self._assembly.states
-        still = [self._spoken(self._scene(state)) for state in states]
+        still = [self._spoken(self._scene(state), self.nearer(state)) for state in states]
         most = max(said.value for said in still)
         return [
             self.said(state) if weight * (most - said.value) < BEHIND else said
@@ -78,15 +77,20 @@ class Trial:
         """What it says for a state whose scene is looked for around, and where it was found."""
         return self._best(state, FAR, self._config.reach)
 
-    def moved(self, move: Move) -> Trial:
-        """The same group after a move in the view."""
+    def nearer(self, state: State) -> float:
+        """How much nearer than drawn the state's scene is measured, metres."""
+        return self._nearer(self._scene(state))
+
+    def moved(self, move: Move, state: State) -> Trial:
+        """The same group after a move in the view, and as near as the state's scene is measured."""
         height, width = self._view.depth.shape
         K, z = self._view.K, float(self.T_camera_base[2, 3])
+        nearer = self.nearer(state)
         pixel = np.array([[0.5 * (width - 1), 0.5 * (height - 1)]])
         middle = back_project(pixel, np.array([z]), K)[0]
         R = rotation_about(np.array([0.0, 0.0, 1.0]), move.turn)
         shift = np.array([move.right * z / K[0, 0], move.down * z / K[1, 1], 0.0])
-        T_moved = transform_from(R, middle - R @ middle + shift - self._nearer * middle / z)
+        T_moved = transform_from(R, middle - R @ middle + shift - nearer * middle / z)
         return Trial(
             self._assembly,
             orthonormalized(T_moved @ self.T_camera_base),
@@ -102,7 +106,7 @@ class Trial:
         return best_spoken(
             self._scene(state),
             self._measured,
-            nearer=self._nearer,
+            nearer=self.nearer(state),
             config=self._config,
             steps=steps,
             rounds=rounds,
@@ -121,8 +125,12 @@ class Trial:
             self._scenes[state.index] = Drawn(inverse_depth, ids)
         return self._scenes[state.index]
 
-    def _spoken(self, scene: Drawn) -> Said:
-        return spoken(scene, self._measured, nearer=self._nearer, config=self._config)
+    def _spoken(self, scene: Drawn, nearer: float) -> Said:
+        return spoken(scene, self._measured, nearer=nearer, config=self._config)
+
+    def _nearer(self, scene: Drawn) -> float:
+        """By the scene's own surface: a plate on the base is not the base come nearer."""
+        return nearer_by(scene.inverse_depth, self._view.depth, config=self._config)
 
     def _placed(self, names: Sequence[str], state: State) -> Drawn:
         """Parts that move as one where they may be, and there where the picture agrees best."""
@@ -131,7 +139,7 @@ class Trial:
         if key not in self._placements:
             drawn = [self._drawn(names, Ts) for Ts in self.places.possible(names, state)]
             if len(drawn) > 1:
-                drawn.sort(key=lambda one: -self._spoken(one).value)
+                drawn.sort(key=lambda one: -self._spoken(one, self._base_nearer).value)
             self._placements[key] = drawn[0]
         return self._placements[key]
 

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
-from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.transforms import apply, rotation_about, transform_from
 from asdfviz.methods.group_fits import GroupFits
-from asdfviz.methods.group_views import view_of
+from asdfviz.methods.group_trials import Trial
+from asdfviz.methods.group_views import measured_in, view_of
 from asdfviz.methods.part_poses import part_shapes
-from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.group_fit import GroupFitConfig, Move
+from asdfviz.state.joint_places import JointPlaces
 
 KNOWN = np.array([0.99, 0.01])
 
@@ -90,6 +93,63 @@ def test_a_poor_pose_of_the_base_is_mended_by_the_group(toy) -> None:
     assert fits.base is not None
     left = np.linalg.norm(fits.base.T_camera_part[:3, 3] - true["base"][:3, 3])
     assert left < 0.006
+
+
+@pytest.mark.parametrize("joined", [False, True])
+@pytest.mark.parametrize("nearer", [-0.005, 0.005])
+def test_a_state_is_known_though_the_base_was_put_too_near_or_too_far(
+    toy, joined: bool, nearer: float
+) -> None:
+    """A pose that depth refined on the block's top is that much too near."""
+    true = toy.poses(joined=joined)
+    off = true["base"].copy()
+    off[:3, 3] *= 1 - nearer / off[2, 3]
+    said = fits_of(toy.assembly).step(found(off), KNOWN, toy.frame(1, true))
+    assert said is not None
+    assert said[int(joined)] > 0.95
+
+
+def test_every_scene_lies_as_near_as_its_own_surface_is_measured(toy) -> None:
+    """By the base alone it would be nearer where a flat block covers most of the base."""
+    shapes = part_shapes(toy.assembly, surface_points=900)
+    true, config = toy.poses(joined=True), GroupFitConfig()
+    frame = toy.frame(1, true)
+    assert frame.depth is not None
+    corners = np.concatenate([apply(T, shapes[n].corners) for n, T in true.items()])
+    view = view_of(project(corners, frame.camera.K), frame, frame.depth, cells=50)
+    assert view is not None
+    blank = np.zeros(view.depth.shape, np.float32)
+    looks = [None] * len(toy.assembly.parts)
+    measured = measured_in(view, blank, looks, base=0, config=config)
+    places = JointPlaces(toy.assembly)
+    trial = Trial(toy.assembly, true["base"], places, view, measured, config)
+    for state in toy.assembly.states:
+        assert trial.nearer(state) == pytest.approx(0.0, abs=1e-3)
+    near = true["base"].copy()
+    near[:3, 3] *= 1 - 0.005 / near[2, 3]
+    trial = Trial(toy.assembly, near, places, view, measured, config)
+    assert trial.nearer(toy.assembly.states[1]) == pytest.approx(-0.005, abs=1e-3)
+    moved = trial.moved(Move(), toy.assembly.states[1]).T_camera_base
+    np.testing.assert_allclose(moved[:3, 3], true["base"][:3, 3], atol=1e-3)
+
+
+def test_the_base_is_looked_for_where_its_group_was_settled(toy) -> None:
+    true = toy.poses(joined=True)
+    wrong = true["base"].copy()
+    wrong[:3, 3] += [0.014, -0.012, 0.0]
+    errors = []
+    for settled in (False, True):
+        fits = fits_of(toy.assembly, reach=0, shift=0, least_agreeing=0.0)
+        fits.settle(true["base"])  # nothing was said yet: nothing to settle
+        assert fits.step(found(wrong), np.array([0.02, 0.98]), toy.frame(1, true)) is not None
+        if settled:
+            fits.settle(true["base"])
+        assert fits.step({}, np.array([0.02, 0.98]), toy.frame(2, true)) is not None
+        assert fits.base is not None
+        T = fits.base.T_camera_part
+        errors.append(np.linalg.norm(T[:3, 3] - true["base"][:3, 3]))
+    assert errors[0] > 0.01
+    assert errors[1] < 1e-6
 
 
 def test_a_base_that_was_lost_is_where_it_was(toy) -> None:
