@@ -27,7 +27,7 @@ from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.kept_poses import Decision, HypothesesConfig, Proposal, pose_confidence
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
-from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
+from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig, free_on_table
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import sure_enough
@@ -62,6 +62,8 @@ class AsdfPlusConfig(AsdfConfig):
     """State helps pose, after the registration."""
     on_table: OnTableConfig = NO_TABLE
     """Off: contours settle poses here."""
+    laid: OnTableConfig = LAID
+    """How the table mends poses that are settled, as they are told; none goes on from there."""
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; runners-up are kept besides."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
@@ -159,6 +161,7 @@ class AsdfPlus:
         if self._scene is None:
             raise MethodError("asdf_plus: reset() must come before step()")
         config, scene, timed = self._config, self._scene, StageTimer()
+        assembly = scene.assembly
         proposed = self._asdf.propose(frame)
         with timed("register"):
             decided = self._decided(proposed, frame, scene)
@@ -167,12 +170,14 @@ class AsdfPlus:
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
             poses = self._named_by_place(followed, scene)
-            first = proposed.poses.get(scene.assembly.base)
+            first = proposed.poses.get(assembly.base)
             state = scene.followed.step(self._asdf.looks, poses, frame, first=first)
         if config.joined.enabled:
             with timed("group"):
                 poses = scene.group.step(poses, state, frame, base=scene.followed.base)
                 poses = self._settled_together(poses, state, frame, scene)
+        with timed("lay"):
+            poses = free_on_table(poses, assembly, self._asdf.shapes, frame, config=config.laid)
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
@@ -242,6 +247,7 @@ class AsdfPlus:
         }
         fitted = {n: PoseEstimate(n, T, sure[n], "group") for n, T in settled.items()}
         scene.group.see(settled[scene.assembly.base], fitted)
+        scene.followed.settle(settled[scene.assembly.base])
         return {**poses, **fitted}
 
     def _followed(

@@ -31,7 +31,7 @@ from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
-from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
+from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig, free_on_table
 from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
@@ -76,6 +76,8 @@ class AsdfTrackConfig(AsdfConfig):
     """Of the network in the rotation of the frame before; the tracker holds what is right."""
     on_table: OnTableConfig = NO_TABLE
     """Off: contours settle poses here."""
+    laid: OnTableConfig = LAID
+    """How the table mends poses, as they are told; the tracker goes on from its own."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = TRACKED_PLACES
@@ -195,6 +197,8 @@ class AsdfTrack:
             scene.state = scene.followed.step(
                 self._asdf.looks, poses, frame, first=first, free=free
             )
+        with timed("lay"):
+            poses = free_on_table(poses, assembly, self._asdf.shapes, frame, config=config.laid)
         runtime = {**proposed.runtime, **timed.seconds}
         said = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)

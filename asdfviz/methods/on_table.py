@@ -46,6 +46,24 @@ NO_TABLE = OnTableConfig(enabled=False)
 table says of turns (`turn_checks`) is another matter."""
 
 
+LAID = OnTableConfig(standing=StandingConfig(angle_deg=25.0, above=0.005))
+"""For poses that contours have settled, as they are told: rather more tilted ones may be meant to lie
+flat than where poses go on from there."""
+
+
+def free_on_table(
+    poses: Mapping[str, PoseEstimate],
+    assembly: Assembly,
+    shapes: Mapping[str, PartShape],
+    frame: Frame,
+    *,
+    config: OnTableConfig,
+) -> dict[str, PoseEstimate]:
+    """The poses, as `on_table` has them; those that the state holds as they are."""
+    free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
+    return {**poses, **on_table(free, assembly, shapes, frame, config=config)}
+
+
 def on_table(
     poses: Mapping[str, PoseEstimate],
     assembly: Assembly,

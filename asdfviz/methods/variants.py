@@ -215,6 +215,7 @@ def _common(config: Any) -> dict[str, Any]:
         "no look at places": replace(config, place_looks=BLIND),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
+        "told as settled": replace(config, laid=NO_TABLE),
     }
 
 

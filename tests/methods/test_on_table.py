@@ -5,9 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import PoseEstimate
+from asdfviz.datatypes import PoseEstimate, Stage
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.methods.on_table import NO_TABLE, OnTableConfig, none_below, on_table
+from asdfviz.methods.on_table import (
+    LAID,
+    NO_TABLE,
+    OnTableConfig,
+    free_on_table,
+    none_below,
+    on_table,
+)
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.seen_table import ANY_TABLE, table_of
 
@@ -52,6 +59,22 @@ def test_poses_stay_where_the_table_has_no_say(toy) -> None:
     poses = {"base": PoseEstimate("base", tilted, 0.7, "refined")}
     shapes = part_shapes(toy.assembly, surface_points=300)
     assert on_table(poses, toy.assembly, shapes, frame, config=OnTableConfig()) == poses
+
+
+@pytest.mark.parametrize(
+    ("stage", "is_laid"), [("refined", True), ("tracked", True), ("group", False)]
+)
+def test_a_settled_pose_is_told_as_it_lies_but_for_what_the_state_holds(
+    toy, stage: Stage, is_laid: bool
+) -> None:
+    """Twenty degrees off: more than first poses may be."""
+    tilted = moved(0.35, 0.0)
+    assert np.array_equal(settled(toy, tilted).T_camera_part, tilted)
+    frame = toy.frame(0, {"base": LYING})
+    shapes = part_shapes(toy.assembly, surface_points=1500)
+    poses = {"base": PoseEstimate("base", tilted, 0.7, stage)}
+    found = free_on_table(poses, toy.assembly, shapes, frame, config=LAID)["base"]
+    np.testing.assert_allclose(found.T_camera_part, LYING if is_laid else tilted, atol=3e-3)
 
 
 STEEP = transform_from(rotation_about(np.array([1.0, 0, 0]), 0.6), np.array([0.0, 0.0, 0.718]))
