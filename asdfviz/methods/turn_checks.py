@@ -36,7 +36,8 @@ ROUGH = 2
 SETTLED = 4
 """which ones are settled to the end."""
 OVERLAPPING = 0.6
-"""Poses whose centres are nearer than this share of a part's diameter show much the same of the picture."""
+"""Poses whose centres are nearer than this share of a part's diameter show much the same of the picture:
+a wheel taken end for end has its middle a third of its diameter deeper, as its hub looks up."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,7 @@ class TurnConfig:
     known: int = 6
     """Frames for which it is kept what was found of a pose, while others say that the part is turned."""
     same_deg: float = 20.0
-    """Poses turned less than this against each other are one,"""
-    same_place: float = 0.1
-    """if their centres are nearer than this share of the part's diameter."""
+    """Poses turned less than this against each other are one."""
     table: TurnTableConfig = field(default_factory=TurnTableConfig)
     """What the table says, besides."""
     drawn: DrawnConfig = field(default_factory=DrawnConfig)
@@ -114,7 +113,7 @@ class TurnChecks:
             _, against = self._table.said(frame, name, T_now, T_other)
             if against > table.worse:
                 return False
-        if name not in self._turns or apart > self._config.same_place:
+        if name not in self._turns or apart > OVERLAPPING:
             return True
         wrong = self._turns[name][0].out(self._config.lead)
         if not len(wrong):

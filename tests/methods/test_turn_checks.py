@@ -11,7 +11,7 @@ import pytest
 from asdfviz.datatypes import Frame, Mesh, Part
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import transform_from
+from asdfviz.geometry.transforms import apply_to_point, transform_from
 from asdfviz.methods import tracking
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.looked_at import LookedAt
@@ -104,6 +104,25 @@ def test_a_part_is_turned_as_the_crop_network_keeps_saying(lying: Lying, liked: 
         found = checks.step(lying.frame, lying.tracker, {"base": pose}, looked_at)
         pose = found.get("base", pose)
     assert (float(-pose[2, 2]) > 0.9) == (liked > 0)
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
+@pytest.mark.parametrize(("share", "is_allowed"), [(0.0, False), (0.35, False), (0.8, True)])
+def test_a_turn_that_was_wrong_stays_wrong_where_the_part_is(
+    lying: Lying, share: float, is_allowed: bool
+) -> None:
+    """Taken end for end, a part's middle may lie a third of its size from where it is."""
+    drawn, table = DrawnConfig(enabled=False), TurnTableConfig(enabled=False)
+    checks = TurnChecks(lying.parts, lying.bodies, config=TurnConfig(table=table, drawn=drawn))
+    looked_at, pose = {"base": Upright()}, lying.wrong
+    for _ in range(60):
+        found = checks.step(lying.frame, lying.tracker, {"base": pose}, looked_at)
+        pose = found.get("base", pose)
+    centre = lying.bodies["base"].model.centre
+    again = lying.wrong.copy()
+    again[:3, 3] += apply_to_point(pose, centre) - apply_to_point(again, centre)
+    again[0, 3] += share * lying.parts["base"].diameter
+    assert checks.allows(lying.frame, "base", pose, again) == is_allowed
 
 
 @pytest.mark.parametrize(
