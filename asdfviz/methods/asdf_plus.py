@@ -24,8 +24,7 @@ from asdfviz.methods.first_pose import LooksAtParts
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
-from asdfviz.methods.kept_poses import Decision, HypothesesConfig, Proposal, pose_confidence
-from asdfviz.methods.looked_at import LookedAt
+from asdfviz.methods.kept_poses import Decision, HypothesesConfig, pose_confidence, proposals_of
 from asdfviz.methods.network import Detects
 from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig, free_on_table
 from asdfviz.methods.one_place import OnePlace
@@ -125,6 +124,15 @@ class AsdfPlus:
         self._asdf.reset(assembly, camera, None)
         shapes, contours = self._asdf.shapes, config.contours
         bodies = load_bodies(assembly) if contours.enabled else None
+        followed = FollowedState(
+            assembly,
+            shapes,
+            self._asdf.looker,
+            smoothing=config.smoothing,
+            relative_pose=config.relative_pose,
+            group_fit=config.group_fit,
+            place_looks=config.place_looks,
+        )
         self._scene = _Scene(
             assembly,
             {
@@ -136,16 +144,8 @@ class AsdfPlus:
                 )
                 for name, part in assembly.parts.items()
             },
-            FollowedState(
-                assembly,
-                shapes,
-                self._asdf.looker,
-                smoothing=config.smoothing,
-                relative_pose=config.relative_pose,
-                group_fit=config.group_fit,
-                place_looks=config.place_looks,
-            ),
-            GroupPoses(assembly, shapes, config=config.joined),
+            followed,
+            GroupPoses(followed.assembly, shapes, config=config.joined),
             PlaceNames(assembly),
             OnePlace(assembly),
             None
@@ -174,8 +174,9 @@ class AsdfPlus:
             state = scene.followed.step(self._asdf.looks, poses, frame, first=first)
         if config.joined.enabled:
             with timed("group"):
-                poses = scene.group.step(poses, state, frame, base=scene.followed.base)
-                poses = self._settled_together(poses, state, frame, scene)
+                told = scene.followed.unfolded
+                poses = scene.group.step(poses, told, frame, base=scene.followed.base)
+                poses = self._settled_together(poses, told, frame, scene)
         with timed("lay"):
             poses = free_on_table(poses, assembly, self._asdf.shapes, frame, config=config.laid)
         runtime = {**proposed.runtime, **timed.seconds}
@@ -200,7 +201,7 @@ class AsdfPlus:
         for name, hypotheses in scene.hypotheses.items():
             look = self._asdf.looked_at.get(name)
             decision = hypotheses.step(
-                self._proposals(proposed.poses.get(name), look),
+                proposals_of(proposed.poses.get(name), look),
                 frame,
                 box_xyxy=found[name].box_xyxy if name in found else None,
                 likely=None if look is None else look.likely,
@@ -237,7 +238,7 @@ class AsdfPlus:
         settled = scene.together.step(
             frame,
             {name: poses[name].T_camera_part for name in held},
-            scene.assembly.states[state.index],
+            scene.followed.assembly.states[state.index],
         )
         if not settled:
             return poses
@@ -277,18 +278,6 @@ class AsdfPlus:
             {name: pose.score for name, pose in poses.items()},
         )
         return {name: pose for name, pose in poses.items() if name not in intruders}
-
-    def _proposals(self, own: PoseEstimate | None, look: LookedAt | None) -> list[Proposal]:
-        """ASDF's pose, then the runners-up of its first pose; nothing where ASDF ruled all out."""
-        if own is None:
-            return []
-        if look is None:
-            return [Proposal(own.T_camera_part, 1.0)]
-        first, *others = look.settled
-        return [
-            Proposal(own.T_camera_part, first.likely, is_fitted=first.refined),
-            *(Proposal(r.T_camera_part, r.likely, is_fitted=r.refined) for r in others),
-        ]
 
 
 SPEC = MethodSpec(

@@ -46,6 +46,7 @@ from asdfviz.methods.unlike_twins import UnlikeTwins, UnlikeTwinsConfig
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
+from asdfviz.state.place_odds import JoinedOdds
 from asdfviz.state.relative_pose import RelativePoseConfig
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
@@ -110,6 +111,7 @@ class _Scene:
     assembly: Assembly
     parts: PartTracks
     followed: FollowedState
+    odds: JoinedOdds
     twins: PlaceNames
     places: JointPlaces
     still: StillThere
@@ -139,6 +141,15 @@ class AsdfTrack:
         """
         config = self._config
         self._asdf.reset(assembly, camera, None)
+        followed = FollowedState(
+            assembly,
+            self._asdf.shapes,
+            self._asdf.looker,
+            smoothing=config.smoothing,
+            relative_pose=config.relative_pose,
+            group_fit=config.group_fit,
+            place_looks=config.place_looks,
+        )
         self._scene = _Scene(
             assembly=assembly,
             parts=PartTracks(
@@ -148,15 +159,8 @@ class AsdfTrack:
                 refind=config.refind,
                 turns=config.turns,
             ),
-            followed=FollowedState(
-                assembly,
-                self._asdf.shapes,
-                self._asdf.looker,
-                smoothing=config.smoothing,
-                relative_pose=config.relative_pose,
-                group_fit=config.group_fit,
-                place_looks=config.place_looks,
-            ),
+            followed=followed,
+            odds=JoinedOdds(followed.assembly),
             twins=PlaceNames(assembly),
             places=JointPlaces(assembly),
             still=StillThere(assembly, config=config.still_there),
@@ -244,22 +248,27 @@ class AsdfTrack:
         Those that are not tracked, as nobody found them, begin where a settled state has them. What
         is not seen is in its joint where the parts that move with it tell.
         """
-        tracker, base = scene.parts.tracker, scene.assembly.base
+        tracker, base, config = scene.parts.tracker, scene.assembly.base, self._config.join
+        told = scene.followed.unfolded
         tracker.release()
-        if scene.state is None or base not in tracker.names:
+        if told is None or base not in tracker.names:
             return frozenset()
-        state = scene.assembly.states[scene.state.index]
-        if scene.state.probabilities[state.index] < self._config.join.probability:
-            return frozenset()
+        state = scene.followed.assembly.states[told.index]
+        odds = {name: p for name, p in scene.odds.of(told).items() if name != base}
+        settled = {name for name, p in odds.items() if p >= config.settled}
         poses, tracks = tracker.poses, scene.parts.tracks
-        if scene.state.probabilities[state.index] >= self._config.join.settled:
-            others = [name for name in state.attached if name != base]
-            told = {name: poses[base] @ scene.places.last(name, state) for name in others}
-            scene.parts.begin(frame, {n: T for n, T in told.items() if n not in poses})
-            tracker.replace(frame, {n: T for n, T in told.items() if tracks[n].unsure})
+        if settled:
+            at = {n: poses[base] @ scene.places.last(n, state) for n in settled}
+            scene.parts.begin(frame, {n: T for n, T in at.items() if n not in poses})
+            tracker.replace(frame, {n: T for n, T in at.items() if tracks[n].unsure})
             poses = tracker.poses
-        near = [n for n in state.attached if n in poses and self._joins(n, poses, state, scene)]
-        held = {name: state.T_base_part[name] for name in (base, *near)}
+        near = {
+            name
+            for name, p in odds.items()
+            if name in poses and p >= config.probability and self._joins(name, poses, state, scene)
+        }
+        near |= settled & poses.keys()
+        held = {name: T for name, T in state.T_base_part.items() if name == base or name in near}
         joints = {name: joint for name, joint in state.joints.items() if name in near}
         tracker.hold(replace(state, T_base_part=held, joints=joints), base=base)
         return frozenset(near)
@@ -267,12 +276,8 @@ class AsdfTrack:
     def _joins(
         self, name: str, poses: Mapping[str, Transform], state: State, scene: _Scene
     ) -> bool:
-        """Whether a part is where the state has it, or must be, or was not seen for long."""
+        """Whether a part is where the state has it, or was not seen for long."""
         config, base = self._config.join, scene.assembly.base
-        if name == base or scene.state is None:
-            return False
-        if scene.state.probabilities[state.index] >= config.settled:
-            return True
         off = deviation(
             inverse(poses[base]) @ poses[name],
             state.T_base_part[name],

@@ -52,6 +52,17 @@ class FollowedState:
         self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=place_looks)
 
     @property
+    def assembly(self) -> Assembly:
+        """With its half-done states, the last ones; by these parts are placed."""
+        return self._unfolded
+
+    @property
+    def unfolded(self) -> StateEstimate | None:
+        """What the last frame's state is if half-done states count by themselves."""
+        belief = self._states.belief
+        return None if belief is None else StateEstimate(belief, {})
+
+    @property
     def base(self) -> PoseEstimate | None:
         """Where the base is by all that was seen of the group in the last frame, if anything was."""
         return self._fits.base

@@ -13,8 +13,6 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
@@ -22,6 +20,7 @@ from asdfviz.methods.part_poses import PartShape
 from asdfviz.pose.depth_fit import depth_fit
 from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
 from asdfviz.state.joints import Deviation, off_place
+from asdfviz.state.place_odds import JoinedOdds
 
 
 @dataclass(frozen=True)
@@ -62,19 +61,7 @@ class GroupPoses:
         self._assembly, self._shapes, self._config = assembly, shapes, config
         near = JointPlacesConfig(distance=config.distance, angle_deg=config.angle_deg)
         self._places = JointPlaces(assembly, config=near)
-        states = assembly.states
-        self._alike = [
-            {
-                name: [
-                    other.index
-                    for other in states
-                    if name in other.T_base_part and np.allclose(other.T_base_part[name], T)
-                ]
-                for name, T in state.T_base_part.items()
-            }
-            for state in states
-        ]
-        """By state and part, the states that have the part at the same place."""
+        self._odds = JoinedOdds(assembly)
         self._held: tuple[str, ...] = ()
 
     @property
@@ -136,10 +123,7 @@ class GroupPoses:
 
     def _joined(self, state: StateEstimate) -> tuple[list[str], dict[str, float]]:
         """Parts that are certainly where the most probable state has them, and how certainly."""
-        sure = {
-            name: float(state.probabilities[alike].sum())
-            for name, alike in self._alike[state.index].items()
-        }
+        sure = self._odds.of(state)
         joined = [
             name
             for name, probability in sure.items()

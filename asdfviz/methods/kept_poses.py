@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from asdfviz.datatypes import PoseEstimate
 from asdfviz.geometry.shapes import Transform
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.registration import Evidence
 from asdfviz.pose.confidence import ConfidenceConfig, confidence
 
@@ -59,6 +61,19 @@ class Proposal:
     """The network's preference, 0 to 1, 1 for the one that it prefers."""
     is_fitted: bool = False
     """Whether depth has turned it already; others are registered."""
+
+
+def proposals_of(own: PoseEstimate | None, look: LookedAt | None) -> list[Proposal]:
+    """ASDF's pose, then the runners-up of its first pose; nothing where ASDF ruled all out."""
+    if own is None:
+        return []
+    if look is None:
+        return [Proposal(own.T_camera_part, 1.0)]
+    first, *others = look.settled
+    return [
+        Proposal(own.T_camera_part, first.likely, is_fitted=first.refined),
+        *(Proposal(r.T_camera_part, r.likely, is_fitted=r.refined) for r in others),
+    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,10 @@ import pytest
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, StateEstimate
+from asdfviz.geometry.symmetry import symmetric_angle
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.followed_state import FollowedState
+from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.tolerances import TRACKED_PLACES
@@ -36,12 +38,16 @@ def followed(caliper: Assembly) -> FollowedState:
     )
 
 
+def blank() -> Frame:
+    camera = Camera(np.diag([600.0, 600.0, 1.0]), 640, 360)
+    return Frame(0, 0.0, np.zeros((360, 640, 3), np.uint8), None, camera)
+
+
 def after(
     followed: FollowedState, caliper: Assembly, state: int, away: tuple[str, ...], frames: int
 ) -> StateEstimate:
     """What is said after frames in which the state's parts are in their places, but for some."""
-    camera = Camera(np.diag([600.0, 600.0, 1.0]), 640, 360)
-    frame = Frame(0, 0.0, np.zeros((360, 640, 3), np.uint8), None, camera)
+    frame = blank()
     aside = transform_from(np.eye(3), np.array([0.3, 0.0, 0.0]))
     poses = {
         name: PoseEstimate(name, IN_VIEW @ (aside if name in away else T), 0.95, "refined")
@@ -64,3 +70,31 @@ def test_a_step_is_done_when_its_last_part_is_in(
     assert after(followed, caliper, 1, (), 20).index == 1
     assert after(followed, caliper, 2, (out,), 60).index == 1
     assert after(followed, caliper, 2, (), 30).index == 2
+
+
+@pytest.mark.parametrize(("is_in", "out"), [("pinion", "wheel"), ("wheel", "pinion")])
+def test_of_a_half_done_step_the_part_that_is_in_is_placed(
+    followed: FollowedState, caliper: Assembly, is_in: str, out: str
+) -> None:
+    """Alone a thin gear may be taken end for end; in its place it can only lie in one way."""
+    assert followed.unfolded is None
+    assert after(followed, caliper, 2, (out,), 60).index == 1
+    told = followed.unfolded
+    assert told is not None
+    state = followed.assembly.states[told.index]
+    assert is_in in state.T_base_part
+    assert out not in state.T_base_part
+    shapes = part_shapes(caliper, surface_points=300)
+    groups = GroupPoses(followed.assembly, shapes, config=GroupConfig())
+    T_right = IN_VIEW @ state.T_base_part[is_in]
+    upside_down = T_right @ transform_from(np.diag([1.0, -1, -1]), np.array([0.0, 0.0, 0.004]))
+    poses = {
+        "carriage": PoseEstimate("carriage", IN_VIEW, 0.95, "refined"),
+        is_in: PoseEstimate(is_in, upside_down, 0.6, "refined"),
+    }
+    placed = groups.step(poses, told, blank())
+    assert placed[is_in].stage == "group"
+    symmetries = caliper.parts[is_in].symmetries
+    assert symmetric_angle(placed[is_in].T_camera_part, upside_down, symmetries) > 2
+    axes = placed[is_in].T_camera_part[:3, 2] @ T_right[:3, 2]
+    assert axes > 0.99

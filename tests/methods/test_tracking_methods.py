@@ -535,7 +535,7 @@ def test_a_part_that_is_taken_end_for_end_is_turned(scene: Scene) -> None:
         scene.frames[0], "base", pose["base"], turned(pose["base"], R, centre=centre)
     )
     assert fits.allows(scene.frames[0], "base", pose["base"], nudged(pose["base"], 1, 2))
-    elsewhere = turned(nudged(pose["base"], 40, 0), R, centre=centre)
+    elsewhere = turned(nudged(pose["base"], 90, 0), R, centre=centre)
     assert fits.allows(scene.frames[0], "base", pose["base"], elsewhere)
     # Somebody turned it all the same: nothing is known of that pose, which is turned again.
     pose = {"base": turned(pose["base"], R, centre=centre)}
