@@ -142,9 +142,7 @@ class PartTracks:
             track.joined = name in joined
             track.explore = not track.joined and visible >= self._config.seen
             if sure[name] >= least:
-                track.T_before = track.T_now if track.age and not track.unsure else None
-                track.T_now, track.unsure, track.age = T_found, 0, track.age + 1
-                track.missing = 0
+                track.take(T_found)
                 seen.append(name)
             else:
                 track.T_before, track.unsure = None, track.unsure + 1
@@ -211,14 +209,16 @@ class PartTracks:
         best = carried = max(on, key=attrgetter("score"))
         starts = self._joined_places(name, track, state)
         starts += jumps(track, proposal, look, centre=balance, frames=self._frames, config=config)
-        starts = [T for T in starts if self._checks.allows(frame, name, best.T_camera_part, T)]
+        allows = partial(self._checks.allows, frame, name, best.T_camera_part)
+        starts = [T for T in starts if allows(T)]
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
         value = partial(preferred, look=look, K=frame.camera.K, centre=centre, config=config)
         ahead = partial(self._ahead, frame, name, value)
         rough = sorted(rough, key=value, reverse=True)[: config.kept]
         promising = [t.T_camera_part for t in rough if value(t) > value(best) - config.doubt]
-        best = self._decided(track, best, tracker.trials(frame, name, promising), ahead)
+        settled = [t for t in tracker.trials(frame, name, promising) if allows(t.T_camera_part)]
+        best = self._decided(track, best, settled, ahead)
         if track.rival is not None and track.explore:
             start = best.T_camera_part @ track.rival.T_track_rival
             if self._checks.allows(frame, name, best.T_camera_part, start):

@@ -6,12 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import rotation_angle
 from asdfviz.methods.place_support import PlaceSupport
 
 FOUND = 1.0
 """Support of a place from which the detector is taken to have found the part there."""
 YOUNG = 5
 """Frames in which a part must have been sure before its pose has a start on others."""
+
+JUMP = 0.8
+"""Nothing turns so far from one frame to the next (radians): it was taken for turned otherwise, and
+would be turned back if that were carried on."""
 
 
 @dataclass(slots=True, eq=False)
@@ -61,6 +66,14 @@ class Track:
     def is_established(self) -> bool:
         """Whether it was sure often enough, where the detector had it, too."""
         return not self.is_new and self.support.own >= FOUND
+
+    def take(self, T_found: Transform) -> None:
+        """Take in a pose of which the tracker is sure; what was turned at once goes on in no direction."""
+        turn = rotation_angle(self.T_now[:3, :3].T @ T_found[:3, :3])
+        goes_on = self.age > 0 and not self.unsure and turn < JUMP
+        self.T_before = self.T_now if goes_on else None
+        self.T_now, self.age = T_found, self.age + 1
+        self.unsure = self.missing = 0
 
 
 def surely_placed(tracks: Mapping[str, Track]) -> tuple[str, ...]:
