@@ -138,4 +138,12 @@ def photos_in(folder: Path | None, width: float, share: float) -> Photos:
     """The photos in a folder that was named, none if none was."""
     from asdfviz.synth.photo_grounds import Photos, find_photos
 
-    return Photos() if folder is None else find_photos(folder, width=width, share=share)
+    if folder is None:
+        return Photos()
+    with progress_bar("photos") as report:
+        return find_photos(
+            folder,
+            width=width,
+            share=share,
+            progress=lambda done, total: report(done, total, ""),
+        )

@@ -6,7 +6,7 @@ so what it shows counts as the colour of the table; that is dark or pale enough 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -46,13 +46,20 @@ class Photos:
     """Share of the scenes whose table is one of the photos."""
 
 
-def find_photos(folder: Path, *, width: float, share: float) -> Photos:
+def find_photos(
+    folder: Path,
+    *,
+    width: float,
+    share: float,
+    progress: Callable[[int, int], object] | None = None,
+) -> Photos:
     """The photos in a folder, each of them looked at.
 
     Args:
         folder: JPEG or PNG files.
         width: metres that the longer side of a photo shows.
         share: of the scenes.
+        progress: told how many of the photos were looked at, and how many there are.
 
     Raises:
         InputError: the folder is missing or has no photo, one is too small, or a figure is impossible.
@@ -69,12 +76,14 @@ def find_photos(folder: Path, *, width: float, share: float) -> Photos:
     files = sorted(f for f in folder.iterdir() if f.suffix.lower() in SUFFIXES)
     if not files:
         raise InputError(f"{folder} has no .jpg or .png file; give photos of your empty table")
-    for file in files:
+    for place, file in enumerate(files, start=1):
         height, wide = read_rgb(file).shape[:2]
         if min(height, wide) < LEAST_PX:
             raise InputError(
                 f"{file} is {wide} x {height} pixels, give photos of {LEAST_PX} or more each way"
             )
+        if progress is not None:
+            progress(place, len(files))
     return Photos(tuple(str(f.resolve()) for f in files), width, share)
 
 

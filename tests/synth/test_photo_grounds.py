@@ -84,7 +84,10 @@ def test_without_photos_every_throw_is_as_ever(folder: Path) -> None:
     assert len(drawn) == len(any_grounds(POINTS, other))
     assert rng.random() == other.random()
     assert all(ground.photo is None for ground in drawn)
-    photos = find_photos(folder, width=0.5, share=0.5)
+    told: list[tuple[int, int]] = []
+    photos = find_photos(folder, width=0.5, share=0.5, progress=lambda *at: told.append(at))
+    count = len(photos.files)
+    assert told == [(k, count) for k in range(1, count + 1)]
     tops = [
         choose_grounds(POINTS, rng, theatre_share=0.5, photos=photos)[0].photo for _ in range(200)
     ]
