@@ -19,7 +19,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.boxes import box_middle, share_inside
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.network import Detects
-from asdfviz.methods.seen_table import table_of
+from asdfviz.methods.seen_table import heights_in
 from asdfviz.pose.blobs import BlobConfig, standing_out
 
 BORDER_PX = 2.0
@@ -103,8 +103,8 @@ class SecondLook:
         if recent and now % 2:
             return box_middle(recent[now // 2 % len(recent)][1])
         if frame.depth is not None:
-            table = table_of(frame, config.blobs.table)
-            for blob in standing_out(frame.depth, frame.camera.K, table, config=config.blobs):
+            above = heights_in(frame, config.blobs.table)
+            for blob in standing_out(above, config=config.blobs):
                 if any(share_inside(blob, box) > config.explained for box in boxes):
                     continue
                 at = box_middle(blob)

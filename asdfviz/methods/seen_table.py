@@ -6,6 +6,7 @@ from functools import lru_cache
 
 from asdfviz.datatypes import Frame
 from asdfviz.geometry.shapes import Box
+from asdfviz.pose.blobs import Heights, heights_above
 from asdfviz.pose.table import Table, TableConfig, largest_plane, table_around
 
 ANY_TABLE = TableConfig()
@@ -18,6 +19,15 @@ def table_of(frame: Frame, config: TableConfig) -> Table | None:
     if frame.depth is None:
         return None
     return largest_plane(frame.depth, frame.camera.K, config=config)
+
+
+@lru_cache(maxsize=2)
+def heights_in(frame: Frame, config: TableConfig) -> Heights | None:
+    """How high all that a frame shows lies above its table, metres; None where that is not known."""
+    table = table_of(frame, config)
+    if table is None or frame.depth is None:
+        return None
+    return heights_above(frame.depth, frame.camera.K, table)
 
 
 def table_near(frame: Frame, box_xyxy: Box) -> Table | None:

@@ -19,7 +19,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.boxes import overlap, share_inside
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
 from asdfviz.methods.assignment import scores_in_classes
-from asdfviz.methods.seen_table import table_of
+from asdfviz.methods.seen_table import heights_in
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.pose.blobs import BlobConfig, standing_out
 from asdfviz.pose.box_size import box_distance
@@ -154,10 +154,9 @@ class ThingNames:
             return tuple(detections)
         boxes = [d.box_xyxy for d in found.values()]
         config = self._config.blobs
-        table = table_of(frame, config.table)
         blobs = [
             blob
-            for blob in standing_out(frame.depth, frame.camera.K, table, config=config)
+            for blob in standing_out(heights_in(frame, config.table), config=config)
             if not any(share_inside(blob, box) > self._config.explained for box in boxes)
         ][: self._config.most]
         more: list[Detection] = []

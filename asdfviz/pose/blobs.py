@@ -7,6 +7,7 @@ there.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -14,6 +15,9 @@ from jaxtyping import Float32
 
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics
 from asdfviz.pose.table import Table, TableConfig
+
+Heights: TypeAlias = Float32[np.ndarray, "h w"]
+"""Above the table, metres."""
 
 
 @dataclass(frozen=True)
@@ -30,31 +34,34 @@ class BlobConfig:
     """Smaller ones are noise, pixels."""
 
 
-def standing_out(
-    depth: Depth, K: Intrinsics, table: Table | None, *, config: BlobConfig
-) -> list[Box]:
-    """Boxes (x0, y0, x1, y1 in pixels) around what stands out of the table.
+def heights_above(depth: Depth, K: Intrinsics, table: Table) -> Heights:
+    """How high every reading lies above the table, metres, single ones smoothed away; 0 without one.
 
     Args:
         depth: planar depth, metres, 0 = none.
         K: its intrinsics.
-        table: in the camera's frame, if there is one.
+        table: in the camera's frame.
+    """
+    height, width = depth.shape
+    rows, columns = np.ogrid[:height, :width]
+    above = table.heights(depth, rows=rows, columns=columns, K=K)
+    above[depth <= 0] = 0.0
+    return cv2.medianBlur(above.astype(np.float32), 3)
+
+
+def standing_out(above: Heights | None, *, config: BlobConfig) -> list[Box]:
+    """Boxes (x0, y0, x1, y1 in pixels) around what stands out of the table.
+
+    Args:
+        above: as `heights_above` gives them; None where there is no table.
         config: what counts.
 
     Returns:
         The largest first; none without a table.
     """
-    if table is None:
+    if above is None:
         return []
-    height, width = depth.shape
-    rows, columns = np.mgrid[:height, :width]
-    above = table.heights(depth, rows=rows, columns=columns, K=K)
-    above = np.where(depth > 0, above, 0.0).astype(np.float32)
-    return _boxes(cv2.medianBlur(above, 3), config)
-
-
-def _boxes(above: Float32[np.ndarray, "h w"], config: BlobConfig) -> list[Box]:
-    out = ((above > config.rise) & (above < config.most)).astype(np.uint8)
+    out = cv2.inRange(above, np.array([config.rise]), np.array([config.most]))
     out = cv2.morphologyEx(out, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     _, _, found, _ = cv2.connectedComponentsWithStats(out, connectivity=8)
     height, width = above.shape

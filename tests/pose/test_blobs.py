@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from asdfviz.geometry.shapes import Box, Depth
-from asdfviz.pose.blobs import BlobConfig, standing_out
+from asdfviz.pose.blobs import BlobConfig, heights_above, standing_out
 from asdfviz.pose.table import largest_plane
 
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
@@ -22,7 +22,8 @@ def table(tilt: float = 0.3, noise: float = 0.0005) -> np.ndarray:
 
 def found_in(depth: Depth) -> list[Box]:
     config = BlobConfig()
-    return standing_out(depth, K, largest_plane(depth, K, config=config.table), config=config)
+    plane = largest_plane(depth, K, config=config.table)
+    return standing_out(None if plane is None else heights_above(depth, K, plane), config=config)
 
 
 def test_blobs_are_found_on_a_tilted_table_the_largest_first() -> None:
