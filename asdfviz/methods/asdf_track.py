@@ -255,19 +255,15 @@ class AsdfTrack:
             return frozenset()
         state = scene.followed.assembly.states[told.index]
         odds = {name: p for name, p in scene.odds.of(told).items() if name != base}
-        settled = {name for name, p in odds.items() if p >= config.settled}
+        settled = [name for name, p in odds.items() if p >= config.settled]
         poses, tracks = tracker.poses, scene.parts.tracks
         if settled:
             at = {n: poses[base] @ scene.places.last(n, state) for n in settled}
             scene.parts.begin(frame, {n: T for n, T in at.items() if n not in poses})
             tracker.replace(frame, {n: T for n, T in at.items() if tracks[n].unsure})
             poses = tracker.poses
-        near = {
-            name
-            for name, p in odds.items()
-            if name in poses and p >= config.probability and self._joins(name, poses, state, scene)
-        }
-        near |= settled & poses.keys()
+        likely = [n for n, p in odds.items() if n in poses and p >= config.probability]
+        near = [n for n in likely if n in settled or self._joins(n, poses, state, scene)]
         held = {name: T for name, T in state.T_base_part.items() if name == base or name in near}
         joints = {name: joint for name, joint in state.joints.items() if name in near}
         tracker.hold(replace(state, T_base_part=held, joints=joints), base=base)
