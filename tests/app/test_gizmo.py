@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any
 
@@ -51,7 +52,11 @@ def show(gizmo: Gizmo, workspace: Workspace, place: int) -> None:
 
 def drag(handle: Handle, phase: str, *, by: float) -> None:
     handle.position = handle.position + np.array([by, 0.0, 0.0])
-    asyncio.run(handle.callback(SimpleNamespace(target=handle, phase=phase)))
+    # In a thread of its own: browser tests leave a loop running in theirs.
+    with ThreadPoolExecutor(1) as own:
+        own.submit(
+            lambda: asyncio.run(handle.callback(SimpleNamespace(target=handle, phase=phase)))
+        ).result()
 
 
 def test_a_drag_tells_the_frame_where_it_was_begun(
