@@ -26,7 +26,7 @@ from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.kept_poses import Decision, HypothesesConfig, pose_confidence, proposals_of
 from asdfviz.methods.network import Detects
-from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig, free_on_table
+from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig, on_table
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import sure_enough
@@ -178,7 +178,7 @@ class AsdfPlus:
                 poses = scene.group.step(poses, told, frame, base=scene.followed.base)
                 poses = self._settled_together(poses, told, frame, scene)
         with timed("lay"):
-            poses = free_on_table(poses, assembly, self._asdf.shapes, frame, config=config.laid)
+            poses = on_table(poses, assembly, self._asdf.shapes, frame, config=config.laid)
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)

@@ -31,7 +31,7 @@ from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
-from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig, free_on_table
+from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig, on_table
 from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
@@ -202,7 +202,7 @@ class AsdfTrack:
                 self._asdf.looks, poses, frame, first=first, free=free
             )
         with timed("lay"):
-            poses = free_on_table(poses, assembly, self._asdf.shapes, frame, config=config.laid)
+            poses = on_table(poses, assembly, self._asdf.shapes, frame, config=config.laid)
         runtime = {**proposed.runtime, **timed.seconds}
         said = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)

@@ -50,6 +50,7 @@ class Trial:
         self._numbers = {name: i for i, name in enumerate(assembly.parts)}
         self._placements: dict[tuple[object, ...], Drawn] = {}
         self._scenes: dict[int, Drawn] = {}
+        self._nearers: dict[int, float] = {}
         self._said: dict[int, Said] = {}
         self._base_nearer = self._nearer(self._drawn([assembly.base], [np.eye(4)]))
 
@@ -79,7 +80,9 @@ class Trial:
 
     def nearer(self, state: State) -> float:
         """How much nearer than drawn the state's scene is measured, metres."""
-        return self._nearer(self._scene(state))
+        if state.index not in self._nearers:
+            self._nearers[state.index] = self._nearer(self._scene(state))
+        return self._nearers[state.index]
 
     def moved(self, move: Move, state: State) -> Trial:
         """The same group after a move in the view, and as near as the state's scene is measured."""

@@ -51,19 +51,6 @@ LAID = OnTableConfig(standing=StandingConfig(angle_deg=25.0, above=0.005))
 flat than where poses go on from there."""
 
 
-def free_on_table(
-    poses: Mapping[str, PoseEstimate],
-    assembly: Assembly,
-    shapes: Mapping[str, PartShape],
-    frame: Frame,
-    *,
-    config: OnTableConfig,
-) -> dict[str, PoseEstimate]:
-    """The poses, as `on_table` has them; those that the state holds as they are."""
-    free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
-    return {**poses, **on_table(free, assembly, shapes, frame, config=config)}
-
-
 def on_table(
     poses: Mapping[str, PoseEstimate],
     assembly: Assembly,
@@ -72,9 +59,11 @@ def on_table(
     *,
     config: OnTableConfig,
 ) -> dict[str, PoseEstimate]:
-    """The poses: what lies on the table flat on it, and nothing in it."""
+    """The poses: what lies on the table flat on it, and nothing in it; what the state holds as it is."""
     result = dict(poses)
     for name, pose in poses.items():
+        if pose.stage == "group":
+            continue
         box = projected_box(pose.T_camera_part, shapes[name].corners, frame)
         table = table_near(frame, box) if config.enabled else None
         if table is None:

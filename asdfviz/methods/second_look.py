@@ -102,16 +102,15 @@ class SecondLook:
         # In turn: a part that was covered a moment ago must not keep all others waiting.
         if recent and now % 2:
             return box_middle(recent[now // 2 % len(recent)][1])
-        if frame.depth is not None:
-            above = heights_in(frame, config.blobs.table)
-            for blob in standing_out(above, config=config.blobs):
-                if any(share_inside(blob, box) > config.explained for box in boxes):
-                    continue
-                at = box_middle(blob)
-                near = float(np.linalg.norm(blob[2:] - blob[:2])) / 2
-                if all(float(np.linalg.norm(at - old)) > near for _, old in self._looked):
-                    self._looked.append((now, at))
-                    return at
+        above = heights_in(frame, config.blobs.table)
+        for blob in standing_out(above, config=config.blobs):
+            if any(share_inside(blob, box) > config.explained for box in boxes):
+                continue
+            at = box_middle(blob)
+            near = float(np.linalg.norm(blob[2:] - blob[:2])) / 2
+            if all(float(np.linalg.norm(at - old)) > near for _, old in self._looked):
+                self._looked.append((now, at))
+                return at
         return box_middle(recent[now // 2 % len(recent)][1]) if recent else None
 
     def _through_window(self, frame: Frame, middle: Float64[np.ndarray, "2"]) -> list[Detection]:

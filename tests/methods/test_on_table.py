@@ -11,7 +11,6 @@ from asdfviz.methods.on_table import (
     LAID,
     NO_TABLE,
     OnTableConfig,
-    free_on_table,
     none_below,
     on_table,
 )
@@ -73,7 +72,7 @@ def test_a_settled_pose_is_told_as_it_lies_but_for_what_the_state_holds(
     frame = toy.frame(0, {"base": LYING})
     shapes = part_shapes(toy.assembly, surface_points=1500)
     poses = {"base": PoseEstimate("base", tilted, 0.7, stage)}
-    found = free_on_table(poses, toy.assembly, shapes, frame, config=LAID)["base"]
+    found = on_table(poses, toy.assembly, shapes, frame, config=LAID)["base"]
     np.testing.assert_allclose(found.T_camera_part, LYING if is_laid else tilted, atol=3e-3)
 
 
