@@ -27,7 +27,7 @@ class SmoothingConfig:
     stay: float = 0.96
     """Probability that a state lasts for another frame: 25 frames a state, as in the paper's
     sequences."""
-    stay_wrong: float = 0.7
+    stay_wrong: float = 0.5
     """Probability that an error lasts for another frame: it is undone at once, and while it is there
     every frame says so."""
     leak: float = 1e-4
@@ -50,7 +50,7 @@ class SmoothingConfig:
 
 
 FOLLOWED = SmoothingConfig(
-    appearance_weight=0.15, pose_weight=0.25, group_weight=0.4, place_weight=0.6
+    appearance_weight=0.15, pose_weight=0.25, group_weight=0.4, place_weight=0.4
 )
 """As `asdf_plus` and `asdf_track` have it. Appearance counts little: a lightly trained network mistakes
 states more often than places. What is seen of the group errs alike in frames that look alike, so it
