@@ -7,13 +7,14 @@ come from crops, as do the state's looks; `--first-pose keypoints` is the paper 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeAlias
 
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Scores
+from asdfviz.geometry.shapes import Box, Scores, Transform
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.contests import Contests
 from asdfviz.methods.first_pose import (
@@ -43,6 +44,9 @@ from asdfviz.methods.timing import StageTimer
 from asdfviz.state.fusion import Pose2State
 from asdfviz.state.relative_pose import relative_pose_probabilities
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
+
+Rests: TypeAlias = Callable[[str, Box, Frame], Transform | None]
+"""Of a part that was detected in a box, T_camera_part where it still lies as it lay; else None."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,11 +173,18 @@ class Asdf:
         self._started().finder.rename(names)
         self._before = renamed(self._before, names)
 
-    def propose(self, frame: Frame) -> FramePrediction:
-        """Poses of the next frame and `looks`, no state: for methods that find that otherwise."""
-        return self._propose(frame, StageTimer())
+    def propose(self, frame: Frame, *, rests: Rests | None = None) -> FramePrediction:
+        """Poses of the next frame and `looks`, no state: for methods that find that otherwise.
 
-    def _propose(self, frame: Frame, timed: StageTimer) -> FramePrediction:
+        Args:
+            frame: to look at.
+            rests: asked of every detected part; those that rest are not looked at by the crop network.
+        """
+        return self._propose(frame, StageTimer(), rests)
+
+    def _propose(
+        self, frame: Frame, timed: StageTimer, rests: Rests | None = None
+    ) -> FramePrediction:
         config, scene = self._config, self._started()
         assembly, shapes = scene.assembly, scene.shapes
         self.looked_at = {}
@@ -181,10 +192,12 @@ class Asdf:
             detections, found = scene.finder.find(frame)
             self.assigned = found
         with timed("pnp" if scene.crop_poses is None else "crops"):
-            poses = self._first_poses(found, frame)
+            known = self._resting(found, frame, rests)
+            fresh = {name: d for name, d in found.items() if name not in known}
+            poses = self._first_poses(fresh, frame)
         with timed("refine"):
             poses, found = settled_poses(
-                self._refined(poses, found, frame),
+                {**self._refined(poses, fresh, frame), **known},
                 found,
                 detections,
                 frame,
@@ -198,6 +211,19 @@ class Asdf:
         with timed("state"):
             self.looks = scene.looks.probabilities(detections, poses, frame)
         return FramePrediction(frame.index, poses, None, detections, timed.seconds)
+
+    def _resting(
+        self, found: Mapping[str, Detection], frame: Frame, rests: Rests | None
+    ) -> dict[str, PoseEstimate]:
+        """The parts that lie where they lay; none where first poses cost little."""
+        if rests is None or self._started().crop_poses is None:
+            return {}
+        asked = {name: rests(name, d.box_xyxy, frame) for name, d in found.items()}
+        return {
+            name: PoseEstimate(name, T, found[name].score, "refined")
+            for name, T in asked.items()
+            if T is not None
+        }
 
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
         config, scene = self._config, self._started()
@@ -219,8 +245,10 @@ class Asdf:
     def _remembered(self, pose: PoseEstimate) -> Before:
         """A pose, with what the network thought of its rotation so far."""
         before, look = self._before.get(pose.part), self.looked_at.get(pose.part)
-        if before is None or look is None:
+        if before is None:
             return Before(pose.T_camera_part)
+        if look is None:
+            return before.followed_by(pose.T_camera_part, before.liked, memory=0.0)
         T, memory = pose.T_camera_part, self._config.doubts
         return before.followed_by(T, look.likely(T), memory=memory)
 

@@ -17,6 +17,7 @@ from functools import partial
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate, StateEstimate
 from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.contour_fits import ContourConfig, ContourFit, ContourFits
@@ -141,8 +142,9 @@ class AsdfPlus:
                     shapes[name],
                     config=config.hypotheses,
                     registration=config.registration,
+                    phase=phase,
                 )
-                for name, part in assembly.parts.items()
+                for phase, (name, part) in enumerate(assembly.parts.items())
             },
             followed,
             GroupPoses(followed.assembly, shapes, config=config.joined),
@@ -162,7 +164,7 @@ class AsdfPlus:
             raise MethodError("asdf_plus: reset() must come before step()")
         config, scene, timed = self._config, self._scene, StageTimer()
         assembly = scene.assembly
-        proposed = self._asdf.propose(frame)
+        proposed = self._asdf.propose(frame, rests=partial(_rests, scene))
         with timed("register"):
             decided = self._decided(proposed, frame, scene)
         with timed("contours"):
@@ -278,6 +280,10 @@ class AsdfPlus:
             {name: pose.score for name, pose in poses.items()},
         )
         return {name: pose for name, pose in poses.items() if name not in intruders}
+
+
+def _rests(scene: _Scene, name: str, box_xyxy: Box, frame: Frame) -> Transform | None:
+    return scene.hypotheses[name].rests(box_xyxy, frame)
 
 
 SPEC = MethodSpec(

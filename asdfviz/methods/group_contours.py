@@ -12,12 +12,16 @@ import numpy as np
 
 from asdfviz.datatypes import Camera, Frame, State
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import apply_to_point
+from asdfviz.geometry.transforms import apply_to_point, point_distance, rotation_angle
 from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.track.bodies import Body
 from asdfviz.track.confidence import Evidence
 from asdfviz.track.tracker import Tracker
 
+STILL = 0.002
+"""A group has not moved whose base is proposed nearer than this to where it was settled, metres,"""
+STILL_TURN = 0.05
+"""and turned by less than this, radians, if what it shows there fits as before."""
 SLACK = 0.97
 """A settled group must fit nearly as well as before by the trackers' plain questions, which tell
 parts in place from lost ones and hardly millimetres."""
@@ -32,6 +36,14 @@ class GroupContours:
         self._config, self._base = config, base
         self._centre = bodies[base].model.centre
         self._tracker = Tracker(bodies, camera, config.tracker)
+        self._settled: dict[str, Transform] = {}
+        """Where the group was settled last,"""
+        self._fitted = 0.0
+        """how well it fitted there,"""
+        self._times = 0
+        """in so many frames one after another,"""
+        self._frames = 0
+        """and so many frames ago."""
 
     def step(
         self, frame: Frame, poses: Mapping[str, Transform], state: State
@@ -45,6 +57,35 @@ class GroupContours:
         """
         if frame.depth is None or self._base not in poses:
             return {}
+        if self._rests(frame, poses):
+            return dict(self._settled)
+        settled = self._moved(frame, poses, state)
+        self._times = self._times + 1 if self._is_still(settled) else 0
+        self._settled, self._frames = settled, 0
+        return settled
+
+    def _rests(self, frame: Frame, poses: Mapping[str, Transform]) -> bool:
+        """Whether the group was settled often enough where it still is."""
+        self._frames += 1
+        is_known = self._times >= self._config.times and self._frames < self._config.every
+        if not is_known or not self._is_still(poses):
+            return False
+        self._tracker.replace(frame, self._settled)
+        return self._value(self._tracker.evidence(frame)) > SLACK * self._fitted
+
+    def _is_still(self, poses: Mapping[str, Transform]) -> bool:
+        """Whether the base is where it was settled, with the same parts as then."""
+        if self._settled.keys() != poses.keys() or not poses:
+            return False
+        T, T_settled = poses[self._base], self._settled[self._base]
+        return (
+            point_distance(T, T_settled, self._centre) < STILL
+            and rotation_angle(T[:3, :3].T @ T_settled[:3, :3]) < STILL_TURN
+        )
+
+    def _moved(
+        self, frame: Frame, poses: Mapping[str, Transform], state: State
+    ) -> dict[str, Transform]:
         tracker = self._tracker
         tracker.drop([name for name in tracker.names if name not in poses])
         tracker.add(frame, {n: T for n, T in poses.items() if n not in tracker.names})
@@ -62,6 +103,7 @@ class GroupContours:
             return {}
         sure = [n for n, e in evidence.items() if tracker.judged(e) >= self._config.sure]
         tracker.learn(frame, sure)
+        self._fitted = value
         return settled
 
     def _value(self, evidence: Mapping[str, Evidence]) -> float:

@@ -6,8 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import numpy as np
+
 from asdfviz.datatypes import PoseEstimate
-from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.registration import Evidence
 from asdfviz.pose.confidence import ConfidenceConfig, confidence
@@ -48,6 +50,14 @@ class HypothesesConfig:
     confirms, is not tried against others."""
     moved_px: float = 2.0
     """A box that moved farther starts its poses at the new place as well, pixels."""
+    looked_every: int = 6
+    """A part that rests is looked at by the crop network in one of so many frames; 1: in all,"""
+    rests_liked: float = 0.6
+    """if the network, averaged over time, likes its pose by this at least, 0 to 1,"""
+    rests_worse: float = 0.1
+    """and depth agrees with it well enough, or less than in the frame before by no more than this,"""
+    rests_visible: float = 0.2
+    """and so much of it is seen, 0 to 1, likewise."""
     unseen: float = 0.35
     """A part without a box keeps its pose where at least this share of the depth agrees, 0 to 1."""
 
@@ -89,6 +99,24 @@ class Hypothesis:
     """In this frame."""
     frames: int
     """In which it was there, this one counted."""
+
+
+def may_rest(best: Hypothesis, box_before: Box, box_now: Box, *, config: HypothesesConfig) -> bool:
+    """Whether a most trusted pose is so well known, and its box (pixels) so still, that depth alone may
+    confirm it."""
+    return (
+        best.frames > config.looked_every
+        and best.liked >= config.rests_liked
+        and float(np.abs(box_now - box_before).max()) <= config.moved_px
+    )
+
+
+def still_agrees(before: Evidence, now: Evidence, *, config: HypothesesConfig) -> bool:
+    """Whether depth has nothing new against a pose since the frame before."""
+    worse = config.rests_worse
+    return now.agreeing >= min(before.agreeing - worse, config.enough) and now.visible >= max(
+        before.visible - worse, config.rests_visible
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

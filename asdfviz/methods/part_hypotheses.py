@@ -26,6 +26,8 @@ from asdfviz.methods.kept_poses import (
     Hypothesis,
     Likely,
     Proposal,
+    may_rest,
+    still_agrees,
 )
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import (
@@ -49,12 +51,31 @@ class PartHypotheses:
         *,
         config: HypothesesConfig,
         registration: RegistrationConfig,
+        phase: int = 0,
     ) -> None:
         self._part, self._shape = part, shape
         self._config, self._registration = config, registration
         self._middle = np.append(shape.surface.mean(axis=0), 1.0)
         self._kept: list[Hypothesis] = []
         self._box: Box | None = None
+        self._frames = phase
+        """Counted from another number for each part, so that not all are looked at together."""
+        self._rest: tuple[int, Evidence] | None = None
+        """The frame in which `rests` judged the most trusted pose, and how."""
+
+    def rests(self, box_xyxy: Box, frame: Frame) -> Transform | None:
+        """The most trusted pose if the part still lies there by its box (pixels) and by depth, and is
+        not to be looked at; `step` then takes no proposals."""
+        config, best = self._config, next(iter(self._kept), None)
+        is_due = self._frames % config.looked_every == 0
+        if is_due or frame.depth is None or best is None or self._box is None:
+            return None
+        seen = self._judged(best.T_camera_part, frame, box_xyxy)
+        is_still = may_rest(best, self._box, box_xyxy, config=config)
+        if not is_still or not still_agrees(best.evidence, seen, config=config):
+            return None
+        self._rest = (frame.index, seen)
+        return best.T_camera_part
 
     def step(
         self,
@@ -74,6 +95,9 @@ class PartHypotheses:
             likely: of any pose; left out, the proposals' own preferences stand for it.
             allows: whether the most trusted pose may rather be another one; left out, any.
         """
+        self._frames += 1
+        if self._rest is not None and self._rest[0] == frame.index:
+            return self._stayed(self._rest[1], box_xyxy)
         if likely is None and proposals:
             likely = partial(self._likely, proposals)
         if frame.depth is None:
@@ -95,6 +119,15 @@ class PartHypotheses:
             found.append(self._begun(proposal, frame, box_xyxy, likely))
         self._box = box_xyxy if box_xyxy is not None else self._box
         self._kept = self._apart(self._overtaken(found))[: self._config.kept]
+        return self._decided(box_xyxy)
+
+    def _stayed(self, seen: Evidence, box_xyxy: Box | None) -> Decision | None:
+        """The part rests: the network says nothing of it in this frame."""
+        best, *rest = self._kept
+        trust = self._trusted(best, seen, best.liked, box_xyxy)
+        best = replace(best, trust=trust, evidence=seen, frames=best.frames + 1)
+        self._kept = [best, *(replace(one, frames=one.frames + 1) for one in rest)]
+        self._box = box_xyxy
         return self._decided(box_xyxy)
 
     def _allowed(
@@ -146,9 +179,13 @@ class PartHypotheses:
             if self._value(seen_there) > self._value(seen):
                 T_camera_part, seen = moved, seen_there
         liked = self._liked(T_camera_part, old.liked, old.frames, likely)
-        weight = self._config.memory * max(seen.visible, 0.05)
-        trust = old.trust + weight * (self._agreement(seen, liked, box_xyxy) - old.trust)
+        trust = self._trusted(old, seen, liked, box_xyxy)
         return Hypothesis(T_camera_part, trust, liked, seen, old.frames + 1)
+
+    def _trusted(self, old: Hypothesis, seen: Evidence, liked: float, box: Box | None) -> float:
+        """Trust in a kept pose after a frame in which this is seen of it."""
+        weight = self._config.memory * max(seen.visible, 0.05)
+        return old.trust + weight * (self._agreement(seen, liked, box) - old.trust)
 
     def _begun(
         self, proposal: Proposal, frame: Frame, box_xyxy: Box | None, likely: Likely | None

@@ -7,6 +7,7 @@ that are not.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -57,6 +58,8 @@ class JointPlaces:
         """By joint, the motion that was seen: T_base_part = motion @ the nominal one."""
         self._travel: dict[str, float] = {}
         """By link, the share of its ranges at which its joints are."""
+        self._reaches: dict[tuple[str, int], float] = {}
+        """By part and joint, what `_reach` found."""
         self._held = {
             (name, T.tobytes(), _key(state.joints[name])): (name, T, state.joints[name])
             for state in assembly.states
@@ -102,6 +105,9 @@ class JointPlaces:
     ) -> Transform | None:
         """The place in a joint that is nearest to an observed pose; None where that is not in it."""
         part = self._assembly.parts[name]
+        apart = (T_base_part - T_nominal)[:3] @ np.append(part.middle, 1.0)
+        if math.sqrt(apart @ apart) > self._reach(name, T_nominal, joint) + self._config.distance:
+            return None
         off = deviation(
             T_base_part,
             T_nominal,
@@ -115,6 +121,27 @@ class JointPlaces:
         T_last = T_nominal if known is None else known @ T_nominal
         T_near = nearest_symmetric(T_base_part, T_last, part.symmetries)
         return nearest_in_joint(T_near, T_nominal, joint, center_part=part.middle)
+
+    def _reach(self, name: str, T_nominal: Transform, joint: Joint) -> float:
+        """How far a part's middle in the joint is from the nominal one at most, metres, whichever of
+        its poses that look the same is told."""
+        known = self._reaches.get((name, id(joint)))
+        if known is not None:
+            return known
+        part = self._assembly.parts[name]
+        reach = max(abs(joint.slide[0]), abs(joint.slide[1]))
+        if joint.kind != "prismatic":
+            arm = apply(T_nominal, part.middle[None])[0] - joint.origin
+            reach += 2 * float(np.linalg.norm(arm))
+        swings = [
+            np.linalg.norm(apply(S, part.middle[None])[0] - part.middle)
+            for S in part.symmetries.discrete
+        ]
+        reach += float(max(swings, default=0.0))
+        for axis in part.symmetries.continuous:
+            reach += 2 * float(np.linalg.norm(np.cross(part.middle - axis.offset, axis.direction)))
+        self._reaches[name, id(joint)] = reach
+        return reach
 
     def last(self, name: str, state: State) -> Transform:
         """T_base_part where the part was last seen in its joint, or the state's own."""

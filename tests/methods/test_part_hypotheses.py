@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -124,3 +126,45 @@ def test_of_two_that_depth_cannot_tell_apart_the_network_decides_in_time(toy, ke
     after = kept.step([], frame, box_xyxy=None)
     assert after is not None
     assert after.best.liked == pytest.approx(liked, abs=0.2)
+
+
+def rested(toy, kept: PartHypotheses, *, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """A block that was looked at in so many frames; its pose and its box."""
+    true = toy.poses(joined=False)
+    box = toy.detection("block", true["block"]).box_xyxy
+    look = [Proposal(true["block"], 1.0, is_fitted=True)]
+    for index in range(frames):
+        kept.step(look, toy.frame(index, true), box_xyxy=box)
+    return true["block"], box
+
+
+def test_a_part_that_lies_still_is_looked_at_now_and_then(toy, kept) -> None:
+    every = HypothesesConfig().looked_every
+    T, box = rested(toy, kept, frames=every + 2)
+    true, asked = toy.poses(joined=False), list[bool]()
+    for index in range(100, 100 + 3 * every):
+        frame = toy.frame(index, true)
+        rests = kept.rests(box, frame)
+        asked.append(rests is None)
+        wrong = Proposal(tilted(T, 90), 1.0, is_fitted=True)
+        # What rests takes no proposals; what does not is confirmed.
+        look = [Proposal(T, 1.0, is_fitted=True)] if rests is None else [wrong]
+        decision = kept.step(look, frame, box_xyxy=box)
+        assert is_at(decision, T)
+        assert decision is not None
+        assert decision.best.frames == every + 3 + index - 100
+    assert sum(asked) == 3
+
+
+def test_what_moved_or_is_not_known_well_does_not_rest(toy, kept) -> None:
+    T, box = rested(toy, kept, frames=2)
+    assert kept.rests(box, toy.frame(50, toy.poses(joined=False))) is None
+    T, box = rested(toy, kept, frames=HypothesesConfig().looked_every + 2)
+    away = T.copy()
+    away[0, 3] += 0.12
+    gone = toy.frame(51, {**toy.poses(joined=False), "block": away})
+    assert kept.rests(box, gone) is None  # depth sees through it
+    still = toy.frame(52, toy.poses(joined=False))
+    assert kept.rests(box + 9.0, still) is None
+    assert kept.rests(box + 1.0, still) is not None
+    assert kept.rests(box, replace(still, depth=None)) is None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
@@ -596,6 +597,25 @@ def test_a_joint_is_settled_too(scene: Scene, together: GroupContours) -> None:
     off = off @ state.T_base_part["block"]
     found = together.step(scene.frames[ARRIVED], {"base": true["base"], "block": off}, state)
     assert np.linalg.norm((found["block"] - true["block"])[:3, 3]) < 0.002
+
+
+def test_a_group_that_lies_still_is_settled_now_and_then(
+    scene: Scene, together: GroupContours
+) -> None:
+    true, state, frame = scene.truth[ARRIVED], scene.assembly.states[1], scene.frames[ARRIVED]
+    config, told = ContourConfig(), list[dict[str, np.ndarray]]()
+    for k in range(config.times + 2 * config.every):
+        nearly = {n: nudged(T, 0.4 * (k % 3 - 1), 0) for n, T in true.items() if n != "lid"}
+        told.append(together.step(frame, nearly, state))
+    same = [all(np.array_equal(now[n], before[n]) for n in now) for before, now in pairwise(told)]
+    # Settled at first as often as told to, and then in one frame of so many.
+    assert not any(same[: config.times])
+    assert same[config.times :] == [
+        k % config.every != config.every - 1 for k in range(len(same) - config.times)
+    ]
+    moved = {n: nudged(T, 5, 0) for n, T in told[-1].items()}
+    again = together.step(frame, moved, state)
+    assert not np.array_equal(again["base"], told[-1]["base"])
 
 
 def test_a_group_that_is_not_there_stays_as_it_was(scene: Scene, together: GroupContours) -> None:

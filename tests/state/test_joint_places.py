@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import Assembly, Joint
+from asdfviz.geometry.symmetry import Axis, Symmetries
 from asdfviz.geometry.transforms import inverse, rotation_about, transform_from
 from asdfviz.state.joint_places import TURNS, JointPlaces
+from asdfviz.state.joints import deviation
 
 
 def shift(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
@@ -100,3 +102,28 @@ def test_parts_of_equal_joints_move_as_one_and_round_ones_need_no_turns(
     both = places.possible(("pin", "lid"), state)
     assert len(both) == TURNS
     assert np.allclose(both[0][1], shift(0, 0, 0.006) @ state.T_base_part["lid"])
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "revolute", "cylindrical", "ball"])
+def test_only_what_cannot_be_in_a_joint_is_passed_over(assembly: Assembly, kind) -> None:
+    """`nearest` rules a pose out by its distance alone; measured in full, it is out as well."""
+    half = transform_from(rotation_about(np.array([0.0, 0, 1.0]), np.pi), np.array([0.01, 0.02, 0]))
+    free = Axis(np.array([0.0, 0, 1.0]), np.array([0.004, 0.0, 0.0]))
+    slide = (0.0, 0.0) if kind in ("revolute", "ball") else (-0.01, 0.03)
+    joint = Joint(kind, np.array([1.0, 0, 0]), np.array([0, 0.01, 0.0]), slide, (-2.0, 1.0))
+    part = replace(
+        assembly.parts["block"], symmetries=Symmetries(discrete=(half,), continuous=(free,))
+    )
+    assembly = replace(assembly, parts={**assembly.parts, "block": part})
+    places, T_nominal = JointPlaces(assembly), assembly.states[1].T_base_part["block"]
+    rng, inside = np.random.default_rng(3), 0
+    for _ in range(1500):
+        spun = rotation_about(rng.normal(size=3), rng.uniform(0, np.pi))
+        T = transform_from(spun, rng.uniform(-0.04, 0.04, 3)) @ T_nominal
+        off = deviation(
+            T, T_nominal, center_part=part.middle, symmetries=part.symmetries, joint=joint
+        )
+        is_in = off.within(0.02, 30.0)
+        assert (places.nearest("block", T, T_nominal, joint) is not None) == is_in
+        inside += is_in
+    assert inside > 3
