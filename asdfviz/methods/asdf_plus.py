@@ -26,8 +26,9 @@ from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.kept_poses import Decision, HypothesesConfig, pose_confidence, proposals_of
+from asdfviz.methods.lying import Lying, LyingConfig
 from asdfviz.methods.network import Detects
-from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig, on_table
+from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import sure_enough
@@ -64,6 +65,8 @@ class AsdfPlusConfig(AsdfConfig):
     """Off: contours settle poses here."""
     laid: OnTableConfig = LAID
     """How the table mends poses that are settled, as they are told; none goes on from there."""
+    lying: LyingConfig = field(default_factory=LyingConfig)
+    """What lies on it is told as it looks most like what is seen."""
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; runners-up are kept besides."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
@@ -89,6 +92,7 @@ class _Scene:
     group: GroupPoses
     twins: PlaceNames
     one_place: OnePlace
+    lying: Lying
     contours: ContourFits | None
     together: GroupContours | None
     """None where contours are not asked."""
@@ -150,6 +154,7 @@ class AsdfPlus:
             GroupPoses(followed.assembly, shapes, config=config.joined),
             PlaceNames(assembly),
             OnePlace(assembly),
+            Lying(assembly, shapes, laid=config.laid, config=config.lying),
             None
             if bodies is None
             else ContourFits(assembly.parts, bodies, camera, config=contours),
@@ -180,7 +185,7 @@ class AsdfPlus:
                 poses = scene.group.step(poses, told, frame, base=scene.followed.base)
                 poses = self._settled_together(poses, told, frame, scene)
         with timed("lay"):
-            poses = on_table(poses, assembly, self._asdf.shapes, frame, config=config.laid)
+            poses = scene.lying.step(poses, frame)
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
@@ -190,8 +195,8 @@ class AsdfPlus:
     ) -> dict[str, PoseEstimate]:
         """Give twins the names that belong to their places, now and from now on."""
         names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
-        swapped = renamed(scene.hypotheses, names)
-        scene.hypotheses.update(swapped)
+        scene.hypotheses.update(renamed(scene.hypotheses, names))
+        scene.lying.rename(names)
         self._asdf.rename(names)
         return renamed_poses(poses, names)
 

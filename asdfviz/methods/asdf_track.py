@@ -30,8 +30,9 @@ from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.looked_at import LookedAt
+from asdfviz.methods.lying import Lying, LyingConfig
 from asdfviz.methods.network import Detects
-from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig, on_table
+from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
 from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
@@ -79,6 +80,8 @@ class AsdfTrackConfig(AsdfConfig):
     """Off: contours settle poses here."""
     laid: OnTableConfig = LAID
     """How the table mends poses, as they are told; the tracker goes on from its own."""
+    lying: LyingConfig = field(default_factory=LyingConfig)
+    """What lies on it is told as it looks most like what is seen."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = TRACKED_PLACES
@@ -116,6 +119,7 @@ class _Scene:
     places: JointPlaces
     still: StillThere
     unlike: UnlikeTwins
+    lying: Lying
     state: StateEstimate | None = None
 
 
@@ -165,6 +169,7 @@ class AsdfTrack:
             places=JointPlaces(assembly),
             still=StillThere(assembly, config=config.still_there),
             unlike=UnlikeTwins(assembly, config=config.unlike_twins),
+            lying=Lying(assembly, self._asdf.shapes, laid=config.laid, config=config.lying),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -184,6 +189,7 @@ class AsdfTrack:
             self._asdf.rename(names)
             scene.still.rename(names)
             scene.unlike.rename(names)
+            scene.lying.rename(names)
         with timed("track"):
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
@@ -202,7 +208,7 @@ class AsdfTrack:
                 self._asdf.looks, poses, frame, first=first, free=free
             )
         with timed("lay"):
-            poses = on_table(poses, assembly, self._asdf.shapes, frame, config=config.laid)
+            poses = scene.lying.step(poses, frame)
         runtime = {**proposed.runtime, **timed.seconds}
         said = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)

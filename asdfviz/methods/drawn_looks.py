@@ -236,7 +236,7 @@ def _uneven(shown: _Shown, seen: Where, normals: Points) -> float:
         seen: where the part is.
         normals: of its surface there, camera axes.
     """
-    smooth = np.zeros((*seen.shape, 4))
+    smooth = np.zeros((*seen.shape, 4), np.float32)
     smooth[seen, :3], smooth[seen, 3] = normals, 1.0
     smooth = cv2.GaussianBlur(smooth, (0, 0), 0.8)
     inside = cv2.erode(seen.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0

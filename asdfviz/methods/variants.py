@@ -17,6 +17,7 @@ from asdfviz.methods.disowned import DisownedConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.network import masks_path
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.part_poses import PAPER_ICP
@@ -215,7 +216,8 @@ def _common(config: Any) -> dict[str, Any]:
         "no look at places": replace(config, place_looks=BLIND),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
-        "told as settled": replace(config, laid=NO_TABLE),
+        "not told as lying": replace(config, lying=LyingConfig(enabled=False)),
+        "told as settled": replace(config, laid=NO_TABLE, lying=LyingConfig(enabled=False)),
     }
 
 

@@ -157,6 +157,36 @@ def laid_flat(
     return _moved(transform_from(R_flat, middle - R_flat @ middle_part), middle, rise, table)
 
 
+def standing_on(
+    T_camera_part: Transform, down: Float64[np.ndarray, "3"], corners: Points, table: Table
+) -> tuple[Transform, float] | None:
+    """The pose turned the shortest way until a side looks down, and moved along the ray through its
+    middle until it stands on the table; with it how far it was turned, radians.
+
+    Args:
+        T_camera_part: the pose.
+        down: direction in the part's frame that is to look down.
+        corners: spanning the part's outline, metres.
+        table: in the camera's frame.
+
+    Returns:
+        None where the ray is too level.
+    """
+    side = T_camera_part[:3, :3] @ down
+    axis = np.cross(side, -table.normal)
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, -side @ table.normal))
+    if sine < 1e-9:  # as it is, or head over heels about any level axis
+        axis = np.cross(table.normal, np.eye(3)[int(np.abs(table.normal).argmin())])
+    R = rotation_about(axis, angle) @ T_camera_part[:3, :3]
+    middle_part = corners.mean(axis=0)
+    middle = apply_to_point(T_camera_part, middle_part)
+    lowest = float(((corners - middle_part) @ (R.T @ table.normal)).min())
+    height = lowest + float(middle @ table.normal) + table.offset
+    moved = _moved(transform_from(R, middle - R @ middle_part), middle, -height, table)
+    return None if moved is None else (moved, angle)
+
+
 def lifted(
     T_camera_part: Transform,
     corners: Points,

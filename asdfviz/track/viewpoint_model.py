@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -237,10 +238,18 @@ def spread_order(available: int, wanted: int, start: float) -> Indices:
 
 def face_normals(mesh: Mesh, faces: FaceIndices, T_camera_part: Transform) -> Points:
     """Unit normals of the faces in part axes, turned towards the camera whatever their winding."""
-    a, b, c = (mesh.vertices[mesh.faces[faces, i]] for i in range(3))
-    normals = np.cross(b - a, c - a)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    unit, offsets = _planes(mesh)
+    normals = unit[faces]
     t_part_camera = -T_camera_part[:3, :3].T @ T_camera_part[:3, 3]
-    away = np.einsum("ni,ni->n", normals, t_part_camera - a) < 0
+    away = normals @ t_part_camera < offsets[faces]
     normals[away] *= -1
     return normals
+
+
+@lru_cache(maxsize=128)
+def _planes(mesh: Mesh) -> tuple[Points, Float64[np.ndarray, "n"]]:
+    """Unit normals of all faces, and how far each one's plane is from the origin along its own."""
+    a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return normals, np.einsum("ni,ni->n", normals, a)

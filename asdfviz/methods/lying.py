@@ -1,0 +1,273 @@
+"""Poses of parts that lie on the table, as they are told: the one that looks most like what is seen.
+
+Not in the paper. What lies on a table stands on one of few sides, so only its place on the table and its
+turn there are open, and a tilted pose that contours and depth settled in between is none of them. Each
+part is drawn on the sides and in the turns that are near, and the best few are refined by how they would
+look. Nothing is turned end for end here, and no tracker goes on from these poses.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import product
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Frame, Part, PoseEstimate
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Scores, Transform, Vector
+from asdfviz.geometry.transforms import (
+    apply,
+    apply_to_point,
+    inverse,
+    point_distance,
+    rotation_about,
+    rotation_angle,
+    transform_from,
+)
+from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
+from asdfviz.methods.on_table import MARGIN, OnTableConfig, on_table
+from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.registration import projected_box
+from asdfviz.methods.seen_table import table_near
+from asdfviz.pose.depth_fit import depth_fit
+from asdfviz.pose.standing import sides, standing_on
+from asdfviz.pose.table import Table
+from asdfviz.state.twins import renamed
+
+TURNS_DEG = (-30.0, 0.0, 30.0)
+"""In which a part is drawn on each of its sides."""
+ALIKE = 0.99
+"""Cosine from which two sides are tried as one: the nearer one."""
+STEPS = ((10.0, 0.002), (5.0, 0.001), (2.5, 0.0005))
+"""By which the best ones are refined: degrees about the upright, metres along the table and across."""
+
+
+@dataclass(frozen=True)
+class LyingConfig:
+    """When a told pose is replaced by one that lies on the table; the paper has no such step."""
+
+    enabled: bool = True
+    """On or off."""
+    near: float = 0.012
+    """A part lies on the table whose lowest corner is nearer to it than this, metres."""
+    tilt_deg: float = 50.0
+    """Sides that are turned from it by no more than this are tried."""
+    turned_deg: float = 65.0
+    """No pose is turned by more than this in all."""
+    refined: int = 2
+    """Of the poses that are drawn so many are refined."""
+    ahead: float = 0.06
+    """So much more like what is seen the best one must look, in units of `turns.drawn`."""
+    a_frame: int = 1
+    """Parts that are looked at in a frame,"""
+    again: int = 30
+    """and frames after which one that lies still is looked at again,"""
+    doubted: int = 4
+    """or of which it is not sure how it lies: two looks must agree,"""
+    agree_deg: float = 20.0
+    """up to this."""
+    visible: float = 0.5
+    """Share of the part that nothing may hide, 0 to 1."""
+    still: float = 0.002
+    """It lies still that moved by no more than this since then, metres,"""
+    still_deg: float = 6.0
+    """and turned by no more than this."""
+    carried: int = 12
+    """For so many frames after a look one that moves, or is seen by a camera that moves, is told as much
+    otherwise as it was then."""
+    drawn: DrawnConfig = field(default_factory=DrawnConfig)
+    """By what poses are compared."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if min(self.refined, self.a_frame, self.again) < 1:
+            raise MethodError(
+                f"lying.refined is {self.refined}, a_frame {self.a_frame} and again {self.again}: "
+                "use 1 or more"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Looked:
+    """What was found of a part."""
+
+    frame: int
+    """When, by the number of the step."""
+    T_camera_part: Transform
+    """The pose that it had then."""
+    T_part_lying: Transform | None
+    """From there to the one that looks more like what was seen; None where none does."""
+    is_sure: bool
+    """Whether the look before said so too."""
+
+
+class Lying:
+    """Poses as they are told, of one sequence."""
+
+    def __init__(
+        self,
+        assembly: Assembly,
+        shapes: Mapping[str, PartShape],
+        *,
+        laid: OnTableConfig,
+        config: LyingConfig,
+    ) -> None:
+        """Begin a sequence.
+
+        Args:
+            assembly: whose parts.
+            shapes: of the parts.
+            laid: what the table does to all poses, before.
+            config: when one is replaced.
+        """
+        self._assembly, self._shapes, self._laid, self._config = assembly, shapes, laid, config
+        self._looked: dict[str, _Looked] = {}
+        self._step = 0
+
+    def step(self, poses: Mapping[str, PoseEstimate], frame: Frame) -> dict[str, PoseEstimate]:
+        """The poses, those of loose parts other than the base that lie on the table as they lie there."""
+        told = on_table(poses, self._assembly, self._shapes, frame, config=self._laid)
+        config = self._config
+        if not config.enabled or frame.depth is None:
+            return told
+        self._step += 1
+        base = self._assembly.base
+        loose = {n: p.T_camera_part for n, p in told.items() if p.stage != "group" and n != base}
+        still = {name for name, T in loose.items() if self._is_still(name, T)}
+        due = [name for name in loose if self._is_due(name, name in still)]
+        due.sort(key=lambda name: (name in still, -self._age(name)))
+        for name in due[: config.a_frame]:
+            self._looked[name] = self._look(self._assembly.parts[name], loose[name], frame)
+        for name, T in loose.items():
+            looked = self._looked.get(name)
+            if looked is None or looked.T_part_lying is None or not looked.is_sure:
+                continue
+            # What lies still is told so, whatever its own pose does meanwhile.
+            T_from = looked.T_camera_part if name in still else T
+            if self._age(name) <= (2 * config.again if name in still else config.carried):
+                told[name] = replace(told[name], T_camera_part=T_from @ looked.T_part_lying)
+        return told
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._looked = renamed(self._looked, names)
+
+    def _is_due(self, name: str, is_still: bool) -> bool:
+        looked, config = self._looked.get(name), self._config
+        if looked is None or not is_still:
+            return True
+        return self._age(name) >= (config.again if looked.is_sure else config.doubted)
+
+    def _look(self, part: Part, T_now: Transform, frame: Frame) -> _Looked:
+        """How a part lies, and whether that was found before."""
+        before, lying = self._looked.get(part.name), self._lying(part, T_now, frame)
+        if before is None:
+            return _Looked(self._step, T_now, lying, is_sure=False)
+        if lying is None or before.T_part_lying is None:
+            return _Looked(self._step, T_now, lying, is_sure=lying is before.T_part_lying)
+        if self._is_still(part.name, T_now):
+            R_before = (before.T_camera_part @ before.T_part_lying)[:3, :3]
+            R_lying = (T_now @ lying)[:3, :3]
+        else:  # seen by a camera that moves: it is as much otherwise as it was
+            R_before, R_lying = before.T_part_lying[:3, :3], lying[:3, :3]
+        is_sure = rotation_angle(R_before.T @ R_lying) <= math.radians(self._config.agree_deg)
+        return _Looked(self._step, T_now, lying, is_sure)
+
+    def _age(self, name: str) -> int:
+        """Frames since a part was looked at, very many if it never was."""
+        return self._step - self._looked[name].frame if name in self._looked else 1 << 30
+
+    def _is_still(self, name: str, T_camera_part: Transform) -> bool:
+        """Whether a part lies where it was looked at."""
+        looked, config = self._looked.get(name), self._config
+        if looked is None:
+            return False
+        T, middle = looked.T_camera_part, self._assembly.parts[name].middle
+        turned = rotation_angle(T[:3, :3].T @ T_camera_part[:3, :3])
+        is_near = point_distance(T, T_camera_part, middle) <= config.still
+        return is_near and turned <= math.radians(config.still_deg)
+
+    def _lying(self, part: Part, T_now: Transform, frame: Frame) -> Transform | None:
+        """From a pose to the one near it that looks more like what is seen, lying on the table."""
+        corners, config = self._shapes[part.name].corners, self._config
+        table = table_near(frame, projected_box(T_now, corners, frame))
+        if table is None:
+            return None
+        lowest = float((apply(T_now, corners) @ table.normal).min()) + table.offset
+        if abs(lowest) > config.near:
+            return None
+        tried = self._tried(part, T_now, table)
+        if not tried:
+            return None
+        looks = self._looks(part, tried, table, frame)
+        if looks is None:
+            return None
+        best = [int(k) for k in np.argsort(-looks)[: config.refined]]
+        refined = [self._refined(part, tried[k], table, frame) for k in best]
+        both = [T_now, *refined]
+        looks = self._looks(part, both, table, frame)
+        if looks is None:
+            return None
+        turned = np.array([rotation_angle(T_now[:3, :3].T @ T[:3, :3]) for T in both])
+        looks[turned > np.deg2rad(config.turned_deg)] = -np.inf
+        k = int(looks.argmax())
+        is_ahead = looks[k] > looks[0] + config.ahead
+        if not is_ahead or not self._is_in_view(part.name, both[k], frame):
+            return None
+        return inverse(T_now) @ both[k]
+
+    def _is_in_view(self, name: str, T_camera_part: Transform, frame: Frame) -> bool:
+        shape = self._shapes[name]
+        fit = depth_fit(
+            T_camera_part,
+            shape.surface[::3],
+            shape.normals[::3],
+            depth=frame.depth,
+            K=frame.camera.K,
+            margin=MARGIN,
+        )
+        return fit is not None and fit.visible >= self._config.visible
+
+    def _tried(self, part: Part, T_now: Transform, table: Table) -> list[Transform]:
+        """The part on each of the sides that are near, in several turns."""
+        corners, downs = self._shapes[part.name].corners, sides(part.mesh)
+        stood = [(standing_on(T_now, down, corners, table), down) for down in downs]
+        near = [(one, down) for one, down in stood if one is not None]
+        found, chosen = list[Transform](), list[Vector]()
+        for (T, tilt), down in sorted(near, key=lambda stood: stood[0][1]):
+            is_other = all(down @ other < ALIKE for other in chosen)
+            if tilt <= np.deg2rad(self._config.tilt_deg) and is_other:
+                chosen.append(down)
+                found += [_spun(T, part, table, np.deg2rad(turn)) for turn in TURNS_DEG]
+        return found
+
+    def _refined(self, part: Part, T: Transform, table: Table, frame: Frame) -> Transform:
+        """Uphill by how the pose would look, in place and turn, with shrinking steps."""
+        level = np.cross(table.normal, np.eye(3)[int(np.abs(table.normal).argmin())])
+        level /= np.linalg.norm(level)
+        axes = (level, np.cross(table.normal, level), table.normal)
+        best = T
+        for turn, shift in (*STEPS[:1], *STEPS):
+            trials = [best]
+            for sign, axis in product((1.0, -1.0), axes):
+                trials.append(transform_from(best[:3, :3], best[:3, 3] + sign * shift * axis))
+            trials += [_spun(best, part, table, s * np.deg2rad(turn)) for s in (1.0, -1.0)]
+            looks = self._looks(part, trials, table, frame)
+            if looks is not None:
+                best = trials[int(looks.argmax())]
+        return best
+
+    def _looks(self, part: Part, Ts: list[Transform], table: Table, frame: Frame) -> Scores | None:
+        """How much like what is seen each pose would look; None where that is unknown."""
+        config = self._config.drawn
+        return drawn_looks(frame, part.mesh, np.stack(Ts), table=table, config=config)
+
+
+def _spun(T_camera_part: Transform, part: Part, table: Table, angle: float) -> Transform:
+    """The pose turned about the upright through the part's middle."""
+    R = rotation_about(table.normal, angle)
+    middle = apply_to_point(T_camera_part, part.middle)
+    return transform_from(R @ T_camera_part[:3, :3], middle + R @ (T_camera_part[:3, 3] - middle))
