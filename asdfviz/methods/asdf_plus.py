@@ -129,15 +129,7 @@ class AsdfPlus:
         self._asdf.reset(assembly, camera, None)
         shapes, contours = self._asdf.shapes, config.contours
         bodies = load_bodies(assembly) if contours.enabled else None
-        followed = FollowedState(
-            assembly,
-            shapes,
-            self._asdf.looker,
-            smoothing=config.smoothing,
-            relative_pose=config.relative_pose,
-            group_fit=config.group_fit,
-            place_looks=config.place_looks,
-        )
+        followed = FollowedState(assembly, shapes, self._asdf.looker, config)
         self._scene = _Scene(
             assembly,
             {

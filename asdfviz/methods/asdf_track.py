@@ -145,15 +145,7 @@ class AsdfTrack:
         """
         config = self._config
         self._asdf.reset(assembly, camera, None)
-        followed = FollowedState(
-            assembly,
-            self._asdf.shapes,
-            self._asdf.looker,
-            smoothing=config.smoothing,
-            relative_pose=config.relative_pose,
-            group_fit=config.group_fit,
-            place_looks=config.place_looks,
-        )
+        followed = FollowedState(assembly, self._asdf.shapes, self._asdf.looker, config)
         self._scene = _Scene(
             assembly=assembly,
             parts=PartTracks(

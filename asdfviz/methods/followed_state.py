@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Protocol, runtime_checkable
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, StateEstimate
 from asdfviz.geometry.shapes import Scores, Transform
@@ -16,6 +17,31 @@ from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probab
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 
 
+@runtime_checkable
+class FollowsState(Protocol):
+    """Options of a method whose state is followed."""
+
+    @property
+    def smoothing(self) -> SmoothingConfig:
+        """The model."""
+        ...
+
+    @property
+    def relative_pose(self) -> RelativePoseConfig:
+        """The term of that name; with its `half_done` at 0 no half-done step is a state of its own."""
+        ...
+
+    @property
+    def group_fit(self) -> GroupFitConfig:
+        """The term of that name."""
+        ...
+
+    @property
+    def place_looks(self) -> PlaceLooksConfig:
+        """The term of that name."""
+        ...
+
+
 class FollowedState:
     """One for each sequence. Half-done steps are states of their own within, and none outside."""
 
@@ -24,11 +50,7 @@ class FollowedState:
         assembly: Assembly,
         shapes: Mapping[str, PartShape],
         looker: object | None,
-        *,
-        smoothing: SmoothingConfig,
-        relative_pose: RelativePoseConfig,
-        group_fit: GroupFitConfig,
-        place_looks: PlaceLooksConfig,
+        config: FollowsState,
     ) -> None:
         """Begin a sequence.
 
@@ -36,20 +58,18 @@ class FollowedState:
             assembly: whose states.
             shapes: of the parts.
             looker: the crop network, or None.
-            smoothing: the model.
-            relative_pose: the term of that name; with its `half_done` at 0 there are no such states.
-            group_fit: the term of that name.
-            place_looks: the term of that name.
+            config: the options of the method.
         """
+        relative_pose = config.relative_pose
         self._ways = (
             HalfDone.of(assembly) if relative_pose.half_done > 0 else HalfDone.none(assembly)
         )
         self._unfolded = self._ways.assembly
         self._relative_pose = replace(relative_pose, half_done=0.0)
         half_done = self._ways.indices
-        self._states = StateFilter(self._unfolded, config=smoothing, half_done=half_done)
-        self._fits = GroupFits(self._unfolded, shapes, config=group_fit)
-        self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=place_looks)
+        self._states = StateFilter(self._unfolded, config=config.smoothing, half_done=half_done)
+        self._fits = GroupFits(self._unfolded, shapes, config=config.group_fit)
+        self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=config.place_looks)
 
     @property
     def assembly(self) -> Assembly:

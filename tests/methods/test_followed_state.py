@@ -9,13 +9,10 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, StateEstimate
 from asdfviz.geometry.symmetry import symmetric_angle
 from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.asdf_track import AsdfTrackConfig
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.part_poses import part_shapes
-from asdfviz.methods.place_looks import PlaceLooksConfig
-from asdfviz.methods.tolerances import TRACKED_PLACES
-from asdfviz.state.group_fit import GroupFitConfig
-from asdfviz.state.smoothing import FOLLOWED
 
 IN_VIEW = transform_from(np.eye(3), np.array([0.0, 0.0, 0.5]))
 
@@ -27,15 +24,8 @@ def caliper() -> Assembly:
 
 @pytest.fixture
 def followed(caliper: Assembly) -> FollowedState:
-    return FollowedState(
-        caliper,
-        part_shapes(caliper, surface_points=100),
-        None,
-        smoothing=FOLLOWED,
-        relative_pose=TRACKED_PLACES,
-        group_fit=GroupFitConfig(),
-        place_looks=PlaceLooksConfig(),
-    )
+    shapes = part_shapes(caliper, surface_points=100)
+    return FollowedState(caliper, shapes, None, AsdfTrackConfig())
 
 
 def blank() -> Frame:
