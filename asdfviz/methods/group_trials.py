@@ -21,6 +21,7 @@ from asdfviz.state.group_fit import (
     nearer_by,
     spoken,
 )
+from asdfviz.state.group_kernels import cover
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.track.raster import draw, new_buffers
 
@@ -122,9 +123,7 @@ class Trial:
             inverse_depth, ids = new_buffers(width, height)
             for names in self.places.together(state):
                 one = self._placed(names, state)
-                is_nearer = one.inverse_depth > inverse_depth
-                inverse_depth[is_nearer] = one.inverse_depth[is_nearer]
-                ids[is_nearer] = one.ids[is_nearer]
+                cover(inverse_depth, ids, one.inverse_depth, one.ids)
             self._scenes[state.index] = Drawn(inverse_depth, ids)
         return self._scenes[state.index]
 

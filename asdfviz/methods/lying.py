@@ -15,9 +15,9 @@ from itertools import product
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Frame, Part, PoseEstimate
+from asdfviz.datatypes import Assembly, Camera, Frame, Part, PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Scores, Transform, Vector
+from asdfviz.geometry.shapes import Box, Scores, Transform, Vector
 from asdfviz.geometry.transforms import (
     apply,
     apply_to_point,
@@ -61,12 +61,12 @@ class LyingConfig:
     """Of the poses that are drawn so many are refined."""
     ahead: float = 0.06
     """So much more like what is seen the best one must look, in units of `turns.drawn`."""
-    a_frame: int = 1
-    """Parts that are looked at in a frame,"""
+    every: int = 2
+    """In one of so many frames a part is looked at,"""
     again: int = 30
-    """and frames after which one that lies still is looked at again,"""
+    """and one that lies still after so many frames again,"""
     doubted: int = 4
-    """or of which it is not sure how it lies: two looks must agree,"""
+    """but after so many once it was seen for the first time: two looks must agree,"""
     agree_deg: float = 20.0
     """up to this."""
     visible: float = 0.5
@@ -75,7 +75,9 @@ class LyingConfig:
     """It lies still that moved by no more than this since then, metres,"""
     still_deg: float = 6.0
     """and turned by no more than this."""
-    carried: int = 12
+    side_px: float = 64.0
+    """Parts that look larger are compared in a picture of half the size, or a quarter."""
+    carried: int = 24
     """For so many frames after a look one that moves, or is seen by a camera that moves, is told as much
     otherwise as it was then."""
     drawn: DrawnConfig = field(default_factory=DrawnConfig)
@@ -83,9 +85,9 @@ class LyingConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if min(self.refined, self.a_frame, self.again) < 1:
+        if min(self.refined, self.every, self.again) < 1:
             raise MethodError(
-                f"lying.refined is {self.refined}, a_frame {self.a_frame} and again {self.again}: "
+                f"lying.refined is {self.refined}, every {self.every} and again {self.again}: "
                 "use 1 or more"
             )
 
@@ -102,6 +104,8 @@ class _Looked:
     """From there to the one that looks more like what was seen; None where none does."""
     is_sure: bool
     """Whether the look before said so too."""
+    is_first: bool = False
+    """Whether there was none before."""
 
 
 class Lying:
@@ -139,8 +143,9 @@ class Lying:
         still = {name for name, T in loose.items() if self._is_still(name, T)}
         due = [name for name in loose if self._is_due(name, name in still)]
         due.sort(key=lambda name: (name in still, -self._age(name)))
-        for name in due[: config.a_frame]:
-            self._looked[name] = self._look(self._assembly.parts[name], loose[name], frame)
+        if due and self._step % config.every == 0:
+            part = self._assembly.parts[due[0]]
+            self._looked[part.name] = self._look(part, loose[part.name], frame)
         for name, T in loose.items():
             looked = self._looked.get(name)
             if looked is None or looked.T_part_lying is None or not looked.is_sure:
@@ -159,13 +164,13 @@ class Lying:
         looked, config = self._looked.get(name), self._config
         if looked is None or not is_still:
             return True
-        return self._age(name) >= (config.again if looked.is_sure else config.doubted)
+        return self._age(name) >= (config.doubted if looked.is_first else config.again)
 
     def _look(self, part: Part, T_now: Transform, frame: Frame) -> _Looked:
         """How a part lies, and whether that was found before."""
         before, lying = self._looked.get(part.name), self._lying(part, T_now, frame)
         if before is None:
-            return _Looked(self._step, T_now, lying, is_sure=False)
+            return _Looked(self._step, T_now, lying, is_sure=False, is_first=True)
         if lying is None or before.T_part_lying is None:
             return _Looked(self._step, T_now, lying, is_sure=lying is before.T_part_lying)
         if self._is_still(part.name, T_now):
@@ -193,22 +198,23 @@ class Lying:
     def _lying(self, part: Part, T_now: Transform, frame: Frame) -> Transform | None:
         """From a pose to the one near it that looks more like what is seen, lying on the table."""
         corners, config = self._shapes[part.name].corners, self._config
-        table = table_near(frame, projected_box(T_now, corners, frame))
+        box = projected_box(T_now, corners, frame)
+        table = table_near(frame, box)
         if table is None:
             return None
         lowest = float((apply(T_now, corners) @ table.normal).min()) + table.offset
         if abs(lowest) > config.near:
             return None
-        tried = self._tried(part, T_now, table)
+        tried, coarse = self._tried(part, T_now, table), self._coarse(frame, box)
         if not tried:
             return None
-        looks = self._looks(part, tried, table, frame)
+        looks = self._looks(part, tried, table, coarse)
         if looks is None:
             return None
         best = [int(k) for k in np.argsort(-looks)[: config.refined]]
-        refined = [self._refined(part, tried[k], table, frame) for k in best]
+        refined = [self._refined(part, tried[k], table, coarse) for k in best]
         both = [T_now, *refined]
-        looks = self._looks(part, both, table, frame)
+        looks = self._looks(part, both, table, coarse)
         if looks is None:
             return None
         turned = np.array([rotation_angle(T_now[:3, :3].T @ T[:3, :3]) for T in both])
@@ -218,6 +224,17 @@ class Lying:
         if not is_ahead or not self._is_in_view(part.name, both[k], frame):
             return None
         return inverse(T_now) @ both[k]
+
+    def _coarse(self, frame: Frame, box_xyxy: Box) -> Frame:
+        """The frame with every second pixel, or fourth, where the part looks large."""
+        side = float((box_xyxy[2:] - box_xyxy[:2]).max())
+        step = 1 if side <= self._config.side_px else 2 if side <= 2 * self._config.side_px else 4
+        if step == 1 or frame.depth is None:
+            return frame
+        rgb, depth = frame.rgb[::step, ::step], frame.depth[::step, ::step]
+        K = np.diag([1 / step, 1 / step, 1.0]) @ frame.camera.K
+        camera = Camera(K, width=rgb.shape[1], height=rgb.shape[0])
+        return replace(frame, rgb=rgb, depth=depth, camera=camera)
 
     def _is_in_view(self, name: str, T_camera_part: Transform, frame: Frame) -> bool:
         shape = self._shapes[name]

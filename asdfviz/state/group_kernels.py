@@ -1,4 +1,4 @@
-"""The compiled loop behind `group_fit`: what every cell of the view says for a scene, summed."""
+"""The compiled loops behind `group_fit`: scenes put together, and what every cell says for one, summed."""
 
 from __future__ import annotations
 
@@ -94,3 +94,14 @@ def climb(cells, limits, nearer, steps, rounds):
             if not is_better:
                 break
     return total, counts, best
+
+
+@kernel
+@no_type_check
+def cover(inverse_depth, ids, other_inverse_depth, other_ids):
+    """Draw another scene into the first one, in place, where it is nearer."""
+    for row in range(ids.shape[0]):
+        for column in range(ids.shape[1]):
+            if other_inverse_depth[row, column] > inverse_depth[row, column]:
+                inverse_depth[row, column] = other_inverse_depth[row, column]
+                ids[row, column] = other_ids[row, column]

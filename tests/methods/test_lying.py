@@ -114,7 +114,7 @@ def test_nothing_is_said_of_what_is_in_the_air_hidden_or_not_measured(toy, scene
 def test_it_is_looked_at_seldom_while_it_lies_still(toy, scene, monkeypatch) -> None:
     true, frame = scene
     wrong = askew(true["block"], about=(0.0, 0, 1.0), degrees=24.0)
-    method, looks = lying(toy, doubted=2, again=9), list[int]()
+    method, looks = lying(toy, doubted=2, again=9, every=1), list[int]()
     real = method._lying
     monkeypatch.setattr(method, "_lying", lambda *a: (looks.append(a[2].index), real(*a))[1])
     told_at = [
@@ -151,7 +151,7 @@ def test_a_side_is_set_down_on_the_table_along_the_ray(toy) -> None:
 def test_an_option_out_of_range_is_named() -> None:
     for make in (
         lambda: LyingConfig(refined=0),
-        lambda: LyingConfig(a_frame=0),
+        lambda: LyingConfig(every=0),
         lambda: LyingConfig(again=0),
     ):
         with pytest.raises(MethodError, match="use 1 or more"):
