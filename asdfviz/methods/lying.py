@@ -76,7 +76,9 @@ class LyingConfig:
     still_deg: float = 6.0
     """and turned by no more than this."""
     side_px: float = 64.0
-    """Parts that look larger are compared in a picture of half the size, or a quarter."""
+    """Parts that look larger are compared in a picture of half the size, or a quarter,"""
+    least_deg: float = 10.0
+    """and keep their pose where it would be turned by less: contours tell it better then."""
     carried: int = 24
     """For so many frames after a look one that moves, or is seen by a camera that moves, is told as much
     otherwise as it was then."""
@@ -217,8 +219,10 @@ class Lying:
         looks = self._looks(part, both, table, coarse)
         if looks is None:
             return None
-        turned = np.array([rotation_angle(T_now[:3, :3].T @ T[:3, :3]) for T in both])
-        looks[turned > np.deg2rad(config.turned_deg)] = -np.inf
+        turned = np.rad2deg([rotation_angle(T_now[:3, :3].T @ T[:3, :3]) for T in both])
+        looks[turned > config.turned_deg] = -np.inf
+        if coarse is not frame:
+            looks[1:][turned[1:] < config.least_deg] = -np.inf
         k = int(looks.argmax())
         is_ahead = looks[k] > looks[0] + config.ahead
         if not is_ahead or not self._is_in_view(part.name, both[k], frame):
