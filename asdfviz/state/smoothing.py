@@ -50,7 +50,7 @@ class SmoothingConfig:
 
 
 FOLLOWED = SmoothingConfig(
-    appearance_weight=0.15, pose_weight=0.25, group_weight=0.4, place_weight=0.4
+    appearance_weight=0.15, pose_weight=0.25, group_weight=0.4, place_weight=0.6
 )
 """As `asdf_plus` and `asdf_track` have it. Appearance counts little: a lightly trained network mistakes
 states more often than places. What is seen of the group errs alike in frames that look alike, so it
