@@ -170,12 +170,14 @@ def _beyond_asdf() -> list[Variant]:
 def _beyond_asdf_plus() -> list[Variant]:
     plus = AsdfPlusConfig()
     deaf = replace(plus.hypotheses, network=0.0)
+    restless = replace(plus.hypotheses, looked_every=1)
     unaware = replace(BY_POINTS, table=TurnTableConfig(enabled=False))
     contours = {
         "turns without the table": ContourConfig(turns=unaware),
         "turns by how they would look": ContourConfig(turns=TurnConfig()),
         "no contours": ContourConfig(enabled=False),
         "contours of single parts": ContourConfig(together=False),
+        "what rests settled too": ContourConfig(every=1),
         "nothing turned": ContourConfig(turns=STILL),
     }
     changed = {
@@ -185,6 +187,7 @@ def _beyond_asdf_plus() -> list[Variant]:
         **{title: replace(plus, contours=config) for title, config in contours.items()},
         "one look": replace(plus, second_look=ONE_LOOK),
         "depth alone over time": replace(plus, hypotheses=deaf),
+        "what rests looked at too": replace(plus, hypotheses=restless),
     }
     return _rows("asdf_plus", plus, changed)
 
