@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from asdfviz.datatypes import PoseEstimate
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.registration import Evidence
@@ -60,6 +61,13 @@ class HypothesesConfig:
     """and so much of it is seen, 0 to 1, likewise."""
     unseen: float = 0.35
     """A part without a box keeps its pose where at least this share of the depth agrees, 0 to 1."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if min(self.kept, self.looked_every) < 1:
+            raise MethodError(
+                f"hypotheses.kept is {self.kept} and looked_every {self.looked_every}: use 1 or more"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.methods.kept_poses import HypothesesConfig, Proposal
 from asdfviz.methods.part_hypotheses import PartHypotheses
@@ -168,3 +169,8 @@ def test_what_moved_or_is_not_known_well_does_not_rest(toy, kept) -> None:
     assert kept.rests(box + 9.0, still) is None
     assert kept.rests(box + 1.0, still) is not None
     assert kept.rests(box, replace(still, depth=None)) is None
+
+
+def test_an_option_out_of_range_is_named() -> None:
+    with pytest.raises(MethodError, match="looked_every 0"):
+        HypothesesConfig(looked_every=0)
