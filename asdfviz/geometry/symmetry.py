@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asdfviz.geometry.shapes import Transform, Transforms, Vector
-from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
+from asdfviz.geometry.transforms import rotation_angle, turn_about
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,8 +51,7 @@ class Symmetries:
 
 
 def _turn_about(axis: Axis, angle: float) -> Transform:
-    R = rotation_about(axis.direction, angle)
-    return transform_from(R, axis.offset - R @ axis.offset)
+    return turn_about(axis.direction, axis.offset, angle)
 
 
 def nearest_symmetric(

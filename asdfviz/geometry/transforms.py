@@ -78,6 +78,12 @@ def rotation_about(axis: Vector, angle: float) -> Rotation:
     )
 
 
+def turn_about(axis: Vector, point: Vector, angle: float) -> Transform:
+    """Turn by `angle` radians about the axis (any length but zero) through a point, same frame."""
+    R = rotation_about(axis, angle)
+    return transform_from(R, point - R @ point)
+
+
 def turns_freely(turn: tuple[float, float]) -> bool:
     """Whether a joint of this range, radians, turns so far that its link does not tell how far."""
     return turn[1] - turn[0] > 1.9 * np.pi

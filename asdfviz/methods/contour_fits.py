@@ -50,6 +50,10 @@ class ContourConfig:
     every: int = 6
     """then in one of so many."""
 
+    def rests(self, times: int, frames: int) -> bool:
+        """Whether what stayed and was settled so many times, so many frames ago, is left as it is."""
+        return times >= self.times and frames < self.every
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContourFit:
@@ -130,7 +134,7 @@ class ContourFits:
         if known is None or not np.array_equal(known.T_camera_part, T):
             return False
         known.frames += 1
-        return known.times >= self._config.times and known.frames < self._config.every
+        return self._config.rests(known.times, known.frames)
 
     def _note(self, name: str, T: Transform, T_settled: Transform) -> None:
         known = self._known.get(name)

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from asdfviz.datatypes import Camera, Frame, State
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import apply_to_point, point_distance, rotation_angle
+from asdfviz.geometry.transforms import point_distance, rotation_angle
 from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.track.bodies import Body
 from asdfviz.track.confidence import Evidence
@@ -67,8 +65,7 @@ class GroupContours:
     def _rests(self, frame: Frame, poses: Mapping[str, Transform]) -> bool:
         """Whether the group was settled often enough where it still is."""
         self._frames += 1
-        is_known = self._times >= self._config.times and self._frames < self._config.every
-        if not is_known or not self._is_still(poses):
+        if not self._config.rests(self._times, self._frames) or not self._is_still(poses):
             return False
         self._tracker.replace(frame, self._settled)
         return self._value(self._tracker.evidence(frame)) > SLACK * self._fitted
@@ -94,9 +91,8 @@ class GroupContours:
         before = self._value(tracker.evidence(frame))
         tracker.move(frame)
         evidence, settled = tracker.evidence(frame), tracker.poses
-        moved = apply_to_point(settled[self._base], self._centre)
-        moved = moved - apply_to_point(poses[self._base], self._centre)
-        is_near = float(np.linalg.norm(moved)) <= self._config.farthest
+        moved = point_distance(settled[self._base], poses[self._base], self._centre)
+        is_near = moved <= self._config.farthest
         value = self._value(evidence)
         if not is_near or value <= SLACK * before:
             tracker.drop(tracker.names)  # its colours may be those of something else

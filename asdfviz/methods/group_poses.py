@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
-from asdfviz.methods.part_poses import PartShape
-from asdfviz.pose.depth_fit import depth_fit
+from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
 from asdfviz.state.joints import Deviation, off_place
 from asdfviz.state.place_odds import JoinedOdds
@@ -216,13 +215,5 @@ class GroupPoses:
 
     def _fit(self, name: str, T_camera_part: Transform, frame: Frame) -> float:
         """Agreement with depth, 0 to 1; a half where depth says nothing."""
-        shape = self._shapes[name]
-        found = depth_fit(
-            T_camera_part,
-            shape.surface[::3],
-            shape.normals[::3],
-            depth=frame.depth,
-            K=frame.camera.K,
-            margin=self._config.margin,
-        )
+        found = shape_fit(T_camera_part, self._shapes[name], frame, margin=self._config.margin)
         return 0.5 if found is None else found.share

@@ -18,21 +18,21 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Camera, Frame, Part, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Scores, Transform, Vector
+from asdfviz.geometry.symmetry import across
 from asdfviz.geometry.transforms import (
     apply,
     apply_to_point,
     inverse,
     point_distance,
-    rotation_about,
     rotation_angle,
     transform_from,
+    turn_about,
 )
 from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
 from asdfviz.methods.on_table import MARGIN, OnTableConfig, on_table
-from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
-from asdfviz.pose.depth_fit import depth_fit
 from asdfviz.pose.standing import sides, standing_on
 from asdfviz.pose.table import Table
 from asdfviz.state.twins import renamed
@@ -241,15 +241,7 @@ class Lying:
         return replace(frame, rgb=rgb, depth=depth, camera=camera)
 
     def _is_in_view(self, name: str, T_camera_part: Transform, frame: Frame) -> bool:
-        shape = self._shapes[name]
-        fit = depth_fit(
-            T_camera_part,
-            shape.surface[::3],
-            shape.normals[::3],
-            depth=frame.depth,
-            K=frame.camera.K,
-            margin=MARGIN,
-        )
+        fit = shape_fit(T_camera_part, self._shapes[name], frame, margin=MARGIN)
         return fit is not None and fit.visible >= self._config.visible
 
     def _tried(self, part: Part, T_now: Transform, table: Table) -> list[Transform]:
@@ -267,8 +259,7 @@ class Lying:
 
     def _refined(self, part: Part, T: Transform, table: Table, frame: Frame) -> Transform:
         """Uphill by how the pose would look, in place and turn, with shrinking steps."""
-        level = np.cross(table.normal, np.eye(3)[int(np.abs(table.normal).argmin())])
-        level /= np.linalg.norm(level)
+        level = np.cross(table.normal, across(table.normal))
         axes = (level, np.cross(table.normal, level), table.normal)
         best = T
         for turn, shift in (*STEPS[:1], *STEPS):
@@ -289,6 +280,5 @@ class Lying:
 
 def _spun(T_camera_part: Transform, part: Part, table: Table, angle: float) -> Transform:
     """The pose turned about the upright through the part's middle."""
-    R = rotation_about(table.normal, angle)
     middle = apply_to_point(T_camera_part, part.middle)
-    return transform_from(R @ T_camera_part[:3, :3], middle + R @ (T_camera_part[:3, 3] - middle))
+    return turn_about(table.normal, middle, angle) @ T_camera_part

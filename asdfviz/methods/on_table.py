@@ -11,10 +11,10 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply
-from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import ANY_TABLE, table_near, table_of
-from asdfviz.pose.depth_fit import DepthFit, depth_fit
+from asdfviz.pose.depth_fit import DepthFit
 from asdfviz.pose.standing import StandingConfig, laid_flat, lifted, sides
 from asdfviz.pose.table import SunkConfig, Table
 
@@ -132,11 +132,4 @@ def _share(T: Transform, shape: PartShape, frame: Frame) -> float:
 
 def _fit(T: Transform, shape: PartShape, frame: Frame) -> DepthFit | None:
     """How a pose agrees with depth; None where that says nothing."""
-    return depth_fit(
-        T,
-        shape.surface[::3],
-        shape.normals[::3],
-        depth=frame.depth,
-        K=frame.camera.K,
-        margin=MARGIN,
-    )
+    return shape_fit(T, shape, frame, margin=MARGIN)

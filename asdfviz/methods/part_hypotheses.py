@@ -66,13 +66,14 @@ class PartHypotheses:
     def rests(self, box_xyxy: Box, frame: Frame) -> Transform | None:
         """The most trusted pose if the part still lies there by its box (pixels) and by depth, and is
         not to be looked at; `step` then takes no proposals."""
-        config, best = self._config, next(iter(self._kept), None)
+        config, best, box = self._config, next(iter(self._kept), None), self._box
+        if frame.depth is None or best is None or box is None:
+            return None
         is_due = self._frames % config.looked_every == 0
-        if is_due or frame.depth is None or best is None or self._box is None:
+        if is_due or not may_rest(best, box, box_xyxy, config=config):
             return None
         seen = self._judged(best.T_camera_part, frame, box_xyxy)
-        is_still = may_rest(best, self._box, box_xyxy, config=config)
-        if not is_still or not still_agrees(best.evidence, seen, config=config):
+        if not still_agrees(best.evidence, seen, config=config):
             return None
         self._rest = (frame.index, seen)
         return best.T_camera_part
@@ -123,10 +124,9 @@ class PartHypotheses:
 
     def _stayed(self, seen: Evidence, box_xyxy: Box | None) -> Decision | None:
         """The part rests: the network says nothing of it in this frame."""
-        best, *rest = self._kept
+        best, *rest = (replace(one, frames=one.frames + 1) for one in self._kept)
         trust = self._trusted(best, seen, best.liked, box_xyxy)
-        best = replace(best, trust=trust, evidence=seen, frames=best.frames + 1)
-        self._kept = [best, *(replace(one, frames=one.frames + 1) for one in rest)]
+        self._kept = [replace(best, trust=trust, evidence=seen), *rest]
         self._box = box_xyxy
         return self._decided(box_xyxy)
 

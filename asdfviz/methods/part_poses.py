@@ -12,7 +12,9 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
 from asdfviz.errors import WeightsError
 from asdfviz.geometry.sampling import hull_corners, oriented_surface_points
+from asdfviz.geometry.shapes import Transform
 from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box
+from asdfviz.pose.depth_fit import DepthFit, depth_fit
 from asdfviz.pose.icp import IcpConfig, ModelCloud, register
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
 from asdfviz.pose.segmentation import refine_in_mask
@@ -50,6 +52,27 @@ def part_shapes(assembly: Assembly, *, surface_points: int) -> dict[str, PartSha
         corners = hull_corners(mesh.vertices)
         shapes[name] = PartShape(points, normals, ModelCloud(points), corners)
     return shapes
+
+
+def shape_fit(
+    T_camera_part: Transform, shape: PartShape, frame: Frame, *, margin: float
+) -> DepthFit | None:
+    """How a pose of a part agrees with a frame's depth, as `depth_fit` says it.
+
+    Args:
+        T_camera_part: the pose.
+        shape: of the part; every third of its points is read.
+        frame: with or without depth.
+        margin: readings this near to the surface agree with it, metres.
+    """
+    return depth_fit(
+        T_camera_part,
+        shape.surface[::3],
+        shape.normals[::3],
+        depth=frame.depth,
+        K=frame.camera.K,
+        margin=margin,
+    )
 
 
 def poses_from_keypoints(

@@ -12,8 +12,7 @@ from asdfviz.geometry.boxes import box_around, overlap
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Points, Transform
 from asdfviz.geometry.transforms import apply
-from asdfviz.methods.part_poses import PartShape
-from asdfviz.pose.depth_fit import depth_fit
+from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.pose.icp import IcpConfig, register
 
 FITTED = IcpConfig(
@@ -72,14 +71,7 @@ def evidence(
         box_xyxy: where the part was detected, pixels, or None.
         config: the margin.
     """
-    fit = depth_fit(
-        T_camera_part,
-        shape.surface[::3],
-        shape.normals[::3],
-        depth=frame.depth,
-        K=frame.camera.K,
-        margin=config.margin,
-    )
+    fit = shape_fit(T_camera_part, shape, frame, margin=config.margin)
     outline = 0.0
     if box_xyxy is not None:
         outline = overlap(projected_box(T_camera_part, shape.corners, frame), box_xyxy)

@@ -14,8 +14,9 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Mesh
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Scores, Transform
-from asdfviz.geometry.transforms import apply_to_point, rotation_about, transform_from
+from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Scores, Transform, Vector
+from asdfviz.geometry.symmetry import across
+from asdfviz.geometry.transforms import apply, apply_to_point, turn_about
 from asdfviz.pose.resting import center_of_mass, resting_faces
 from asdfviz.pose.table import SunkConfig, Table, depth_in_table
 
@@ -140,21 +141,14 @@ def laid_flat(
         return None
     turned = downs @ T_camera_part[:3, :3].T
     side = turned[(turned @ -table.normal).argmax()]
-    axis = np.cross(side, -table.normal)
-    sine = float(np.linalg.norm(axis))
-    angle = float(np.arctan2(sine, -side @ table.normal))
+    flat, angle, height = _turned_down(T_camera_part, side, corners, table)
     if angle > np.deg2rad(config.angle_deg):
         return None
-    R = rotation_about(axis, angle) if sine > 1e-9 else np.eye(3)
-    middle_part = corners.mean(axis=0)
-    middle = apply_to_point(T_camera_part, middle_part)
-    R_flat = R @ T_camera_part[:3, :3]
-    lowest = float(((corners - middle_part) @ (R_flat.T @ table.normal)).min())
-    height = lowest + float(middle @ table.normal) + table.offset
     if not -config.lift <= height <= config.above:
         return None
     rise = max(-config.below - height, 0.0)
-    return _moved(transform_from(R_flat, middle - R_flat @ middle_part), middle, rise, table)
+    middle = apply_to_point(T_camera_part, corners.mean(axis=0))
+    return _moved(flat, middle, rise, table)
 
 
 def standing_on(
@@ -173,18 +167,25 @@ def standing_on(
         None where the ray is too level.
     """
     side = T_camera_part[:3, :3] @ down
+    turned, angle, height = _turned_down(T_camera_part, side, corners, table)
+    middle = apply_to_point(T_camera_part, corners.mean(axis=0))
+    moved = _moved(turned, middle, -height, table)
+    return None if moved is None else (moved, angle)
+
+
+def _turned_down(
+    T_camera_part: Transform, side: Vector, corners: Points, table: Table
+) -> tuple[Transform, float, float]:
+    """The pose turned the shortest way about its middle until a side (camera axes) looks down; by how
+    much, radians; and how high its lowest corner then is above the table, metres."""
     axis = np.cross(side, -table.normal)
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, -side @ table.normal))
-    if sine < 1e-9:  # as it is, or head over heels about any level axis
-        axis = np.cross(table.normal, np.eye(3)[int(np.abs(table.normal).argmin())])
-    R = rotation_about(axis, angle) @ T_camera_part[:3, :3]
-    middle_part = corners.mean(axis=0)
-    middle = apply_to_point(T_camera_part, middle_part)
-    lowest = float(((corners - middle_part) @ (R.T @ table.normal)).min())
-    height = lowest + float(middle @ table.normal) + table.offset
-    moved = _moved(transform_from(R, middle - R @ middle_part), middle, -height, table)
-    return None if moved is None else (moved, angle)
+    if sine <= 1e-9:  # as it is, or head over heels about any level axis
+        axis = across(table.normal)
+    middle = apply_to_point(T_camera_part, corners.mean(axis=0))
+    turned = turn_about(axis, middle, angle) @ T_camera_part
+    return turned, angle, float((apply(turned, corners) @ table.normal).min()) + table.offset
 
 
 def lifted(

@@ -7,7 +7,6 @@ that are not.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -20,9 +19,11 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import (
     apply,
+    apply_to_point,
     inverse,
-    rotation_about,
+    point_distance,
     transform_from,
+    turn_about,
     turns_freely,
 )
 from asdfviz.state.joints import deviation, nearest_in_joint
@@ -105,8 +106,8 @@ class JointPlaces:
     ) -> Transform | None:
         """The place in a joint that is nearest to an observed pose; None where that is not in it."""
         part = self._assembly.parts[name]
-        apart = (T_base_part - T_nominal)[:3] @ np.append(part.middle, 1.0)
-        if math.sqrt(apart @ apart) > self._reach(name, T_nominal, joint) + self._config.distance:
+        reach = self._reach(name, T_nominal, joint) + self._config.distance
+        if point_distance(T_base_part, T_nominal, part.middle) > reach:
             return None
         off = deviation(
             T_base_part,
@@ -131,13 +132,10 @@ class JointPlaces:
         part = self._assembly.parts[name]
         reach = max(abs(joint.slide[0]), abs(joint.slide[1]))
         if joint.kind != "prismatic":
-            arm = apply(T_nominal, part.middle[None])[0] - joint.origin
+            arm = apply_to_point(T_nominal, part.middle) - joint.origin
             reach += 2 * float(np.linalg.norm(arm))
-        swings = [
-            np.linalg.norm(apply(S, part.middle[None])[0] - part.middle)
-            for S in part.symmetries.discrete
-        ]
-        reach += float(max(swings, default=0.0))
+        swings = (point_distance(S, np.eye(4), part.middle) for S in part.symmetries.discrete)
+        reach += max(swings, default=0.0)
         for axis in part.symmetries.continuous:
             reach += 2 * float(np.linalg.norm(np.cross(part.middle - axis.offset, axis.direction)))
         self._reaches[name, id(joint)] = reach
@@ -224,8 +222,7 @@ def _turns_freely(joint: Joint) -> bool:
 
 
 def _turn(joint: Joint, angle: float) -> Transform:
-    R = rotation_about(joint.axis, angle)
-    return transform_from(R, joint.origin - R @ joint.origin)
+    return turn_about(joint.axis, joint.origin, angle)
 
 
 def _angles() -> list[float]:
