@@ -12,6 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float64
 
+from asdfviz.geometry.grid_kernels import peaks
 from asdfviz.geometry.shapes import Rotation, Scores, Vector
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import rotation_about
@@ -147,23 +148,8 @@ def modes(
     Returns:
         Rotations, most probable first, and the probability of each one's surroundings.
     """
-    left = probabilities.copy()
-    rotations: list[Quaternion] = []
-    weights: list[float] = []
-    least = np.cos(reach / 2)
-    near = np.zeros(0, np.intp)
     enough = FAINTEST * float(probabilities.max())
-    while len(rotations) < count and left.max() > enough:
-        mean = grid[int(left.argmax())]
-        # Mean shift: surroundings taken about the mean itself do not pull it towards the grid.
-        for _ in range(2):
-            product = grid @ mean
-            near = np.nonzero((np.abs(product) >= least) & (left > 0))[0]
-            rows = grid[near] * np.sign(product[near])[:, None]
-            mean = (left[near][:, None] * rows).sum(axis=0)
-            mean = mean / np.linalg.norm(mean)
-        rotations.append(mean)
-        weights.append(float(left[near].sum()))
-        left[near] = 0.0
+    columns = np.ascontiguousarray(grid.T)
+    rotations, weights = peaks(probabilities, columns, count, np.cos(reach / 2), enough)
     order = np.argsort(weights)[::-1]
-    return np.stack(rotations)[order], np.array(weights)[order]
+    return rotations[order], weights[order]

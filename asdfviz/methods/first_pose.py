@@ -21,11 +21,12 @@ from asdfviz.errors import WeightsError
 from asdfviz.geometry.rotation_grid import rotations_of
 from asdfviz.geometry.sampling import hull_corners, oriented_surface_points, surface_middle
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Rgb
+from asdfviz.geometry.threads import side_by_side
 from asdfviz.methods.looked_at import Before, LookedAt
 from asdfviz.methods.network import shipped_weights
 from asdfviz.methods.seen_table import table_near
 from asdfviz.pose.box_fit import is_cut_off
-from asdfviz.pose.hypotheses import Candidate, HypothesisConfig, settle
+from asdfviz.pose.hypotheses import Candidates, HypothesisConfig, settle
 from asdfviz.pose.part_view import PartView, Surface, sampled_depth
 from asdfviz.pose.table import SunkConfig
 
@@ -187,40 +188,53 @@ class CropPoses:
             for name, d in found.items()
         }
         answers = self.looker.look(frame.rgb, frame.camera.K, boxes)
-        kept: dict[str, LookedAt] = {}
-        for name, answer in answers.items():
-            view = _view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
-            table = table_near(frame, found[name].box_xyxy) if use_depth and self.sunk else None
-            if table is not None:
-                view = replace(view, table=table.seen_from(view.R_camera_view))
-            candidates = self._candidates(name, answer, found[name].box_xyxy, frame)
-            if previous and name in previous:
-                R_before = previous[name].T_camera_part[:3, :3]
-                likely = max(previous[name].liked, answer.likelihood(R_before))
-                probability = likely * float(answer.probabilities[0])
-                candidates.insert(0, Candidate(R_before, probability, candidates[0].distance))
-            surface = self.surfaces[name]
-            best = settle(candidates, surface, view, config=self.config, sunk=self.sunk)
-            if best:
-                kept[name] = LookedAt(tuple(best), answer, found[name])
-        return kept
+        before = previous or {}
+        views = {
+            name: self._view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
+            for name, answer in answers.items()
+        }
+        settled = side_by_side(
+            lambda name: settle(
+                self._candidates(
+                    name, answers[name], found[name].box_xyxy, frame, before.get(name)
+                ),
+                self.surfaces[name],
+                views[name],
+                config=self.config,
+                sunk=self.sunk,
+            ),
+            answers,
+        )
+        return {
+            name: LookedAt(tuple(best), answers[name], found[name])
+            for name, best in zip(answers, settled, strict=True)
+            if best
+        }
+
+    def _view(
+        self, answer: CropAnswer, box_xyxy: Box, frame: Frame, *, use_depth: bool
+    ) -> PartView:
+        view = _view(answer, box_xyxy, frame, use_depth=use_depth)
+        table = table_near(frame, box_xyxy) if use_depth and self.sunk else None
+        return view if table is None else replace(view, table=table.seen_from(view.R_camera_view))
 
     def _candidates(
-        self, name: str, answer: CropAnswer, box_xyxy: Box, frame: Frame
-    ) -> list[Candidate]:
-        """The network's rotations; where the box is cut off, with the distance that it guesses."""
-        guess: float | None = None
+        self, name: str, answer: CropAnswer, box_xyxy: Box, frame: Frame, before: Before | None
+    ) -> Candidates:
+        """The rotation of before and the network's; where the box is cut off, with its guess of the distance."""
+        turns, probabilities = rotations_of(answer.rotations), answer.probabilities
+        distances = np.full(len(turns), np.nan)
         if is_cut_off(box_xyxy, (frame.camera.width, frame.camera.height), BORDER_PX):
             guess = answer.distance(self.assembly.parts[name].diameter)
-        candidates: list[Candidate] = []
-        turns = rotations_of(answer.rotations)
-        for R_crop_part, probability in zip(turns, answer.probabilities, strict=True):
-            distance = guess
-            if guess is not None:
-                distance = guess - float((self.middles[name] @ R_crop_part.T)[0, 2])
-            R_camera_part = answer.camera.R_camera_crop @ R_crop_part
-            candidates.append(Candidate(R_camera_part, float(probability), distance))
-        return candidates
+            distances[:] = guess - (self.middles[name] @ turns.transpose(0, 2, 1))[:, 0, 2]
+        Rs_camera_part = answer.camera.R_camera_crop @ turns
+        if before is not None:
+            R_before = before.T_camera_part[:3, :3]
+            likely = max(before.liked, answer.likelihood(R_before)) * probabilities[0]
+            Rs_camera_part = np.concatenate([R_before[None], Rs_camera_part])
+            probabilities = np.concatenate([[likely], probabilities])
+            distances = np.concatenate([distances[:1], distances])
+        return Candidates(Rs_camera_part, probabilities, distances)
 
 
 def crop_poses(

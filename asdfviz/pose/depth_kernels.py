@@ -8,6 +8,9 @@ import numpy as np
 
 from asdfviz.geometry.jit import kernel
 
+BEYOND = 0.015
+"""Where a reading is farther than the table by this, one looks past its edge, metres."""
+
 
 @kernel
 @no_type_check
@@ -108,3 +111,102 @@ def front_readings(points, normals, T, K, depth, margin):
             on += abs(gap) <= margin
             before += gap < -margin
     return count, on, before
+
+
+@kernel
+@no_type_check
+def deepest(Ts, corners, table, depth, K):
+    """How deep the lowest corner (k, 3) lies under a plane in each pose (c, 4, 4), metres, 0 or more.
+
+    Args:
+        Ts: poses in the camera's frame.
+        corners: metres, part frame.
+        table: normal and offset.
+        depth: planar depth image, metres, 0 = none.
+        K: its intrinsics.
+    """
+    normal, offset = table
+    deep = np.zeros(len(Ts))
+    height, width = depth.shape
+    for c in range(len(Ts)):
+        T = Ts[c]
+        for k in range(len(corners)):
+            a, b, d = corners[k, 0], corners[k, 1], corners[k, 2]
+            x = T[0, 0] * a + T[0, 1] * b + T[0, 2] * d + T[0, 3]
+            y = T[1, 0] * a + T[1, 1] * b + T[1, 2] * d + T[1, 3]
+            z = T[2, 0] * a + T[2, 1] * b + T[2, 2] * d + T[2, 3]
+            along = x * normal[0] + y * normal[1] + z * normal[2]
+            under = -(along + offset)
+            if z <= 0 or under <= deep[c]:
+                continue
+            column = int(np.floor(K[0, 0] * x / z + K[0, 2] + 0.5))
+            row = int(np.floor(K[1, 1] * y / z + K[1, 2] + 0.5))
+            if not (0 <= row < height and 0 <= column < width):
+                continue
+            there = offset / max(-along / z, 1e-6)
+            if depth[row, column] < there + BEYOND:
+                deep[c] = under
+    return deep
+
+
+@kernel
+@no_type_check
+def heights_around(depth, window, step, box_xyxy, table, K):
+    """How high readings in a window, but not in a box, lie above a plane, metres; those near it alone.
+
+    Args:
+        depth: planar depth image, metres, 0 = none.
+        window: first and last column and row: x0, y0, x1, y1.
+        step: every how many pixels one is read.
+        box_xyxy: pixels.
+        table: normal and offset of the plane.
+        K: intrinsics.
+    """
+    normal, offset = table
+    x0, y0, x1, y1 = window
+    heights = np.empty(((y1 - y0) // step + 1) * ((x1 - x0) // step + 1))
+    count = 0
+    for row in range(y0, y1 + 1, step):
+        across = normal[1] * (row - K[1, 2]) / K[1, 1] + normal[2]
+        is_beside = box_xyxy[1] <= row <= box_xyxy[3]
+        for column in range(x0, x1 + 1, step):
+            z = depth[row, column]
+            if z <= 0 or (is_beside and box_xyxy[0] <= column <= box_xyxy[2]):
+                continue
+            height = z * (normal[0] * (column - K[0, 2]) / K[0, 0] + across) + offset
+            if abs(height) < BEYOND:
+                heights[count] = height
+                count += 1
+    return heights[:count]
+
+
+@kernel
+@no_type_check
+def readings_along(depth, K, R_camera_view, focal, side):
+    """A depth image as a view with the same centre has it, (side, side), nearest readings, 0 = none.
+
+    Args:
+        depth: planar, metres, 0 = none.
+        K: its intrinsics.
+        R_camera_view: the view's camera in the image's.
+        focal: of the view, cells; its principal point is the middle.
+        side: of the view, cells.
+    """
+    R = R_camera_view
+    height, width = depth.shape
+    found = np.zeros((side, side))
+    for row in range(side):
+        y = (row - (side - 1) / 2) / focal
+        for column in range(side):
+            x = (column - (side - 1) / 2) / focal
+            ahead = R[2, 0] * x + R[2, 1] * y + R[2, 2]
+            if ahead <= 1e-3:
+                continue
+            right = R[0, 0] * x + R[0, 1] * y + R[0, 2]
+            down = R[1, 0] * x + R[1, 1] * y + R[1, 2]
+            u = np.rint(K[0, 0] * right / ahead + K[0, 2])
+            v = np.rint(K[1, 1] * down / ahead + K[1, 2])
+            if 0 <= u < width and 0 <= v < height:
+                # A point at planar depth d on a ray of unit view depth lies at d / (ray's planar depth).
+                found[row, column] = depth[int(v), int(u)] / ahead
+    return found

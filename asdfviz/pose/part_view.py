@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Rotation
+from asdfviz.pose.depth_kernels import readings_along
 from asdfviz.pose.table import Table
 
 Cells: TypeAlias = Float64[np.ndarray, "s s"]
@@ -60,13 +61,4 @@ def sampled_depth(
         focal: of the view, cells.
         side: of the view, cells.
     """
-    place = np.arange(side) - (side - 1) / 2
-    x, y = np.meshgrid(place / focal, place / focal)
-    rays = np.stack([x, y, np.ones_like(x)], axis=-1) @ R_camera_view.T
-    u = np.rint(K[0, 0] * rays[..., 0] / rays[..., 2] + K[0, 2])
-    v = np.rint(K[1, 1] * rays[..., 1] / rays[..., 2] + K[1, 2])
-    height, width = depth.shape
-    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (rays[..., 2] > 1e-3)
-    rows, columns = np.where(inside, v, 0).astype(np.intp), np.where(inside, u, 0).astype(np.intp)
-    # A point at planar depth d on a ray of unit view depth lies at d / (ray's planar depth).
-    return np.where(inside, depth[rows, columns] / np.where(inside, rays[..., 2], 1.0), 0.0)
+    return readings_along(depth, np.asarray(K, np.float64), R_camera_view, focal, side)

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from asdfviz.errors import MethodError
-from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Rotation, Vector
+from asdfviz.pose.depth_kernels import deepest, heights_around
 
 Depths: TypeAlias = Float64[np.ndarray, "c"]
 """One of each pose."""
@@ -23,8 +23,6 @@ TRIALS = 64
 """Planes that are tried."""
 SAMPLES = 1500
 """Readings that judge them."""
-BEYOND = 0.015
-"""Where a reading is farther than the table by this, one looks past its edge, metres."""
 
 AROUND = 0.6
 """The table around a box is taken so many of its sides from it,"""
@@ -72,17 +70,16 @@ class SunkConfig:
             depths: as `depth_in_table` gives them.
             corners: spanning the part's outline, metres.
         """
-        return np.maximum(depths - self.free - self.free_share * _size(corners), 0.0)
+        return np.maximum(depths - self.depths(corners)[0], 0.0)
 
     def share(self, depths: Depths, corners: Points) -> Depths:
         """From how deep a part stands in the table, as for `too_deep`, to what that says, 0 to 1."""
-        full = self.full_share * _size(corners)
-        return np.minimum(self.too_deep(depths, corners) / full, 1.0)
+        return np.minimum(self.too_deep(depths, corners) / self.depths(corners)[1], 1.0)
 
-
-def _size(corners: Points) -> float:
-    """Diameter of the box around a part, metres."""
-    return float(np.linalg.norm(np.ptp(corners, axis=0)))
+    def depths(self, corners: Points) -> tuple[float, float]:
+        """How deep is free, and how much deeper says all, metres; of a part with such corners."""
+        size = float(np.linalg.norm(np.ptp(corners, axis=0)))
+        return self.free + self.free_share * size, self.full_share * size
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,14 +117,14 @@ def largest_plane(depth: Depth, K: Intrinsics, *, config: TableConfig) -> Table 
         K: its intrinsics.
         config: what counts.
     """
-    rows, columns = np.nonzero(depth > 0)
-    if len(rows) < 3 * SAMPLES:
+    known = np.flatnonzero(depth > 0)
+    if len(known) < 3 * SAMPLES:
         return None
     rng = np.random.default_rng(0)
-    chosen = rng.choice(len(rows), SAMPLES, replace=False)
-    z = depth[rows[chosen], columns[chosen]].astype(np.float64)
-    x = (columns[chosen] - K[0, 2]) / K[0, 0] * z
-    y = (rows[chosen] - K[1, 2]) / K[1, 1] * z
+    rows, columns = np.divmod(known[rng.choice(len(known), SAMPLES, replace=False)], depth.shape[1])
+    z = depth[rows, columns].astype(np.float64)
+    x = (columns - K[0, 2]) / K[0, 0] * z
+    y = (rows - K[1, 2]) / K[1, 1] * z
     points = np.stack([x, y, z], axis=1)
     corners = points[rng.integers(0, SAMPLES, (TRIALS, 3))]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -169,12 +166,9 @@ def table_around(box_xyxy: Box, table: Table, *, depth: Depth, K: Intrinsics) ->
     low = np.clip(box_xyxy[:2] - size, 0, most).astype(int)
     high = np.clip(box_xyxy[2:] + size, 0, most).astype(int)
     step = max(1, int((high - low).max()) // GRID)
-    rows, columns = np.mgrid[low[1] : high[1] + 1 : step, low[0] : high[0] + 1 : step]
-    z = depth[rows, columns]
-    height = table.heights(z, rows=rows, columns=columns, K=K)
-    inner = (columns >= box_xyxy[0]) & (columns <= box_xyxy[2])
-    inner = inner & (rows >= box_xyxy[1]) & (rows <= box_xyxy[3])
-    seen = height[(z > 0) & ~inner & (np.abs(height) < BEYOND)]
+    window = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+    plane = (table.normal, table.offset)
+    seen = heights_around(depth, window, step, np.asarray(box_xyxy, np.float64), plane, K)
     if len(seen) < LEAST:
         return None
     return Table(table.normal, table.offset - float(np.median(seen)))
@@ -199,11 +193,4 @@ def depth_in_table(
         depth: planar depth in the same frame, metres, 0 = none.
         K: its intrinsics.
     """
-    points = (corners @ Ts[:, :3, :3].transpose(0, 2, 1) + Ts[:, None, :3, 3]).reshape(-1, 3)
-    inside, rows, columns = nearest_pixels(points, K, depth.shape)
-    along = points[inside] @ table.normal
-    there = table.offset / np.maximum(-along / points[inside, 2], 1e-6)
-    deep = np.zeros(len(points))
-    is_hidden = depth[rows, columns] < there + BEYOND
-    deep[inside] = np.where(is_hidden, -(along + table.offset), 0.0)
-    return deep.reshape(len(Ts), -1).max(axis=1, initial=0.0)
+    return deepest(Ts, corners, (table.normal, table.offset), depth, K)

@@ -8,6 +8,7 @@ import pytest
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.rotation_grid import even_rotations, rotation_of, rotation_to_ray
 from asdfviz.geometry.sampling import oriented_surface_points
+from asdfviz.geometry.shapes import Rotation
 from asdfviz.geometry.transforms import (
     apply,
     inverse,
@@ -16,7 +17,7 @@ from asdfviz.geometry.transforms import (
     transform_from,
 )
 from asdfviz.pose.hypotheses import (
-    Candidate,
+    Candidates,
     HypothesisConfig,
     settle,
 )
@@ -80,12 +81,20 @@ def view(*, with_depth: bool, T_camera_part: np.ndarray = T_TRUE) -> PartView:
     )
 
 
-def candidates(*, off_deg: float) -> list[Candidate]:
+def candidates(*, off_deg: float) -> Candidates:
     """Nineteen wrong rotations and, last, one that is near."""
     wrong = [rotation_of(q) for q in even_rotations(400)]
     wrong = [R for R in wrong if rotation_angle(R.T @ T_TRUE[:3, :3]) > np.deg2rad(40)][::20][:19]
     near = rotation_about(np.array([0.2, -1.0, 0.5]), np.deg2rad(off_deg)) @ T_TRUE[:3, :3]
-    return [Candidate(R, 0.05) for R in (*wrong, near)]
+    return rotations(*wrong, near)
+
+
+def rotations(*Rs: Rotation, probability: float = 0.05) -> Candidates:
+    return Candidates(np.stack(Rs), np.full(len(Rs), probability), np.full(len(Rs), np.nan))
+
+
+def some(of: Candidates, which: slice) -> Candidates:
+    return Candidates(of.Rs_camera_part[which], of.probabilities[which], of.distances[which])
 
 
 def error_deg(T: np.ndarray) -> float:
@@ -109,7 +118,7 @@ def test_a_box_that_is_off_does_not_move_what_lies_flat() -> None:
     seen = view(with_depth=True, T_camera_part=T_flat)
     off = replace(seen, box_xyxy=seen.box_xyxy + np.array([2.0, -1.5, 2.0, -1.5]))
     turned = rotation_about(np.array([0.0, 0.0, 1.0]), np.deg2rad(4))
-    settled, *_ = settle([Candidate(turned, 1.0)], SURFACE, off, config=HypothesisConfig())
+    settled, *_ = settle(rotations(turned), SURFACE, off, config=HypothesisConfig())
     assert np.linalg.norm(settled.T_camera_part[:3, 3] - T_flat[:3, 3]) < 0.0015
     assert np.degrees(rotation_angle(settled.T_camera_part[:3, :3])) < 2
 
@@ -125,7 +134,7 @@ def test_the_outline_alone_finds_it_too() -> None:
 
 def test_a_pose_in_the_table_loses_to_one_on_it() -> None:
     here, config = view(with_depth=False), HypothesisConfig(prior_weight=0.0)
-    wrong = candidates(off_deg=10)[:-1]
+    wrong = some(candidates(off_deg=10), slice(-1))
 
     def deepest(seen: PartView, sunk: SunkConfig | None) -> float:
         settled, *_ = settle(wrong, SURFACE, seen, config=config, sunk=sunk)
@@ -142,22 +151,26 @@ def test_a_pose_in_the_table_loses_to_one_on_it() -> None:
 
 def test_a_probable_rotation_wins_among_equals() -> None:
     here, config = view(with_depth=False), HypothesisConfig()
-    near = candidates(off_deg=0)[-1]
-    twin = Candidate(rotation_about(np.array([0.0, 0, 1]), 0.02) @ near.R_camera_part, 0.001)
-    settled, *_ = settle([twin, replace(near, probability=0.9)], SURFACE, here, config=config)
+    near = candidates(off_deg=0).Rs_camera_part[-1]
+    twin = rotation_about(np.array([0.0, 0, 1]), 0.02) @ near
+    both = replace(rotations(twin, near), probabilities=np.array([0.001, 0.9]))
+    settled, *_ = settle(both, SURFACE, here, config=config)
     assert error_deg(settled.T_camera_part) < 8
 
 
 def test_nothing_is_said_where_nothing_agrees() -> None:
     empty = replace(view(with_depth=False), outline=np.zeros((SIDE, SIDE)))
     assert settle(candidates(off_deg=5), SURFACE, empty, config=HypothesisConfig()) == []
-    assert settle([], SURFACE, empty, config=HypothesisConfig()) == []
+    assert (
+        settle(some(candidates(off_deg=5), slice(0)), SURFACE, empty, config=HypothesisConfig())
+        == []
+    )
 
 
 def test_a_wrong_pose_agrees_less() -> None:
     here, config = view(with_depth=True), HypothesisConfig(steps=0)
-    right = settle(candidates(off_deg=0)[-1:], SURFACE, here, config=config)
-    wrong = settle(candidates(off_deg=0)[:1], SURFACE, here, config=config)
+    right = settle(some(candidates(off_deg=0), slice(-1, None)), SURFACE, here, config=config)
+    wrong = settle(some(candidates(off_deg=0), slice(1)), SURFACE, here, config=config)
     assert right
     assert not wrong or wrong[0].agreement < 0.75 * right[0].agreement
 
