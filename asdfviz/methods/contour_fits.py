@@ -14,6 +14,7 @@ import numpy as np
 
 from asdfviz.datatypes import Camera, Frame, Part
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.threads import side_by_side
 from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
@@ -106,17 +107,17 @@ class ContourFits:
         if frame.depth is None:
             return {}
         tracker, moved = self._tracker, dict[str, Transform]()
-        for name, T in poses.items():
-            if self._rests(name, T):
-                continue
-            settled = self._settled(name, T, frame) if name in tracker.names else None
-            if settled is None:  # its colours were learnt where it was not, or are not known
-                tracker.drop([name])
-                tracker.add(frame, {name: T})
-                settled = self._settled(name, T, frame)
-            if settled is not None:
-                moved[name] = settled
-                self._note(name, T, settled)
+        loose = {name: T for name, T in poses.items() if not self._rests(name, T)}
+        settled = self._all_settled({n: T for n, T in loose.items() if n in tracker.names}, frame)
+        # The colours of the others were learnt where they were not, or are not known.
+        again = {name: T for name, T in loose.items() if name not in settled}
+        tracker.drop(again)
+        tracker.add(frame, again)
+        settled |= self._all_settled(again, frame)
+        for name in loose:
+            if name in settled:
+                moved[name] = settled[name]
+                self._note(name, loose[name], settled[name])
         now = {**poses, **moved}
         tracker.replace(frame, now)
         sure = tracker.confidence(frame)
@@ -140,6 +141,11 @@ class ContourFits:
         known = self._known.get(name)
         stayed = known is not None and np.array_equal(known.T_camera_part, T)
         self._known[name] = _Settled(T_settled, known.times + 1 if known and stayed else 1)
+
+    def _all_settled(self, poses: Mapping[str, Transform], frame: Frame) -> dict[str, Transform]:
+        """Those that can be."""
+        settled = side_by_side(lambda name: self._settled(name, poses[name], frame), poses)
+        return {n: T for n, T in zip(poses, settled, strict=True) if T is not None}
 
     def _settled(self, name: str, T: Transform, frame: Frame) -> Transform | None:
         (trial,) = self._tracker.trials(frame, name, [T])

@@ -18,6 +18,7 @@ from asdfviz.datatypes import Frame, Part
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
+from asdfviz.geometry.threads import side_by_side
 from asdfviz.geometry.transforms import point_distance, rotation_angle
 from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
 from asdfviz.methods.looked_at import LookedAt
@@ -156,13 +157,15 @@ class TurnChecks:
         if not self._config.enabled or not poses:
             return {}
         self._recall(poses)
-        looks = looked_at or {}
-        names = list(poses)
+        looks, names = looked_at or {}, list(poses)
         start = self._first % len(names)
         self._first += self._config.a_frame
+        asked = (names[start:] + names[:start])[: self._config.a_frame]
+        checked = side_by_side(
+            lambda name: self._checked(frame, tracker, name, poses[name], looks.get(name)), asked
+        )
         found: dict[str, Transform] = {}
-        for name in (names[start:] + names[:start])[: self._config.a_frame]:
-            right = self._checked(frame, tracker, name, poses[name], looks.get(name))
+        for name, right in zip(asked, checked, strict=True):
             if right is not None:
                 T_wrong, found[name] = right
                 self._turns[name] = [self._begun(name, T_wrong, found[name])]

@@ -51,7 +51,7 @@ class TurnTable:
                 n: Stance(hull_corners(p.mesh.vertices), sides(p.mesh), config.sunk, config.rest)
                 for n, p in parts.items()
             }
-        self._looked: tuple[Frame, str, Transform, Table | None] | None = None
+        self._looked: dict[str, tuple[Frame, Transform, Table | None]] = {}
 
     def said(
         self, frame: Frame, name: str, T_now: Transform, T_other: Transform
@@ -68,10 +68,10 @@ class TurnTable:
 
     def near(self, frame: Frame, name: str, T_now: Transform) -> Table | None:
         """Around a part, found once for all its other poses; None where it is not known or asked."""
-        stance, known = self._stances.get(name), self._looked
+        stance, known = self._stances.get(name), self._looked.get(name)
         if stance is None:
             return None
-        if known is None or known[:2] != (frame, name) or not np.array_equal(known[2], T_now):
+        if known is None or known[0] is not frame or not np.array_equal(known[1], T_now):
             table = table_near(frame, projected_box(T_now, stance.corners, frame))
-            known = self._looked = (frame, name, T_now, table)
-        return known[3]
+            known = self._looked[name] = (frame, T_now, table)
+        return known[2]
