@@ -7,7 +7,7 @@ come from crops, as do the state's looks; `--first-pose keypoints` is the paper 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeAlias
@@ -172,6 +172,12 @@ class Asdf:
         """From now on twins go by other names: from the old ones to the new."""
         self._started().finder.rename(names)
         self._before = renamed(self._before, names)
+
+    def disown(self, names: Collection[str]) -> None:
+        """What was taken for these parts in the last frame is something else."""
+        self.assigned = {n: box for n, box in self.assigned.items() if n not in names}
+        self.looked_at = {n: look for n, look in self.looked_at.items() if n not in names}
+        self._before = {n: before for n, before in self._before.items() if n not in names}
 
     def propose(self, frame: Frame, *, rests: Rests | None = None) -> FramePrediction:
         """Poses of the next frame and `looks`, no state: for methods that find that otherwise.

@@ -12,74 +12,31 @@ are withheld.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import partial
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate, StateEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.asdf import Asdf
-from asdfviz.methods.asdf_config import AsdfConfig
-from asdfviz.methods.contour_fits import ContourConfig, ContourFit, ContourFits
+from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
+from asdfviz.methods.contour_fits import ContourFit, ContourFits
 from asdfviz.methods.first_pose import LooksAtParts
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_contours import GroupContours
-from asdfviz.methods.group_poses import GroupConfig, GroupPoses
-from asdfviz.methods.kept_poses import Decision, HypothesesConfig, pose_confidence, proposals_of
-from asdfviz.methods.lying import Lying, LyingConfig
+from asdfviz.methods.group_poses import GroupPoses
+from asdfviz.methods.kept_poses import Decision, pose_confidence, proposals_of
+from asdfviz.methods.lying import Lying
+from asdfviz.methods.mistaken import Mistaken
 from asdfviz.methods.network import Detects
-from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import sure_enough
-from asdfviz.methods.registration import RegistrationConfig
-from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
-from asdfviz.methods.tolerances import REGISTERED_PLACES
 from asdfviz.methods.tracking import load_bodies
-from asdfviz.pose.confidence import ConfidenceConfig, confidence_held
-from asdfviz.state.group_fit import GroupFitConfig
-from asdfviz.state.relative_pose import RelativePoseConfig
-from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
+from asdfviz.pose.confidence import confidence_held
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
-
-
-@dataclass(frozen=True)
-class AsdfPlusConfig(AsdfConfig):
-    """Options of ASDF, which gives first poses, and of what is added."""
-
-    group: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=False))
-    """State helps pose inside ASDF: off, since it is done once, after the registration."""
-    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
-    """Six degrees of freedom from depth."""
-    hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
-    """Poses kept side by side over time."""
-    contours: ContourConfig = field(default_factory=ContourConfig)
-    """The last millimetres."""
-    confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
-    """How sure a pose is."""
-    joined: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=True))
-    """State helps pose, after the registration."""
-    on_table: OnTableConfig = NO_TABLE
-    """Off: contours settle poses here."""
-    laid: OnTableConfig = LAID
-    """How the table mends poses that are settled, as they are told; none goes on from there."""
-    lying: LyingConfig = field(default_factory=LyingConfig)
-    """What lies on it is told as it looks most like what is seen."""
-    doubts: float = 0.2
-    """Of the network in the rotation of the frame before; runners-up are kept besides."""
-    second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
-    """Where the detector looks again for parts that it missed."""
-    relative_pose: RelativePoseConfig = REGISTERED_PLACES
-    """S_P; narrower than ASDF's, as the poses are."""
-    group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
-    """The hypothesis test over states."""
-    smoothing: SmoothingConfig = FOLLOWED
-    """The hidden Markov model, online."""
-    least_score: float = 0.5
-    """Poses that are more probably wrong than right are withheld, unless a state places the part; 0
-    gives all. They are kept, and speak for states. Without depth too little is known, and all are given."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +50,7 @@ class _Scene:
     twins: PlaceNames
     one_place: OnePlace
     lying: Lying
+    mistaken: Mistaken
     contours: ContourFits | None
     together: GroupContours | None
     """None where contours are not asked."""
@@ -147,6 +105,7 @@ class AsdfPlus:
             PlaceNames(assembly),
             OnePlace(assembly),
             Lying(assembly, shapes, laid=config.laid, config=config.lying),
+            Mistaken(assembly, config=config.still_there),
             None
             if bodies is None
             else ContourFits(assembly.parts, bodies, camera, config=contours),
@@ -162,6 +121,7 @@ class AsdfPlus:
         config, scene, timed = self._config, self._scene, StageTimer()
         assembly = scene.assembly
         proposed = self._asdf.propose(frame, rests=partial(_rests, scene))
+        proposed = self._without_others(proposed, frame, scene)
         with timed("register"):
             decided = self._decided(proposed, frame, scene)
         with timed("contours"):
@@ -176,11 +136,23 @@ class AsdfPlus:
                 told = scene.followed.unfolded
                 poses = scene.group.step(poses, told, frame, base=scene.followed.base)
                 poses = self._settled_together(poses, told, frame, scene)
+        scene.mistaken.see(frame, poses)
         with timed("lay"):
             poses = scene.lying.step(poses, frame)
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
+
+    def _without_others(
+        self, proposed: FramePrediction, frame: Frame, scene: _Scene
+    ) -> FramePrediction:
+        """The first poses but those of things that stood there while the part was elsewhere."""
+        base = scene.followed.base or proposed.poses.get(scene.assembly.base)
+        T_camera_base = None if base is None else base.T_camera_part
+        others = scene.mistaken.found(frame, proposed.poses, T_camera_base)
+        self._asdf.disown(others)
+        kept = {name: pose for name, pose in proposed.poses.items() if name not in others}
+        return replace(proposed, poses=kept)
 
     def _named_by_place(
         self, poses: Mapping[str, PoseEstimate], scene: _Scene
@@ -189,6 +161,7 @@ class AsdfPlus:
         names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
         scene.hypotheses.update(renamed(scene.hypotheses, names))
         scene.lying.rename(names)
+        scene.mistaken.rename(names)
         self._asdf.rename(names)
         return renamed_poses(poses, names)
 

@@ -30,6 +30,7 @@ from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.looked_at import LookedAt
+from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import Lying, LyingConfig
 from asdfviz.methods.network import Detects
 from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
@@ -88,6 +89,8 @@ class AsdfTrackConfig(AsdfConfig):
     """S_P: from part poses to probabilities; narrower than for detected poses."""
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
     """The hypothesis test over states."""
+    loose: LooseConfig = field(default_factory=LooseConfig)
+    """What lies loose, and what no longer does, as a witness for the state."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
     tracker: TrackerConfig = PROPOSED

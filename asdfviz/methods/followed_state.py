@@ -9,8 +9,9 @@ from typing import Protocol, runtime_checkable
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, StateEstimate
 from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.methods.group_fits import GroupFits
+from asdfviz.methods.loose_parts import LooseConfig, LooseParts
 from asdfviz.methods.part_poses import PartShape
-from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig
+from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig, agreed
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.half_done import HalfDone
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
@@ -39,6 +40,11 @@ class FollowsState(Protocol):
     @property
     def place_looks(self) -> PlaceLooksConfig:
         """The term of that name."""
+        ...
+
+    @property
+    def loose(self) -> LooseConfig:
+        """What counts to it besides."""
         ...
 
 
@@ -70,6 +76,7 @@ class FollowedState:
         self._states = StateFilter(self._unfolded, config=config.smoothing, half_done=half_done)
         self._fits = GroupFits(self._unfolded, shapes, config=config.group_fit)
         self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=config.place_looks)
+        self._loose = LooseParts(self._unfolded, shapes, config=config.loose)
 
     @property
     def assembly(self) -> Assembly:
@@ -110,12 +117,12 @@ class FollowedState:
             free: the poses that bear witness for states; None for all.
         """
         ways, before = self._ways, self._states.belief
-        places = relative_pose_probabilities(
-            poses if free is None else free, self._unfolded, config=self._relative_pose
-        )
+        witnesses = poses if free is None else free
+        places = relative_pose_probabilities(witnesses, self._unfolded, config=self._relative_pose)
         fits = self._fits.step(poses, before, frame, first=first)
         base = self._fits.base or poses.get(self._unfolded.base)
         stands = self._place_looks.step(base, poses, before, frame)
+        stands = agreed(stands, self._loose.step(base, witnesses, frame))
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)
         if belief is None:
             return None

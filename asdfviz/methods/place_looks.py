@@ -51,7 +51,10 @@ class PlaceLooksConfig:
     most: float = 2.0
     """but no more than this"""
     least: float = -1.0
-    """and no less: a part may be hidden."""
+    """and no less: a part may be hidden;"""
+    shown_px: float = 16.0
+    """nor so much against a place whose shorter side is less than this, pixels, but only the share that
+    its area has of such a square's: there the network sees nothing of the part either."""
     delay: int = 12
     """After so many frames a look at a place that is still empty is remembered as one."""
     memory: float = 0.02
@@ -90,6 +93,8 @@ class _Place:
     looks: int = 0
     """At the empty place."""
     recent: deque[float] = field(default_factory=deque[float])
+    side_px: float = 0.0
+    """Its shorter side in the last picture."""
 
     def remember(self, logit: float, joined: float, config: PlaceLooksConfig) -> None:
         """Take in a look; one of some frames ago counts as empty if the part is not joined yet."""
@@ -167,7 +172,8 @@ class PlaceLooks:
         together: dict[tuple[int, ...], float] = {}
         for place, logit in seen.items():
             beyond = self._config.gain * (logit - place.empty - self._config.jump)
-            beyond = float(np.clip(beyond, self._config.least, self._config.most))
+            least = self._config.least * min(1.0, (place.side_px / self._config.shown_px) ** 2)
+            beyond = float(np.clip(beyond, least, self._config.most))
             together[place.states] = min(beyond, together.get(place.states, beyond))
             joined = 0.0 if belief is None else float(belief[[*place.states]].sum())
             place.remember(logit, joined, self._config)
@@ -209,6 +215,7 @@ class PlaceLooks:
         wanted = [last] if np.allclose(nominal, last, atol=1e-3) else [last, nominal]
         found = [b for T in wanted for b in self._box(place.part, T_camera_base @ T, frame)]
         for box, distance in found[:1]:
+            place.side_px = float((box[2:] - box[:2]).min())
             side = float((box[2:] - box[:2]).max())
             if side * distance / float(frame.camera.K[0, 0]) < self._config.small:
                 found += [(box + self._config.shift * side * way, distance) for way in _WAYS]

@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 from asdfviz.datatypes import Assembly
 from asdfviz.methods.asdf_config import AsdfConfig
-from asdfviz.methods.asdf_plus import AsdfPlusConfig
+from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track import AsdfTrackConfig
 from asdfviz.methods.contests import ContestsConfig
@@ -17,6 +17,7 @@ from asdfviz.methods.disowned import DisownedConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.network import masks_path
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
@@ -188,6 +189,7 @@ def _beyond_asdf_plus() -> list[Variant]:
         "one look": replace(plus, second_look=ONE_LOOK),
         "depth alone over time": replace(plus, hypotheses=deaf),
         "what rests looked at too": replace(plus, hypotheses=restless),
+        "like things anywhere": replace(plus, still_there=StillThereConfig(enabled=False)),
     }
     return _rows("asdf_plus", plus, changed)
 
@@ -217,6 +219,7 @@ def _common(config: Any) -> dict[str, Any]:
     return {
         "names by the detector alone": replace(config, names=UNNAMED),
         "no look at places": replace(config, place_looks=BLIND),
+        "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
         "not told as lying": replace(config, lying=LyingConfig(enabled=False)),

@@ -60,7 +60,7 @@ class JointPlaces:
         self._travel: dict[str, float] = {}
         """By link, the share of its ranges at which its joints are."""
         self._reaches: dict[tuple[str, int], float] = {}
-        """By part and joint, what `_reach` found."""
+        """By part and joint, what `reach` found."""
         self._held = {
             (name, T.tobytes(), _key(state.joints[name])): (name, T, state.joints[name])
             for state in assembly.states
@@ -106,7 +106,7 @@ class JointPlaces:
     ) -> Transform | None:
         """The place in a joint that is nearest to an observed pose; None where that is not in it."""
         part = self._assembly.parts[name]
-        reach = self._reach(name, T_nominal, joint) + self._config.distance
+        reach = self.reach(name, T_nominal, joint) + self._config.distance
         if point_distance(T_base_part, T_nominal, part.middle) > reach:
             return None
         off = deviation(
@@ -123,7 +123,7 @@ class JointPlaces:
         T_near = nearest_symmetric(T_base_part, T_last, part.symmetries)
         return nearest_in_joint(T_near, T_nominal, joint, center_part=part.middle)
 
-    def _reach(self, name: str, T_nominal: Transform, joint: Joint) -> float:
+    def reach(self, name: str, T_nominal: Transform, joint: Joint) -> float:
         """How far a part's middle in the joint is from the nominal one at most, metres, whichever of
         its poses that look the same is told."""
         known = self._reaches.get((name, id(joint)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
@@ -158,6 +158,14 @@ class Toy:
         rgb = np.full((CAMERA.height, CAMERA.width, 3), index, dtype=np.uint8)
         depth = None if Ts_camera_part is None else self.depth(Ts_camera_part)
         return Frame(index, 0.1 * index, rgb, depth, CAMERA)
+
+    def photo(self, index: int, blocks: Sequence[Transform]) -> Frame:
+        """Orange blocks on a grey table, with a camera's noise."""
+        depth = np.min([self.depth({"block": T}) for T in blocks], axis=0)
+        rgb = np.where((depth < 0.7)[:, :, None], (220, 120, 20), (110, 115, 120))
+        noise = np.random.default_rng(index).normal(size=rgb.shape) * 3
+        plain = self.frame(index)
+        return replace(plain, rgb=(rgb + noise).astype(np.uint8), depth=depth.astype(np.float32))
 
     def detection(
         self,

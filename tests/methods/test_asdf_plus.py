@@ -9,7 +9,8 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
-from asdfviz.methods.asdf_plus import AsdfPlus, AsdfPlusConfig
+from asdfviz.methods.asdf_plus import AsdfPlus
+from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.registration import RegistrationConfig, evidence, registered

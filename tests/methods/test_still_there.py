@@ -23,15 +23,6 @@ def at(x: float, y: float = 0.0, z: float = 0.6) -> Transform:
 RIGHT, LEFT, BELOW = at(0.1), at(-0.15), at(-0.15, 0.12)
 
 
-def photo(toy, index: int, blocks: list[Transform]) -> Frame:
-    """Orange blocks on a grey table, with a camera's noise."""
-    depth = np.min([toy.depth({"block": T}) for T in blocks], axis=0)
-    rgb = np.where((depth < 0.7)[:, :, None], (220, 120, 20), (110, 115, 120))
-    noise = np.random.default_rng(index).normal(size=rgb.shape) * 3
-    plain = toy.frame(index)
-    return replace(plain, rgb=(rgb + noise).astype(np.uint8), depth=depth.astype(np.float32))
-
-
 def all_hidden(frame: Frame, names: frozenset[str]) -> frozenset[str]:
     return names
 
@@ -45,20 +36,20 @@ def others(
 ) -> frozenset[str]:
     """What is said of a frame after one in which the block was seen on the right, a twin on the left."""
     still = StillThere(toy.assembly, config=config or StillThereConfig())
-    still.see(photo(toy, 0, [RIGHT, LEFT]), ["block"])
+    still.see(toy.photo(0, [RIGHT, LEFT]), ["block"])
     return still.others(frame, proposed, {"block": RIGHT}, hidden)
 
 
 def test_what_lay_there_all_along_is_not_the_part(toy) -> None:
-    gone = photo(toy, 5, [LEFT])
+    gone = toy.photo(5, [LEFT])
     assert others(toy, gone, {"block": LEFT}) == {"block"}
 
 
 def test_what_was_put_there_may_be_the_part(toy) -> None:
-    moved = photo(toy, 5, [LEFT, BELOW])
+    moved = toy.photo(5, [LEFT, BELOW])
     assert others(toy, moved, {"block": BELOW}) == frozenset()
     # Nor is anything said of its own place, or of a picture that changed as a whole.
-    assert others(toy, photo(toy, 5, [LEFT]), {"block": at(0.09)}) == frozenset()
+    assert others(toy, toy.photo(5, [LEFT]), {"block": at(0.09)}) == frozenset()
     dark = replace(moved, rgb=moved.rgb // 2)
     assert others(toy, dark, {"block": LEFT}) == frozenset()
     shadowed = replace(moved, rgb=(moved.rgb * 0.9).astype(np.uint8))
@@ -70,7 +61,7 @@ def test_what_was_put_there_may_be_the_part(toy) -> None:
 
 
 def test_nothing_is_said_of_what_is_in_sight_unknown_or_long_ago(toy) -> None:
-    gone = photo(toy, 5, [LEFT])
+    gone = toy.photo(5, [LEFT])
     assert others(toy, gone, {"block": LEFT}, hidden=lambda *_: frozenset()) == frozenset()
     assert others(toy, gone, {"pin": LEFT}) == frozenset()
     later = replace(gone, index=StillThereConfig().memory + 1)
@@ -80,15 +71,15 @@ def test_nothing_is_said_of_what_is_in_sight_unknown_or_long_ago(toy) -> None:
 
 def test_pictures_go_by_the_new_names_of_twins(toy) -> None:
     still = StillThere(toy.assembly, config=StillThereConfig())
-    still.see(photo(toy, 0, [RIGHT, LEFT]), ["pin"])
+    still.see(toy.photo(0, [RIGHT, LEFT]), ["pin"])
     still.rename({"pin": "pin-copy", "pin-copy": "pin"})
-    gone, last = photo(toy, 3, [LEFT]), {"pin": RIGHT, "pin-copy": RIGHT}
+    gone, last = toy.photo(3, [LEFT]), {"pin": RIGHT, "pin-copy": RIGHT}
     proposed = {"pin": LEFT, "pin-copy": LEFT}
     assert still.others(gone, proposed, last, all_hidden) == {"pin-copy"}
 
 
 def test_a_place_outside_the_image_shows_nothing(toy) -> None:
-    assert others(toy, photo(toy, 5, [LEFT]), {"block": at(-3.0)}) == frozenset()
+    assert others(toy, toy.photo(5, [LEFT]), {"block": at(-3.0)}) == frozenset()
 
 
 @pytest.mark.parametrize("share", [0.0, 1.5])

@@ -1,0 +1,62 @@
+"""Options of `asdf_plus`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.contour_fits import ContourConfig
+from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.kept_poses import HypothesesConfig
+from asdfviz.methods.loose_parts import LooseConfig
+from asdfviz.methods.lying import LyingConfig
+from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
+from asdfviz.methods.registration import RegistrationConfig
+from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.still_there import StillThereConfig
+from asdfviz.methods.tolerances import REGISTERED_PLACES
+from asdfviz.pose.confidence import ConfidenceConfig
+from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.relative_pose import RelativePoseConfig
+from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
+
+
+@dataclass(frozen=True)
+class AsdfPlusConfig(AsdfConfig):
+    """Options of ASDF, which gives first poses, and of what is added."""
+
+    group: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=False))
+    """State helps pose inside ASDF: off, since it is done once, after the registration."""
+    registration: RegistrationConfig = field(default_factory=RegistrationConfig)
+    """Six degrees of freedom from depth."""
+    hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
+    """Poses kept side by side over time."""
+    contours: ContourConfig = field(default_factory=ContourConfig)
+    """The last millimetres."""
+    confidence: ConfidenceConfig = field(default_factory=ConfidenceConfig)
+    """How sure a pose is."""
+    joined: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=True))
+    """State helps pose, after the registration."""
+    on_table: OnTableConfig = NO_TABLE
+    """Off: contours settle poses here."""
+    laid: OnTableConfig = LAID
+    """How the table mends poses that are settled, as they are told; none goes on from there."""
+    lying: LyingConfig = field(default_factory=LyingConfig)
+    """What lies on it is told as it looks most like what is seen."""
+    doubts: float = 0.2
+    """Of the network in the rotation of the frame before; runners-up are kept besides."""
+    second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
+    """Where the detector looks again for parts that it missed."""
+    relative_pose: RelativePoseConfig = REGISTERED_PLACES
+    """S_P; narrower than ASDF's, as the poses are."""
+    group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
+    """The hypothesis test over states."""
+    loose: LooseConfig = field(default_factory=LooseConfig)
+    """What lies loose, and what no longer does, as a witness for the state."""
+    smoothing: SmoothingConfig = FOLLOWED
+    """The hidden Markov model, online."""
+    still_there: StillThereConfig = field(default_factory=StillThereConfig)
+    """What stood there while a part was surely elsewhere is not that part."""
+    least_score: float = 0.5
+    """Poses that are more probably wrong than right are withheld, unless a state places the part; 0
+    gives all. They are kept, and speak for states. Without depth too little is known, and all are given."""

@@ -1,0 +1,218 @@
+"""Small parts that lie where they lay, or no longer do: a witness for the state.
+
+Not in the paper. A pin of a few pixels shows nothing once it is in, neither to the crop network nor in
+depth, so its step goes unseen, and what is joined after it looks like an error. But as long as it lay on
+the table it was found there. Once it is not for longer than a hand takes to carry it, it is joined; and
+what still lies there is not, whatever its place in the group looks like.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate
+from asdfviz.errors import MethodError
+from asdfviz.geometry.boxes import box_around
+from asdfviz.geometry.camera import nearest_pixels, project
+from asdfviz.geometry.shapes import Points, Scores, Transform, Vector
+from asdfviz.geometry.transforms import apply, apply_to_point
+from asdfviz.methods.part_poses import PartShape
+from asdfviz.state.joined_spots import JoinedSpots
+from asdfviz.state.twins import twin_groups
+
+
+@dataclass(frozen=True)
+class LooseConfig:
+    """When a small part counts as joined, and when as loose."""
+
+    enabled: bool = True
+    """On or off."""
+    small_px: float = 10.0
+    """A part that is gone counts as joined only if it is thinner in the picture than this where it would
+    be, pixels: of larger ones that place shows more."""
+    found: float = 0.5
+    """Score from which a part is found,"""
+    sure: float = 0.8
+    """and from which it surely is where its pose has it."""
+    away: float = 0.015
+    """A part is loose if it is farther than this from where any state has it, and lies where it lay if
+    it is nearer to that than this, metres."""
+    enough: int = 10
+    """Frames in which it must have been found, or have lain in one place, before it says anything."""
+    wait: int = 10
+    """Frames for which it may be gone in a hand."""
+    gain: float = 0.5
+    """Log odds of being joined for each frame more,"""
+    most: float = 4.0
+    """but no more than this."""
+    there: float = 2.0
+    """Log odds of being loose where it lies where it lay."""
+    in_front: float = 0.015
+    """What is nearer than where it lay by this hides it, metres: then it is not gone."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if min(self.enough, self.wait) < 1 or min(self.gain, self.most, self.there) < 0:
+            raise MethodError(
+                f"loose.enough is {self.enough}, wait {self.wait}, gain {self.gain:g}, most "
+                f"{self.most:g} and there {self.there:g}: enough and wait must be 1 or more, the others "
+                "0 or more"
+            )
+
+
+@dataclass(slots=True, eq=False)
+class _Spot:
+    """Where a part of some kind was found loose."""
+
+    middle: Vector
+    """In the camera's frame, metres."""
+    frames: int = 0
+    """In which one was there."""
+    is_seen: bool = False
+    """In the last frame."""
+
+
+@dataclass(slots=True, eq=False)
+class _Kind:
+    """The twins of one part, or a part that has none."""
+
+    names: tuple[str, ...]
+    loose: tuple[int, ...]
+    """How many of them are loose in each state."""
+    places: tuple[Transform, ...]
+    """T_base_part of all of them in all states."""
+    found: list[int]
+    """In how many frames one or more, two or more, ... were found loose,"""
+    gone: list[int]
+    """and for how many they have not been since."""
+    spots: list[_Spot] = field(default_factory=list[_Spot])
+    there: int = 0
+    """How many lie where they lay."""
+
+
+class LooseParts:
+    """Counts the loose parts of one sequence."""
+
+    def __init__(
+        self, assembly: Assembly, shapes: Mapping[str, PartShape], *, config: LooseConfig
+    ) -> None:
+        """Begin a sequence."""
+        self._assembly, self._config = assembly, config
+        self._corners = {name: shape.corners for name, shape in shapes.items()}
+        groups = [tuple(n for n in names if n != assembly.base) for names in twin_groups(assembly)]
+        self._spots = JoinedSpots(assembly)
+        self._kinds = [_kind(assembly, names, self._spots) for names in groups if names]
+
+    def step(
+        self, base: PoseEstimate | None, poses: Mapping[str, PoseEstimate], frame: Frame
+    ) -> Scores | None:
+        """Probability of every state by what lies loose; None where that says nothing.
+
+        Args:
+            base: where the base part is, None if that is not known.
+            poses: of the parts.
+            frame: with depth, or nothing is said.
+        """
+        if not self._config.enabled or base is None or frame.depth is None:
+            return None
+        against = np.zeros(len(self._assembly.states))
+        for kind in self._kinds:
+            if kind.places:
+                self._count(kind, base.T_camera_part, poses, frame)
+                is_small = self._is_small(kind, base.T_camera_part, frame)
+                against += self._against(kind, may_be_gone=is_small)
+        if not against.any():
+            return None
+        scores = np.exp(against.min() - against)
+        return scores / scores.sum()
+
+    def _is_small(self, kind: _Kind, T_camera_base: Transform, frame: Frame) -> bool:
+        """Whether none of them shows where it is joined."""
+        corners = self._corners[kind.names[0]]
+        sides = [_thickness(T_camera_base @ T, corners, frame) for T in kind.places]
+        return max(sides) < self._config.small_px
+
+    def _count(
+        self,
+        kind: _Kind,
+        T_camera_base: Transform,
+        poses: Mapping[str, PoseEstimate],
+        frame: Frame,
+    ) -> None:
+        middle = self._assembly.parts[kind.names[0]].middle
+        loose = [
+            (apply_to_point(pose.T_camera_part, middle), pose.score)
+            for pose in (poses[name] for name in kind.names if name in poses)
+            if self._is_loose(pose, T_camera_base)
+        ]
+        kind.there = self._lying(kind, loose)
+        is_hidden = any(
+            self._is_hidden(spot.middle, frame) for spot in kind.spots if not spot.is_seen
+        )
+        for k in range(len(kind.names)):
+            if len(loose) > k:
+                kind.found[k] += 1
+                kind.gone[k] = 0
+            elif not is_hidden:
+                kind.gone[k] += 1
+
+    def _is_loose(self, pose: PoseEstimate, T_camera_base: Transform) -> bool:
+        config, T = self._config, pose.T_camera_part
+        return (
+            pose.score >= config.found
+            and pose.stage != "group"
+            and self._spots.distance(pose.part, T, T_camera_base) > config.away
+        )
+
+    def _lying(self, kind: _Kind, loose: Iterable[tuple[Vector, float]]) -> int:
+        """How many surely lie where they lay; notes where all of them are."""
+        config, there = self._config, 0
+        for spot in kind.spots:
+            spot.is_seen = False
+        for point, score in loose:
+            near = [s for s in kind.spots if np.linalg.norm(s.middle - point) <= config.away]
+            spot = near[0] if near else _Spot(point)
+            if not near:
+                kind.spots.append(spot)
+            spot.middle, spot.is_seen, spot.frames = point, True, spot.frames + 1
+            there += score >= config.sure and spot.frames >= config.enough
+        kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= config.enough]
+        return there
+
+    def _against(self, kind: _Kind, *, may_be_gone: bool) -> Scores:
+        """What speaks against each state, log odds; for being joined only where a part `may_be_gone`."""
+        config, most = self._config, [0.0]
+        for found, gone in zip(kind.found, kind.gone, strict=True):
+            told = min(config.gain * max(gone - config.wait, 0), config.most)
+            is_known = may_be_gone and found >= config.enough
+            # Where not even one is found, two are not either.
+            most.append(max(told if is_known else 0.0, most[-1]))
+        return np.array(
+            [most[loose] + config.there * max(kind.there - loose, 0) for loose in kind.loose]
+        )
+
+    def _is_hidden(self, point: Vector, frame: Frame) -> bool:
+        """Whether something stands in front of a point, or it is out of view."""
+        assert frame.depth is not None
+        inside, row, column = nearest_pixels(point[None], frame.camera.K, frame.depth.shape)
+        if not inside[0]:
+            return True
+        return 0 < frame.depth[row[0], column[0]].item() < point[2].item() - self._config.in_front
+
+
+def _kind(assembly: Assembly, names: tuple[str, ...], spots: JoinedSpots) -> _Kind:
+    places = tuple(T for name in names for T in spots.places.get(name, ()))
+    loose = tuple(sum(n not in state.T_base_part for n in names) for state in assembly.states)
+    return _Kind(names, loose, places, [0] * len(names), [0] * len(names))
+
+
+def _thickness(T_camera_part: Transform, corners: Points, frame: Frame) -> float:
+    """Shorter side of a part's box, pixels."""
+    points = apply(T_camera_part, corners)
+    if points[:, 2].min() <= 0:
+        return np.inf
+    box = box_around(project(points, frame.camera.K))
+    return float((box[2:] - box[:2]).min())

@@ -1,0 +1,64 @@
+"""What `asdf_plus` takes for a part, though it stood there while the part was surely elsewhere.
+
+Not in the paper. See `still_there`: once a hand has a small part, the networks find the next best thing
+of its look, which lay there all along. What a state would have there is left alone: a pin that is put in
+changes its place by a few pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate
+from asdfviz.geometry.shapes import Transform
+from asdfviz.methods.still_there import StillThere, StillThereConfig
+from asdfviz.state.joined_spots import JoinedSpots
+from asdfviz.state.twins import renamed
+
+SURE = 0.8
+"""Score from which a part surely is where its pose has it."""
+AWAY = 0.015
+"""Poses nearer than this to where a state has the part are left alone, metres."""
+
+
+class Mistaken:
+    """Remembers where the parts of one sequence surely were, and what the picture showed then."""
+
+    def __init__(self, assembly: Assembly, *, config: StillThereConfig) -> None:
+        """Begin a sequence."""
+        self._base, self._spots = assembly.base, JoinedSpots(assembly)
+        self._still = StillThere(assembly, config=config)
+        self._last: dict[str, Transform] = {}
+
+    def found(
+        self, frame: Frame, proposed: Mapping[str, PoseEstimate], T_camera_base: Transform | None
+    ) -> frozenset[str]:
+        """The parts whose poses are those of other things.
+
+        Args:
+            frame: that the poses are of.
+            proposed: first poses.
+            T_camera_base: where the base is; None: it is not known.
+        """
+        loose = {
+            name: pose.T_camera_part
+            for name, pose in proposed.items()
+            if name != self._base and self._is_away(pose, T_camera_base)
+        }
+        return self._still.others(frame, loose, self._last, lambda _, names: names)
+
+    def see(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> None:
+        """What the frame's poses are in the end."""
+        sure = {n: p.T_camera_part for n, p in poses.items() if p.score >= SURE}
+        self._last |= sure
+        self._still.see(frame, sure)
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._last = renamed(self._last, names)
+        self._still.rename(names)
+
+    def _is_away(self, pose: PoseEstimate, T_camera_base: Transform | None) -> bool:
+        if T_camera_base is None:
+            return True
+        return self._spots.distance(pose.part, pose.T_camera_part, T_camera_base) > AWAY

@@ -1,0 +1,111 @@
+"""The toy's two pins, which its states put in one after the other, counted where they lie."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.loose_parts import LooseConfig, LooseParts
+from asdfviz.methods.part_poses import part_shapes
+
+BASE = transform_from(np.eye(3), np.array([0.0, 0.0, 0.55]))
+SPOTS = [transform_from(np.eye(3), np.array([x, 0.08, 0.7])) for x in (-0.1, 0.1)]
+HOLES = [transform_from(np.eye(3), np.array([x, 0.0, 0.03])) for x in (-0.02, 0.02)]
+PINS = ("pin", "pin-copy")
+
+
+@pytest.fixture
+def pinned(assembly: Assembly) -> Assembly:
+    """States: no pin is in, one is, both are."""
+    joined = [dict(zip(PINS[:k], HOLES, strict=False)) for k in range(3)]
+    states = tuple(State(k, f"s{k}", {"base": np.eye(4), **pins}) for k, pins in enumerate(joined))
+    return replace(assembly, states=states, transitions=frozenset({(0, 1), (1, 2)}))
+
+
+@pytest.fixture
+def counted(pinned: Assembly, toy):
+    """Make something that counts, shows it frames, and gives what it said of the last one."""
+
+    def make(
+        *shown: tuple[Sequence[Transform], int], score: float = 0.9, hand: bool = False, **options
+    ) -> np.ndarray | None:
+        config = LooseConfig(**{"small_px": 50.0, "enough": 4, "wait": 3, **options})
+        loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
+        base = PoseEstimate("base", BASE, 1.0, "refined")
+        told: np.ndarray | None = None
+        for pins, frames in shown:
+            poses = {
+                name: PoseEstimate(name, T, score, "refined")
+                for name, T in zip(PINS, pins, strict=False)
+            }
+            frame: Frame = toy.frame(0, {})
+            if hand and len(pins) < 2 and frame.depth is not None:
+                frame = replace(frame, depth=np.full_like(frame.depth, 0.4))
+            for _ in range(frames):
+                told = loose.step(base, poses, frame)
+        return told
+
+    return make
+
+
+def test_a_pin_that_lies_where_it_lay_is_not_joined(counted) -> None:
+    assert counted((SPOTS, 3)) is None
+    told = counted((SPOTS, 5), there=2.0)
+    assert told is not None
+    assert np.log(told[0] / told) == pytest.approx([0.0, 2.0, 4.0])
+    one = counted((SPOTS, 5), (SPOTS[1:], 1))
+    assert one[0] == pytest.approx(one[1])
+    assert one[2] < one[1]
+
+
+def test_a_pin_that_is_gone_for_longer_than_a_hand_takes_is_joined(counted) -> None:
+    just = counted((SPOTS, 5), (SPOTS[:1], 3))
+    assert just[0] == pytest.approx(just[1])
+    told = counted((SPOTS, 5), (SPOTS[:1], 5), gain=0.5, there=0.0)
+    assert np.log(told[1] / told[0]) == pytest.approx(2 * 0.5)
+    assert told[1] == pytest.approx(told[2])
+    long = counted((SPOTS, 5), ([], 100), most=4.0)
+    assert np.log(long[2] / long) == pytest.approx([4.0, 4.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("options", "first"),
+    [({"score": 0.3}, 5), ({"small_px": 1.0}, 5), ({"hand": True}, 5), ({}, 3)],
+    ids=["unsure", "large", "behind a hand", "hardly seen"],
+)
+def test_what_is_gone_says_nothing_if(counted, options: dict, first: int) -> None:
+    assert counted((SPOTS, first), ([], 50), **options) is None
+
+
+def test_a_pin_in_its_hole_is_not_loose(counted) -> None:
+    assert counted(([BASE @ T for T in HOLES], 9)) is None
+
+
+def test_a_pin_that_moves_lies_nowhere(counted) -> None:
+    moving = [([transform_from(np.eye(3), np.array([0.03 * k, 0.1, 0.6]))], 1) for k in range(9)]
+    assert counted(*moving) is None
+
+
+def test_without_base_or_depth_nothing_is_said(pinned: Assembly, toy) -> None:
+    loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=LooseConfig())
+    base = PoseEstimate("base", BASE, 1.0, "refined")
+    assert loose.step(None, {}, toy.frame(0, {})) is None
+    assert loose.step(base, {}, toy.frame(0)) is None
+    off = LooseParts(
+        pinned, part_shapes(pinned, surface_points=200), config=LooseConfig(enabled=False)
+    )
+    assert off.step(base, {}, toy.frame(0, {})) is None
+
+
+@pytest.mark.parametrize("wrong", [{"wait": 0}, {"enough": 0}, {"gain": -1.0}, {"there": -0.1}])
+def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
+    with pytest.raises(MethodError, match=r"loose\."):
+        LooseConfig(**wrong)

@@ -1,0 +1,63 @@
+"""The toy's block on the right, and something like it on the left that was there all along."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import PoseEstimate
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import inverse, transform_from
+from asdfviz.methods.mistaken import SURE, Mistaken
+from asdfviz.methods.still_there import StillThereConfig
+
+
+def at(x: float) -> Transform:
+    return transform_from(np.eye(3), np.array([x, 0.0, 0.6]))
+
+
+RIGHT, LEFT = at(0.1), at(-0.15)
+
+
+def block(T_camera_part: Transform, score: float = 0.9) -> dict[str, PoseEstimate]:
+    return {"block": PoseEstimate("block", T_camera_part, score, "refined")}
+
+
+@pytest.fixture
+def mistaken(toy) -> Mistaken:
+    """It saw the block on the right, while the other thing was on the left."""
+    made = Mistaken(toy.assembly, config=StillThereConfig())
+    made.see(toy.photo(0, [RIGHT, LEFT]), block(RIGHT))
+    return made
+
+
+def test_what_lay_there_all_along_is_something_else(toy, mistaken: Mistaken) -> None:
+    gone = toy.photo(5, [LEFT])
+    assert mistaken.found(gone, block(LEFT), None) == {"block"}
+    assert mistaken.found(gone, block(RIGHT), None) == frozenset()
+
+
+def test_what_came_there_may_be_the_part(toy, mistaken: Mistaken) -> None:
+    assert mistaken.found(toy.photo(5, [RIGHT, LEFT, at(-0.05)]), block(at(-0.05)), None) == set()
+
+
+def test_where_a_state_has_the_part_is_left_alone(toy, mistaken: Mistaken) -> None:
+    gone = toy.photo(5, [LEFT])
+    T_camera_base = LEFT @ inverse(toy.assembly.states[1].T_base_part["block"])
+    assert mistaken.found(gone, block(LEFT), T_camera_base) == frozenset()
+    beside = transform_from(np.eye(3), np.array([0.0, 0.1, 0.0])) @ T_camera_base
+    assert mistaken.found(gone, block(LEFT), beside) == {"block"}
+
+
+def test_only_what_was_sure_is_remembered(toy) -> None:
+    unsure = Mistaken(toy.assembly, config=StillThereConfig())
+    unsure.see(toy.photo(0, [RIGHT, LEFT]), block(RIGHT, score=SURE - 0.1))
+    assert unsure.found(toy.photo(5, [LEFT]), block(LEFT), None) == frozenset()
+
+
+def test_twins_go_by_their_new_names(toy) -> None:
+    made = Mistaken(toy.assembly, config=StillThereConfig())
+    made.see(toy.photo(0, [RIGHT, LEFT]), {"pin": PoseEstimate("pin", RIGHT, 1.0, "refined")})
+    made.rename({"pin": "pin-copy", "pin-copy": "pin"})
+    both = {n: PoseEstimate(n, LEFT, 0.9, "refined") for n in ("pin", "pin-copy")}
+    assert made.found(toy.photo(5, [LEFT]), both, None) == {"pin-copy"}
