@@ -14,6 +14,31 @@ MEANS = 2
 
 @kernel
 @no_type_check
+def _mean(left, grid, product, least, mean):
+    """Move `mean` to that of its surroundings; returns their weight."""
+    for i in range(len(left)):
+        product[i] = (
+            grid[0, i] * mean[0]
+            + grid[1, i] * mean[1]
+            + grid[2, i] * mean[2]
+            + grid[3, i] * mean[3]
+        )
+    weight, length, total = 0.0, 0.0, np.zeros(4)
+    for i in range(len(left)):
+        if abs(product[i]) >= least and left[i] > 0.0:
+            weight += left[i]
+            signed = left[i] if product[i] > 0.0 else -left[i]
+            for k in range(4):
+                total[k] += signed * grid[k, i]
+    for k in range(4):
+        length += total[k] ** 2
+    for k in range(4):
+        mean[k] = total[k] / np.sqrt(length)
+    return weight
+
+
+@kernel
+@no_type_check
 def peaks(probabilities, grid, count, least, enough):
     """The highest peaks one after the other, each using up its surroundings: means and their weights.
 
@@ -24,32 +49,19 @@ def peaks(probabilities, grid, count, least, enough):
         least: |<q, p>| of a rotation with the peak from which it belongs to it.
         enough: a peak that is lower is none.
     """
-    left = probabilities.copy()
-    product = np.empty(len(left))
-    rotations, weights = np.empty((count, 4)), np.empty(count)
-    mean, total = np.empty(4), np.empty(4)
+    left, product = probabilities.copy(), np.empty(len(probabilities))
+    rotations, weights, mean = np.empty((count, 4)), np.empty(count), np.empty(4)
     for found in range(count):
         highest = np.argmax(left)
         if left[highest] <= enough:
             return rotations[:found], weights[:found]
-        mean[:] = grid[:, highest]
-        weight = 0.0
-        for turn in range(MEANS):
-            for i in range(len(left)):
-                product[i] = (
-                    grid[0, i] * mean[0]
-                    + grid[1, i] * mean[1]
-                    + grid[2, i] * mean[2]
-                    + grid[3, i] * mean[3]
-                )
-            total[:], weight = 0.0, 0.0
-            for i in range(len(left)):
-                if abs(product[i]) < least or left[i] <= 0.0:
-                    continue
-                weight += left[i]
-                total += np.sign(product[i]) * left[i] * grid[:, i]
-                if turn == MEANS - 1:
-                    left[i] = 0.0
-            mean[:] = total / np.sqrt((total**2).sum())
-        rotations[found], weights[found] = mean, weight
+        for k in range(4):
+            mean[k] = grid[k, highest]
+        for _ in range(MEANS):
+            weights[found] = _mean(left, grid, product, least, mean)
+        for i in range(len(left)):
+            if abs(product[i]) >= least:
+                left[i] = 0.0
+        for k in range(4):
+            rotations[found, k] = mean[k]
     return rotations, weights

@@ -9,16 +9,26 @@ its middle gives the ray, its size the distance.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import transform_from
+from asdfviz.geometry.shapes import Scores, Transform, Vector
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.pose.hypothesis_kernels import agreement, plane_fit, slid, surface_fit
 from asdfviz.pose.part_view import PartView, Surface
-from asdfviz.pose.settling import settled
-from asdfviz.pose.table import SunkConfig, Table
+from asdfviz.pose.placing import placed
+from asdfviz.pose.table import SunkConfig, depth_in_table
+
+Poses: TypeAlias = Float64[np.ndarray, "c 4 4"]
+"""T_view_part of candidates."""
+Findings: TypeAlias = Float64[np.ndarray, "c 3"]
+"""As `agreement` gives them: overlap, depth agreement, readings."""
+
+TURNS = (0.12, 0.05)
+"""Without depth a pose is refined by turns of these, radians, and shifts of like effect."""
 
 
 @dataclass(frozen=True)
@@ -50,19 +60,6 @@ class HypothesisConfig:
         """Raise a MethodError where an option is out of its range."""
         if self.count < 1 or self.refined < 1:
             raise MethodError("hypotheses.count and hypotheses.refined must be 1 or more")
-
-    @property
-    def limits(self) -> tuple[float, float, float, float, float, int, int]:
-        """As the compiled loop takes them."""
-        return (
-            self.max_shift,
-            self.margin,
-            self.depth_weight,
-            self.prior_weight,
-            self.reach,
-            self.steps,
-            self.min_readings,
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,16 +109,22 @@ def settle(
         return []
     Rs_view_part = view.R_camera_view.T @ candidates.Rs_camera_part[: config.count]
     prior = prior / max(prior.max(), 1e-12)
-    Ts, found, agreed, score, which = settled(
+    center = (view.outline.shape[0] - 1) / 2
+    Ts = placed(
         np.ascontiguousarray(Rs_view_part),
         np.ascontiguousarray(candidates.distances[: config.count]),
-        prior,
-        (surface.points, surface.normals, surface.corners),
-        (view.focal, view.outline, view.measured, view.box_xyxy),
-        _table(view.table, surface, sunk),
-        config.limits,
-        config.refined,
+        surface.corners,
+        (view.box_xyxy - center) / view.focal,
     )
+    seen = (view.focal, view.outline, view.measured)
+    Ts = slid(surface.points, Ts, *seen, config.max_shift)
+    _, score, _ = _compared(Ts, prior, surface, view, config, sunk)
+    best = np.argsort(-score)[: config.refined]
+    both = np.concatenate(
+        [np.stack([_refined(Ts[i], surface, view, config) for i in best]), Ts[best]]
+    )
+    likely = np.tile(prior[best], 2)
+    agreed, score, found = _compared(both, likely, surface, view, config, sunk)
     T_camera_view = transform_from(view.R_camera_view, np.zeros(3))
     kept: list[Settled] = []
     for place in np.argsort(-score, kind="stable"):
@@ -131,16 +134,72 @@ def settle(
             continue
         has_depth = bool(found[place, 2] >= config.min_readings)
         reached = float(agreed[place]) / (1.0 + config.depth_weight * has_depth)
-        T_camera_part = T_camera_view @ Ts[place]
-        likely = float(prior[which[place]])
-        kept.append(Settled(T_camera_part, float(np.clip(reached, 0, 1)), has_depth, likely))
+        T_camera_part, reached = T_camera_view @ both[place], float(np.clip(reached, 0, 1))
+        kept.append(Settled(T_camera_part, reached, has_depth, float(likely[place])))
     return kept
 
 
-def _table(
-    table: Table | None, surface: Surface, sunk: SunkConfig | None
-) -> tuple[Vector, float, float, float, float]:
-    """As `settled` takes it; without one it counts nothing."""
-    if table is None or sunk is None:
-        return np.zeros(3), 0.0, 0.0, 0.0, 1.0
-    return table.normal, table.offset, sunk.weight, *sunk.depths(surface.corners)
+def _compared(
+    Ts: Poses,
+    prior: Scores,
+    surface: Surface,
+    view: PartView,
+    config: HypothesisConfig,
+    sunk: SunkConfig | None,
+) -> tuple[Scores, Scores, Findings]:
+    """How well each pose agrees, as one number; the number by which they compare; and the findings."""
+    found = _agreement(Ts, surface, view, config)
+    counted = found[:, 2] >= config.min_readings
+    agreed = found[:, 0] + config.depth_weight * found[:, 1] * counted
+    score = agreed + config.prior_weight * prior
+    if view.table is not None and sunk is not None:
+        deep = depth_in_table(Ts, surface.corners, view.table, depth=view.measured, K=view.K)
+        score = score - sunk.weight * sunk.share(deep, surface.corners)
+    return agreed, score, found
+
+
+def _agreement(Ts: Poses, surface: Surface, view: PartView, config: HypothesisConfig) -> Findings:
+    return agreement(surface.points, Ts, view.focal, view.outline, view.measured, config.margin)
+
+
+def _refined(
+    T_view_part: Transform, surface: Surface, view: PartView, config: HypothesisConfig
+) -> Transform:
+    """By depth where there is enough of it, by the outline otherwise."""
+    if np.count_nonzero(view.measured > 0) < config.min_readings:
+        return _by_outline(T_view_part, surface, view, config)
+    points, seen = surface.points, (view.focal, view.outline, view.measured)
+    T = surface_fit(points, surface.normals, T_view_part, *seen, config.reach, config.steps)
+    middle = surface.corners.mean(axis=0)
+    radius = float(np.linalg.norm(surface.corners - middle, axis=1).max())
+    weight, least = config.depth_weight, config.min_readings
+    return plane_fit(points, T, *seen, config.margin, weight, least, middle, radius)
+
+
+def _by_outline(
+    T_view_part: Transform, surface: Surface, view: PartView, config: HypothesisConfig
+) -> Transform:
+    """Try small turns and shifts, keep what makes the outlines agree better, with shrinking steps."""
+    best, best_score = T_view_part, -1.0
+    z = float(T_view_part[2, 3])
+    for angle in TURNS:
+        for _ in range(2):
+            trials = [best]
+            for axis in np.eye(3):
+                for sign in (-1.0, 1.0):
+                    trials.append(_turned(best, sign * angle * axis, np.zeros(3)))
+                    step = z * (angle if axis[2] else 0.15 * angle)
+                    trials.append(_turned(best, np.zeros(3), sign * step * axis))
+            score = _agreement(np.stack(trials), surface, view, config)[:, 0]
+            place = int(score.argmax())
+            if score[place] <= best_score + 1e-6:
+                break
+            best, best_score = trials[place], float(score[place])
+    return best
+
+
+def _turned(T: Transform, turn: Vector, shift: Vector) -> Transform:
+    """Turn about the part's own origin, camera axes, and shift."""
+    angle = float(np.linalg.norm(turn))
+    R = rotation_about(turn, min(angle, 0.5)) if angle > 1e-9 else np.eye(3)
+    return transform_from(R @ T[:3, :3], T[:3, 3] + shift)

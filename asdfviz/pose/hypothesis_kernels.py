@@ -111,7 +111,14 @@ def _compare(points, T, focal, seen, margin, grid):
 @no_type_check
 def _in_rows(outline, measured):
     """What is seen, as `_compare` takes it."""
-    return outline.copy().reshape(-1), measured.copy().reshape(-1), outline.sum()
+    side, area = outline.shape[0], 0.0
+    shown, depth = np.empty(side * side), np.empty(side * side)
+    for row in range(side):
+        for column in range(side):
+            shown[row * side + column] = outline[row, column]
+            depth[row * side + column] = measured[row, column]
+            area += outline[row, column]
+    return shown, depth, area
 
 
 @kernel
@@ -154,7 +161,8 @@ def slid(points, Ts, focal, outline, measured, max_shift):
             continue
         shift = np.median(gaps[:known]) / Ts[c, 2, 3]
         if abs(shift) < max_shift:
-            moved[c, :3, 3] *= 1 + shift
+            for a in range(3):
+                moved[c, a, 3] *= 1 + shift
     return moved
 
 
@@ -218,7 +226,7 @@ def surface_fit(points, normals, T_start, focal, outline, measured, reach, steps
         twist = _surface_step(columns, normals, T, focal, outline, measured, wide * reach, grid)
         angle = np.sqrt(twist[0] ** 2 + twist[1] ** 2 + twist[2] ** 2)
         if angle > 1e-9:
-            turn(T, twist / angle, min(angle, 0.5))
+            _turn(T, twist / angle, min(angle, 0.5))
         for a in range(3):
             T[a, 3] += twist[3 + a]
         if np.abs(twist).max() < 1e-4:
@@ -228,7 +236,7 @@ def surface_fit(points, normals, T_start, focal, outline, measured, reach, steps
 
 @kernel
 @no_type_check
-def turn(T, axis, angle):
+def _turn(T, axis, angle):
     """Turn a pose in place about its own origin: axis of length 1 in the outer frame, radians."""
     x, y, z = axis[0], axis[1], axis[2]
     sine, rest = np.sin(angle), 1.0 - np.cos(angle)
@@ -281,7 +289,7 @@ def _in_plane(T, axis, size, middle, radius):
         return moved
     x = T[0, 0] * middle[0] + T[0, 1] * middle[1] + T[0, 2] * middle[2]
     y = T[1, 0] * middle[0] + T[1, 1] * middle[1] + T[1, 2] * middle[2]
-    turn(moved, np.array([0.0, 0.0, 1.0]), size / radius)
+    _turn(moved, np.array([0.0, 0.0, 1.0]), size / radius)
     moved[0, 3] += x - (moved[0, 0] * middle[0] + moved[0, 1] * middle[1] + moved[0, 2] * middle[2])
     moved[1, 3] += y - (moved[1, 0] * middle[0] + moved[1, 1] * middle[1] + moved[1, 2] * middle[2])
     return moved
