@@ -61,14 +61,8 @@ def _new_grid(side, count):
     """Buffers for `_splat` of so many points: side, depths, rows and numbers of cells, cells and depths
     by point."""
     cells = side * side + 1
-    return (
-        side,
-        np.empty(cells),
-        np.empty(cells, np.int64),
-        np.empty(cells, np.int64),
-        np.empty(count, np.int64),
-        np.empty(count),
-    )
+    near, owner, covered = np.empty(cells), np.empty(cells, np.int64), np.empty(cells, np.int64)
+    return side, near, owner, covered, np.empty(count, np.int64), np.empty(count)
 
 
 @kernel
