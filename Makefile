@@ -42,7 +42,13 @@ test: .venv/test.stamp
 types:
 	@$(BIN)/pyright > .venv/types.log 2>&1; wrong=$$?; cat .venv/types.log; exit $$wrong
 
+# These call most compiled loops, which are kept on disk; else every test process compiles them.
+COMPILING := tests/methods/test_tracking_methods.py::test_asdf_track_finds_parts_again \
+  tests/methods/test_asdf_plus.py::test_the_state_is_followed_and_a_hidden_part_placed \
+  tests/methods/test_asdf_seg.py::test_it_runs_on_the_sample
+
 tests:
+	@$(BIN)/python -m pytest -q -n 0 $(COMPILING) > .venv/compiling.log 2>&1 || cat .venv/compiling.log
 	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
 format: .venv/test.stamp
