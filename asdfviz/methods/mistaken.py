@@ -11,14 +11,17 @@ from collections.abc import Mapping
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.still_there import StillThere, StillThereConfig
 from asdfviz.state.joined_spots import JoinedSpots
-from asdfviz.state.twins import renamed
+from asdfviz.state.twins import renamed, twin_groups
 
 SURE = 0.8
 """Score from which a part surely is where its pose has it."""
+LAIN = 8
+"""A part surely lay somewhere that was there for so many frames; what is in a hand may be anything."""
 AWAY = 0.015
-"""Poses nearer than this to where a state has the part are left alone, metres."""
+"""Poses nearer than this to where a state has the part, or to where a twin was, are left alone, metres."""
 
 
 class Mistaken:
@@ -26,9 +29,16 @@ class Mistaken:
 
     def __init__(self, assembly: Assembly, *, config: StillThereConfig) -> None:
         """Begin a sequence."""
-        self._base, self._spots = assembly.base, JoinedSpots(assembly)
+        self._base, self._parts = assembly.base, assembly.parts
+        self._spots = JoinedSpots(assembly)
+        self._twins = {n: set(names) - {n} for names in twin_groups(assembly) for n in names}
         self._still = StillThere(assembly, config=config)
         self._last: dict[str, Transform] = {}
+        """Where they surely lay,"""
+        self._now: dict[str, Transform] = {}
+        """and where they surely were in the last frame,"""
+        self._lain: dict[str, int] = {}
+        """for so many frames."""
 
     def found(
         self, frame: Frame, proposed: Mapping[str, PoseEstimate], T_camera_base: Transform | None
@@ -43,20 +53,41 @@ class Mistaken:
         loose = {
             name: pose.T_camera_part
             for name, pose in proposed.items()
-            if name != self._base and self._is_away(pose, T_camera_base)
+            if name != self._base
+            and self._is_away(pose, T_camera_base)
+            and not self._is_a_twin(pose)
         }
         return self._still.others(frame, loose, self._last, lambda _, names: names)
 
     def see(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> None:
         """What the frame's poses are in the end."""
         sure = {n: p.T_camera_part for n, p in poses.items() if p.score >= SURE}
-        self._last |= sure
-        self._still.see(frame, sure)
+        self._lain = {name: self._frames_at(name, T) for name, T in sure.items()}
+        self._now = sure
+        lying = {name: T for name, T in sure.items() if self._lain[name] >= LAIN}
+        self._last |= lying
+        self._still.see(frame, lying)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
-        self._last = renamed(self._last, names)
+        self._last, self._now = renamed(self._last, names), renamed(self._now, names)
+        self._lain = renamed(self._lain, names)
         self._still.rename(names)
+
+    def _frames_at(self, name: str, T_camera_part: Transform) -> int:
+        """For how many frames one after the other a part has been where it is."""
+        before, middle = self._now.get(name), self._parts[name].middle
+        if before is None or point_distance(before, T_camera_part, middle) > AWAY:
+            return 1
+        return self._lain[name] + 1
+
+    def _is_a_twin(self, pose: PoseEstimate) -> bool:
+        """Whether a twin of the part surely was there: which is which does not show."""
+        middle, T = self._parts[pose.part].middle, pose.T_camera_part
+        return any(
+            other in self._last and point_distance(self._last[other], T, middle) <= AWAY
+            for other in self._twins[pose.part]
+        )
 
     def _is_away(self, pose: PoseEstimate, T_camera_base: Transform | None) -> bool:
         if T_camera_base is None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import PoseEstimate
+from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, transform_from
-from asdfviz.methods.mistaken import SURE, Mistaken
+from asdfviz.methods.mistaken import LAIN, SURE, Mistaken
 from asdfviz.methods.still_there import StillThereConfig
 
 
@@ -27,8 +27,13 @@ def block(T_camera_part: Transform, score: float = 0.9) -> dict[str, PoseEstimat
 def mistaken(toy) -> Mistaken:
     """It saw the block on the right, while the other thing was on the left."""
     made = Mistaken(toy.assembly, config=StillThereConfig())
-    made.see(toy.photo(0, [RIGHT, LEFT]), block(RIGHT))
+    see(made, toy.photo(0, [RIGHT, LEFT]), block(RIGHT))
     return made
+
+
+def see(made: Mistaken, frame: Frame, poses: dict[str, PoseEstimate], frames: int = LAIN) -> None:
+    for _ in range(frames):
+        made.see(frame, poses)
 
 
 def test_what_lay_there_all_along_is_something_else(toy, mistaken: Mistaken) -> None:
@@ -51,13 +56,25 @@ def test_where_a_state_has_the_part_is_left_alone(toy, mistaken: Mistaken) -> No
 
 def test_only_what_was_sure_is_remembered(toy) -> None:
     unsure = Mistaken(toy.assembly, config=StillThereConfig())
-    unsure.see(toy.photo(0, [RIGHT, LEFT]), block(RIGHT, score=SURE - 0.1))
+    see(unsure, toy.photo(0, [RIGHT, LEFT]), block(RIGHT, score=SURE - 0.1))
     assert unsure.found(toy.photo(5, [LEFT]), block(LEFT), None) == frozenset()
+    see(unsure, toy.photo(0, [RIGHT, LEFT]), block(RIGHT), frames=LAIN - 1)
+    assert unsure.found(toy.photo(5, [LEFT]), block(LEFT), None) == frozenset()
+
+
+def test_where_a_twin_was_the_twin_may_be(toy) -> None:
+    made = Mistaken(toy.assembly, config=StillThereConfig())
+    pins = {"pin": RIGHT, "pin-copy": LEFT}
+    seen = {n: PoseEstimate(n, T, 1.0, "refined") for n, T in pins.items()}
+    see(made, toy.photo(0, [RIGHT, LEFT]), seen)
+    swapped = {"pin": PoseEstimate("pin", LEFT, 0.9, "refined")}
+    assert made.found(toy.photo(5, [LEFT]), swapped, None) == frozenset()
 
 
 def test_twins_go_by_their_new_names(toy) -> None:
     made = Mistaken(toy.assembly, config=StillThereConfig())
-    made.see(toy.photo(0, [RIGHT, LEFT]), {"pin": PoseEstimate("pin", RIGHT, 1.0, "refined")})
+    seen = {"pin": PoseEstimate("pin", RIGHT, 1.0, "refined")}
+    see(made, toy.photo(0, [RIGHT, LEFT]), seen)
     made.rename({"pin": "pin-copy", "pin-copy": "pin"})
     both = {n: PoseEstimate(n, LEFT, 0.9, "refined") for n in ("pin", "pin-copy")}
     assert made.found(toy.photo(5, [LEFT]), both, None) == {"pin-copy"}
