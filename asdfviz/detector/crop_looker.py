@@ -17,7 +17,8 @@ from asdfviz.detector.crop_answer import REACH, CropAnswer
 from asdfviz.detector.crop_cut import crop_camera, cut, metric_side
 from asdfviz.detector.crop_weights import load_crop_network
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.geometry.rotation_grid import even_rotations, modes
+from asdfviz.geometry.rotation_grid import even_rotations
+from asdfviz.geometry.rotation_modes import modes
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
 
 _Answer = TypeVar("_Answer")

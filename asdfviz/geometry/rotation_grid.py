@@ -12,7 +12,6 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.grid_kernels import peaks
 from asdfviz.geometry.shapes import Rotation, Scores, Vector
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import rotation_about
@@ -22,8 +21,8 @@ Quaternions: TypeAlias = Float64[np.ndarray, "_ 4"]
 Quaternion: TypeAlias = Float64[np.ndarray, "4"]
 PHI, PSI = np.sqrt(2.0), 1.533751168755204288118041
 """Steps of the super-Fibonacci spiral."""
-FAINTEST = 0.003
-"""Peaks lower than this share of the highest are none."""
+MEANS = 2
+"""A peak's surroundings are taken so often about their own mean, so the grid's rotation does not pull it."""
 FURTHER_AXIS_STEP = np.deg2rad(15.0)
 """Turns about a second free axis are cut into steps of this, radians; the first one is exact."""
 
@@ -132,24 +131,20 @@ def rotation_to_ray(ray: Vector) -> Rotation:
     return rotation_about(axis, float(np.arctan2(sine, direction[2])))
 
 
-def modes(
-    probabilities: Scores, grid: Quaternions, *, count: int, reach: float
-) -> tuple[Quaternions, Float64[np.ndarray, "_"]]:
-    """The separate peaks of a distribution over a grid, each the mean of its surroundings.
+def highest_mode(probabilities: Scores, grid: Quaternions, *, reach: float) -> Quaternions:
+    """The highest peak of a distribution over a grid, (1, 4), as `rotation_modes.modes` finds several.
 
-    A peak's mean lies between the grid's rotations and is finer than its spacing.
+    Without compiled loops, for machines that only train.
 
     Args:
         probabilities: of the grid's rotations.
         grid: `even_rotations`.
-        count: how many peaks at most.
-        reach: radius of a peak's surroundings, radians; they are used up by it.
-
-    Returns:
-        Rotations, most probable first, and the probability of each one's surroundings.
+        reach: radius of the peak's surroundings, radians.
     """
-    enough = FAINTEST * float(probabilities.max())
-    columns = np.ascontiguousarray(grid.T)
-    rotations, weights = peaks(probabilities, columns, count, np.cos(reach / 2), enough)
-    order = np.argsort(weights)[::-1]
-    return rotations[order], weights[order]
+    mean = grid[int(probabilities.argmax())]
+    for _ in range(MEANS):
+        product = grid @ mean
+        near = np.abs(product) >= np.cos(reach / 2)
+        mean = (probabilities[near] * np.sign(product[near])) @ grid[near]
+        mean = mean / np.linalg.norm(mean)
+    return mean[None]

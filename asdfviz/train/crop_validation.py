@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from jaxtyping import Float64
 
+from asdfviz.detector.crop_answer import REACH
 from asdfviz.detector.crop_classes import CropClass
-from asdfviz.detector.crop_looker import REACH
 from asdfviz.detector.crop_network import CropNetwork
-from asdfviz.geometry.rotation_grid import angles_of, even_rotations, modes
+from asdfviz.geometry.rotation_grid import angles_of, even_rotations, highest_mode
 from asdfviz.train.crop_views import ViewMaker, Views
 
 NEAR_DEG = 25.0
@@ -146,7 +146,7 @@ def validate_crops(
             if int(batch.names[i]) == maker.nothing:
                 nothing.append(bool(named[i] > 0))
                 continue
-            peak, _ = modes(probabilities[i].double().cpu().numpy(), grid, count=1, reach=REACH)
+            peak = highest_mode(probabilities[i].double().cpu().numpy(), grid, reach=REACH)
             close = classes[label].equivalents.closeness(quaternions[i], peak)
             error = float(np.rad2deg(angles_of(close))[0])
             found = [float(ranked[i, :k].min() < NEAR_DEG) for k in BEST]

@@ -7,12 +7,13 @@ from asdfviz.geometry.rotation_grid import (
     Equivalents,
     angles_of,
     even_rotations,
-    modes,
+    highest_mode,
     multiplied,
     quaternion_of,
     rotation_of,
     rotation_to_ray,
 )
+from asdfviz.geometry.rotation_modes import modes
 from asdfviz.geometry.symmetry import Axis, Symmetries, nearest_symmetric
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 
@@ -94,6 +95,8 @@ def test_peaks_are_apart_and_finer_than_the_grid() -> None:
         assert np.degrees(2 * np.arccos(min(1.0, abs(peak @ true)))) < 4
     assert weights[0] > 1.5 * weights[1]
     assert weights.sum() == pytest.approx(1, abs=0.15)
+    alone = highest_mode(density / density.sum(), grid, reach=0.5)
+    assert alone == pytest.approx(peaks[:1], abs=1e-9)
 
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-4, 40.0, 120.0, 179.9999, 180.0])

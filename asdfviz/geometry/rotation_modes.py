@@ -1,15 +1,41 @@
-"""Compiled loop behind `rotation_grid`: the peaks of a distribution over rotations."""
+"""The peaks of a distribution over rotations, found in a compiled loop."""
 
 from __future__ import annotations
 
 from typing import no_type_check
 
 import numpy as np
+from jaxtyping import Float64
 
 from asdfviz.geometry.jit import kernel
+from asdfviz.geometry.rotation_grid import MEANS, Quaternions
+from asdfviz.geometry.shapes import Scores
 
-MEANS = 2
-"""A peak's surroundings are taken so often about their own mean, so the grid's rotation does not pull it."""
+FAINTEST = 0.003
+"""Peaks lower than this share of the highest are none."""
+
+
+def modes(
+    probabilities: Scores, grid: Quaternions, *, count: int, reach: float
+) -> tuple[Quaternions, Float64[np.ndarray, "_"]]:
+    """The separate peaks of a distribution over a grid, each the mean of its surroundings.
+
+    A peak's mean lies between the grid's rotations and is finer than its spacing.
+
+    Args:
+        probabilities: of the grid's rotations.
+        grid: `even_rotations`.
+        count: how many peaks at most.
+        reach: radius of a peak's surroundings, radians; they are used up by it.
+
+    Returns:
+        Rotations, most probable first, and the probability of each one's surroundings.
+    """
+    enough = FAINTEST * float(probabilities.max())
+    columns = np.ascontiguousarray(grid.T)
+    rotations, weights = _peaks(probabilities, columns, count, np.cos(reach / 2), enough)
+    order = np.argsort(weights)[::-1]
+    return rotations[order], weights[order]
 
 
 @kernel
@@ -39,7 +65,7 @@ def _mean(left, grid, product, least, mean):
 
 @kernel
 @no_type_check
-def peaks(probabilities, grid, count, least, enough):
+def _peaks(probabilities, grid, count, least, enough):
     """The highest peaks one after the other, each using up its surroundings: means and their weights.
 
     Args:
