@@ -15,11 +15,11 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.boxes import box_around
-from asdfviz.geometry.camera import nearest_pixels, project
-from asdfviz.geometry.shapes import Points, Scores, Transform, Vector
-from asdfviz.geometry.transforms import apply, apply_to_point
+from asdfviz.geometry.camera import nearest_pixels
+from asdfviz.geometry.shapes import Scores, Transform, Vector
+from asdfviz.geometry.transforms import apply_to_point
 from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.registration import projected_box
 from asdfviz.state.joined_spots import JoinedSpots
 from asdfviz.state.twins import twin_groups
 
@@ -89,8 +89,6 @@ class _Kind:
     gone: list[int]
     """and for how many they have not been since."""
     spots: list[_Spot] = field(default_factory=list[_Spot])
-    there: int = 0
-    """How many lie where they lay."""
 
 
 class LooseParts:
@@ -121,9 +119,8 @@ class LooseParts:
         against = np.zeros(len(self._assembly.states))
         for kind in self._kinds:
             if kind.places:
-                self._count(kind, base.T_camera_part, poses, frame)
-                is_small = self._is_small(kind, base.T_camera_part, frame)
-                against += self._against(kind, may_be_gone=is_small)
+                there = self._count(kind, base.T_camera_part, poses, frame)
+                against += self._against(kind, there, base.T_camera_part, frame)
         if not against.any():
             return None
         scores = np.exp(against.min() - against)
@@ -132,8 +129,8 @@ class LooseParts:
     def _is_small(self, kind: _Kind, T_camera_base: Transform, frame: Frame) -> bool:
         """Whether none of them shows where it is joined."""
         corners = self._corners[kind.names[0]]
-        sides = [_thickness(T_camera_base @ T, corners, frame) for T in kind.places]
-        return max(sides) < self._config.small_px
+        boxes = (projected_box(T_camera_base @ T, corners, frame) for T in kind.places)
+        return all((box[2:] - box[:2]).min() < self._config.small_px for box in boxes)
 
     def _count(
         self,
@@ -141,14 +138,15 @@ class LooseParts:
         T_camera_base: Transform,
         poses: Mapping[str, PoseEstimate],
         frame: Frame,
-    ) -> None:
+    ) -> int:
+        """Note which are loose; returns how many surely lie where they lay."""
         middle = self._assembly.parts[kind.names[0]].middle
         loose = [
             (apply_to_point(pose.T_camera_part, middle), pose.score)
             for pose in (poses[name] for name in kind.names if name in poses)
             if self._is_loose(pose, T_camera_base)
         ]
-        kind.there = self._lying(kind, loose)
+        there = self._lying(kind, loose)
         is_hidden = any(
             self._is_hidden(spot.middle, frame) for spot in kind.spots if not spot.is_seen
         )
@@ -158,6 +156,7 @@ class LooseParts:
                 kind.gone[k] = 0
             elif not is_hidden:
                 kind.gone[k] += 1
+        return there
 
     def _is_loose(self, pose: PoseEstimate, T_camera_base: Transform) -> bool:
         config, T = self._config, pose.T_camera_part
@@ -182,16 +181,17 @@ class LooseParts:
         kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= config.enough]
         return there
 
-    def _against(self, kind: _Kind, *, may_be_gone: bool) -> Scores:
-        """What speaks against each state, log odds; for being joined only where a part `may_be_gone`."""
+    def _against(self, kind: _Kind, there: int, T_camera_base: Transform, frame: Frame) -> Scores:
+        """What speaks against each state, log odds; so many surely lie `there` where they lay."""
         config, most = self._config, [0.0]
         for found, gone in zip(kind.found, kind.gone, strict=True):
             told = min(config.gain * max(gone - config.wait, 0), config.most)
-            is_known = may_be_gone and found >= config.enough
             # Where not even one is found, two are not either.
-            most.append(max(told if is_known else 0.0, most[-1]))
+            most.append(max(told if found >= config.enough else 0.0, most[-1]))
+        if most[-1] > 0 and not self._is_small(kind, T_camera_base, frame):
+            most = [0.0] * len(most)
         return np.array(
-            [most[loose] + config.there * max(kind.there - loose, 0) for loose in kind.loose]
+            [most[loose] + config.there * max(there - loose, 0) for loose in kind.loose]
         )
 
     def _is_hidden(self, point: Vector, frame: Frame) -> bool:
@@ -207,12 +207,3 @@ def _kind(assembly: Assembly, names: tuple[str, ...], spots: JoinedSpots) -> _Ki
     places = tuple(T for name in names for T in spots.places.get(name, ()))
     loose = tuple(sum(n not in state.T_base_part for n in names) for state in assembly.states)
     return _Kind(names, loose, places, [0] * len(names), [0] * len(names))
-
-
-def _thickness(T_camera_part: Transform, corners: Points, frame: Frame) -> float:
-    """Shorter side of a part's box, pixels."""
-    points = apply(T_camera_part, corners)
-    if points[:, 2].min() <= 0:
-        return np.inf
-    box = box_around(project(points, frame.camera.K))
-    return float((box[2:] - box[:2]).min())

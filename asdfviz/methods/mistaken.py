@@ -35,10 +35,8 @@ class Mistaken:
         self._still = StillThere(assembly, config=config)
         self._last: dict[str, Transform] = {}
         """Where they surely lay,"""
-        self._now: dict[str, Transform] = {}
-        """and where they surely were in the last frame,"""
-        self._lain: dict[str, int] = {}
-        """for so many frames."""
+        self._now: dict[str, tuple[Transform, int]] = {}
+        """and where they surely were in the last frame, for so many frames."""
 
     def found(
         self, frame: Frame, proposed: Mapping[str, PoseEstimate], T_camera_base: Transform | None
@@ -62,24 +60,23 @@ class Mistaken:
     def see(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> None:
         """What the frame's poses are in the end."""
         sure = {n: p.T_camera_part for n, p in poses.items() if p.score >= SURE}
-        self._lain = {name: self._frames_at(name, T) for name, T in sure.items()}
-        self._now = sure
-        lying = {name: T for name, T in sure.items() if self._lain[name] >= LAIN}
+        self._now = {name: (T, self._frames_at(name, T)) for name, T in sure.items()}
+        lying = {name: T for name, (T, frames) in self._now.items() if frames >= LAIN}
         self._last |= lying
         self._still.see(frame, lying)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._last, self._now = renamed(self._last, names), renamed(self._now, names)
-        self._lain = renamed(self._lain, names)
         self._still.rename(names)
 
     def _frames_at(self, name: str, T_camera_part: Transform) -> int:
         """For how many frames one after the other a part has been where it is."""
-        before, middle = self._now.get(name), self._parts[name].middle
+        before, frames = self._now.get(name, (None, 0))
+        middle = self._parts[name].middle
         if before is None or point_distance(before, T_camera_part, middle) > AWAY:
             return 1
-        return self._lain[name] + 1
+        return frames + 1
 
     def _is_a_twin(self, pose: PoseEstimate) -> bool:
         """Whether a twin of the part surely was there: which is which does not show."""
