@@ -4,6 +4,8 @@ The paper counts by the GBOT authors' rules (`gbot` in `asdfviz.evaluate.protoco
 method leaves out costs nothing; the strict figures beside them count it as a miss. Its sequences are
 not ours, so a row compares methods on like sequences, not on the same ones.
 Its trackers say every pose; ours also know which ones are lost, so they are judged without those too.
+"Twins exchanged" are the figures where a pose may lie on either of two identical parts: the authors
+leave the copies out, and what starts from nothing cannot know which of two twins has which name.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from asdfviz.evaluate.paper_layout import Layout, laid_out
-from asdfviz.evaluate.protocols import mean
+from asdfviz.evaluate.protocols import TWINS, mean
 from asdfviz.evaluate.tables import number
 
 
@@ -50,6 +52,14 @@ STRICT_COLUMNS = (
 )
 
 
+def _exchanged(columns: Sequence[tuple[str, str]]) -> tuple[tuple[str, str], ...]:
+    return tuple((f"{title}, twins exchanged", f"{key}{TWINS}") for title, key in columns)
+
+
+GBOT_TWINS = _exchanged(GBOT_COLUMNS[:2])
+STRICT_TWINS = _exchanged(STRICT_COLUMNS)
+
+
 @dataclass(frozen=True, slots=True)
 class JudgedRun:
     """One method on one sequence, by both protocols; the reports are those of `evaluate_run`."""
@@ -82,8 +92,9 @@ HEADINGS = (
     "Sequences",
     *(f"paper {title}" for title, _ in GBOT_COLUMNS),
     *(f"gbot {title}" for title, _ in GBOT_COLUMNS),
+    *(f"gbot {title}" for title, _ in GBOT_TWINS),
     *(f"kept {title}" for title, _ in KEPT_COLUMNS),
-    *(f"strict {title}" for title, _ in STRICT_COLUMNS),
+    *(f"strict {title}" for title, _ in (*STRICT_COLUMNS, *STRICT_TWINS)),
     "ms a frame",
 )
 
@@ -99,9 +110,11 @@ def _mean_row(method: str, runs: Sequence[JudgedRun]) -> list[str]:
 def _row(method: str, sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
     paper = PAPER.get(method)
     theirs = (None,) * 3 if paper is None else (paper.add_s, paper.e_t_mm, paper.e_r_deg)
-    gbot = [mean(r.gbot["mean"].get(key) for r in runs) for _, key in GBOT_COLUMNS]
+    gbot = [mean(r.gbot["mean"].get(key) for r in runs) for _, key in (*GBOT_COLUMNS, *GBOT_TWINS)]
     kept = [mean(r.kept["mean"].get(key) for r in runs) for _, key in KEPT_COLUMNS]
-    strict = [mean(r.strict["mean"].get(key) for r in runs) for _, key in STRICT_COLUMNS]
+    strict = [
+        mean(r.strict["mean"].get(key) for r in runs) for _, key in (*STRICT_COLUMNS, *STRICT_TWINS)
+    ]
     ms = mean(r.strict["runtime_ms"].get("total_median") for r in runs)
     from_truth = any(run.initial == "first_frame_truth" for run in runs)
     return [

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from asdfviz.evaluate.paper_table5 import HEADINGS, METHODS, PAPER, JudgedRun, table5
+from asdfviz.evaluate.protocols import TWINS
 
 
 def judged(
@@ -14,7 +15,10 @@ def judged(
 ) -> JudgedRun:
     def report(value: float | None) -> dict[str, Any]:
         keys = ("add_s_10cm", "add_s_01d", "e_t_mm", "e_r_deg", "e_r_sym_deg")
-        return {"mean": dict.fromkeys(keys, value), "runtime_ms": {"total_median": ms}}
+        means = dict.fromkeys(keys, value)
+        exchanged = None if value is None else value + 3
+        means |= {f"{key}{TWINS}": exchanged for key in keys if key != "e_r_deg"}
+        return {"mean": means, "runtime_ms": {"total_median": ms}}
 
     initial = "none" if method.startswith("asdf") else "first_frame_truth"
     return JudgedRun(method, sequence, initial, report(gbot), report(gbot + 5), report(strict))
@@ -38,6 +42,8 @@ def test_means_stand_beside_the_papers_figures() -> None:
     icg, ours = rows[0], rows[1]
     assert icg["paper ADD(S)"] == "91.3"
     assert icg["gbot ADD(S)"] == "60.0"
+    assert icg["gbot ADD(S), twins exchanged"] == icg["gbot e_t mm, twins exchanged"] == "63.0"
+    assert icg["strict ADD(S) 0.1 d, twins exchanged"] == "73.0"
     assert (icg["kept ADD(S)"], icg["kept e_t mm"]) == ("65.0", "65.0")
     assert icg["strict ADD(S) 0.1 d"] == "70.0"  # what is not defined does not count
     assert (icg["Start"], icg["Sequences"], icg["ms a frame"]) == ("truth", "2", "6.0")
