@@ -26,7 +26,6 @@ from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.group_poses import GroupPoses
 from asdfviz.methods.kept_poses import Decision, pose_confidence, proposals_of
-from asdfviz.methods.lying import Lying
 from asdfviz.methods.mistaken import Mistaken
 from asdfviz.methods.network import Detects
 from asdfviz.methods.one_place import OnePlace
@@ -34,6 +33,7 @@ from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
+from asdfviz.methods.told_poses import ToldPoses
 from asdfviz.methods.tracking import load_bodies
 from asdfviz.pose.confidence import confidence_held
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
@@ -49,7 +49,7 @@ class _Scene:
     group: GroupPoses
     twins: PlaceNames
     one_place: OnePlace
-    lying: Lying
+    told: ToldPoses
     mistaken: Mistaken
     contours: ContourFits | None
     together: GroupContours | None
@@ -104,7 +104,7 @@ class AsdfPlus:
             GroupPoses(followed.assembly, shapes, config=config.joined),
             PlaceNames(assembly),
             OnePlace(assembly),
-            Lying(assembly, shapes, laid=config.laid, config=config.lying),
+            ToldPoses(assembly, shapes, config),
             Mistaken(assembly, config=config.still_there),
             None
             if bodies is None
@@ -138,7 +138,7 @@ class AsdfPlus:
                 poses = self._settled_together(poses, told, frame, scene)
         scene.mistaken.see(frame, poses)
         with timed("lay"):
-            poses = scene.lying.step(poses, frame)
+            poses = scene.told.step(poses, frame, scene.followed.joins)
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
@@ -160,7 +160,7 @@ class AsdfPlus:
         """Give twins the names that belong to their places, now and from now on."""
         names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
         scene.hypotheses.update(renamed(scene.hypotheses, names))
-        scene.lying.rename(names)
+        scene.told.rename(names)
         scene.mistaken.rename(names)
         self._asdf.rename(names)
         return renamed_poses(poses, names)

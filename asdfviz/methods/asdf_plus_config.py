@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
@@ -42,7 +43,9 @@ class AsdfPlusConfig(AsdfConfig):
     laid: OnTableConfig = LAID
     """How the table mends poses that are settled, as they are told; none goes on from there."""
     lying: LyingConfig = field(default_factory=LyingConfig)
-    """What lies on it is told as it looks most like what is seen."""
+    """What lies on it is told as it looks most like what is seen,"""
+    joint_turns: JointTurnsConfig = field(default_factory=JointTurnsConfig)
+    """and so is what turns in its joint."""
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; runners-up are kept besides."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))

@@ -29,9 +29,10 @@ from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.followed_state import FollowedState
+from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.loose_parts import LooseConfig
-from asdfviz.methods.lying import Lying, LyingConfig
+from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.network import Detects
 from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
 from asdfviz.methods.part_poses import sure_enough
@@ -41,6 +42,7 @@ from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.still_there import StillThere, StillThereConfig
 from asdfviz.methods.timing import StageTimer
+from asdfviz.methods.told_poses import ToldPoses
 from asdfviz.methods.tolerances import TRACKED_PLACES
 from asdfviz.methods.track_memory import surely_placed
 from asdfviz.methods.turn_checks import TurnConfig
@@ -82,7 +84,9 @@ class AsdfTrackConfig(AsdfConfig):
     laid: OnTableConfig = LAID
     """How the table mends poses, as they are told; the tracker goes on from its own."""
     lying: LyingConfig = field(default_factory=LyingConfig)
-    """What lies on it is told as it looks most like what is seen."""
+    """What lies on it is told as it looks most like what is seen,"""
+    joint_turns: JointTurnsConfig = field(default_factory=JointTurnsConfig)
+    """and so is what turns in its joint."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = TRACKED_PLACES
@@ -122,7 +126,7 @@ class _Scene:
     places: JointPlaces
     still: StillThere
     unlike: UnlikeTwins
-    lying: Lying
+    told: ToldPoses
     state: StateEstimate | None = None
 
 
@@ -164,7 +168,7 @@ class AsdfTrack:
             places=JointPlaces(assembly),
             still=StillThere(assembly, config=config.still_there),
             unlike=UnlikeTwins(assembly, config=config.unlike_twins),
-            lying=Lying(assembly, self._asdf.shapes, laid=config.laid, config=config.lying),
+            told=ToldPoses(assembly, self._asdf.shapes, config),
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -184,7 +188,7 @@ class AsdfTrack:
             self._asdf.rename(names)
             scene.still.rename(names)
             scene.unlike.rename(names)
-            scene.lying.rename(names)
+            scene.told.rename(names)
         with timed("track"):
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
@@ -203,7 +207,7 @@ class AsdfTrack:
                 self._asdf.looks, poses, frame, first=first, free=free
             )
         with timed("lay"):
-            poses = scene.lying.step(poses, frame)
+            poses = scene.told.step(poses, frame, scene.followed.joins)
         runtime = {**proposed.runtime, **timed.seconds}
         said = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)
@@ -250,11 +254,10 @@ class AsdfTrack:
         is not seen is in its joint where the parts that move with it tell.
         """
         tracker, base, config = scene.parts.tracker, scene.assembly.base, self._config.join
-        told = scene.followed.unfolded
+        told, state = scene.followed.unfolded, scene.followed.joins
         tracker.release()
-        if told is None or base not in tracker.names:
+        if told is None or state is None or base not in tracker.names:
             return frozenset()
-        state = scene.followed.assembly.states[told.index]
         odds = {name: p for name, p in scene.odds.of(told).items() if name != base}
         settled = [name for name, p in odds.items() if p >= config.settled]
         poses, tracks = tracker.poses, scene.parts.tracks

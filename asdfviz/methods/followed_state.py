@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
-from asdfviz.datatypes import Assembly, Frame, PoseEstimate, StateEstimate
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.loose_parts import LooseConfig, LooseParts
@@ -88,6 +88,12 @@ class FollowedState:
         """What the last frame's state is if half-done states count by themselves."""
         belief = self._states.belief
         return None if belief is None else StateEstimate(belief, {})
+
+    @property
+    def joins(self) -> State | None:
+        """The state that `unfolded` names, which places the joined parts."""
+        told = self.unfolded
+        return None if told is None else self._unfolded.states[told.index]
 
     @property
     def base(self) -> PoseEstimate | None:

@@ -18,7 +18,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Camera, Frame, Part, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Scores, Transform, Vector
-from asdfviz.geometry.symmetry import across
+from asdfviz.geometry.symmetry import across, nearest_symmetric
 from asdfviz.geometry.transforms import (
     apply,
     apply_to_point,
@@ -54,7 +54,9 @@ class LyingConfig:
     near: float = 0.012
     """A part lies on the table whose lowest corner is nearer to it than this, metres."""
     tilt_deg: float = 50.0
-    """Sides that are turned from it by no more than this are tried."""
+    """Sides that are turned from it by no more than this are tried,"""
+    sides: int = 5
+    """so many at most, the nearest."""
     turned_deg: float = 65.0
     """No pose is turned by more than this in all."""
     refined: int = 2
@@ -87,10 +89,10 @@ class LyingConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if min(self.refined, self.every, self.again) < 1:
+        if min(self.sides, self.refined, self.every, self.again) < 1:
             raise MethodError(
-                f"lying.refined is {self.refined}, every {self.every} and again {self.again}: "
-                "use 1 or more"
+                f"lying.sides is {self.sides}, refined {self.refined}, every {self.every} and again "
+                f"{self.again}: use 1 or more"
             )
 
 
@@ -141,7 +143,11 @@ class Lying:
             return told
         self._step += 1
         base = self._assembly.base
-        loose = {n: p.T_camera_part for n, p in told.items() if p.stage != "group" and n != base}
+        loose = {
+            name: self._as_looked(name, pose.T_camera_part)
+            for name, pose in told.items()
+            if pose.stage != "group" and name != base
+        }
         still = {name for name, T in loose.items() if self._is_still(name, T)}
         due = [name for name in loose if self._is_due(name, name in still)]
         due.sort(key=lambda name: (name in still, -self._age(name)))
@@ -186,6 +192,13 @@ class Lying:
     def _age(self, name: str) -> int:
         """Frames since a part was looked at, very many if it never was."""
         return self._step - self._looked[name].frame if name in self._looked else 1 << 30
+
+    def _as_looked(self, name: str, T_camera_part: Transform) -> Transform:
+        """Of the poses that look the same the one nearest to that in which the part was looked at."""
+        looked, part = self._looked.get(name), self._assembly.parts[name]
+        if looked is None:
+            return T_camera_part
+        return nearest_symmetric(T_camera_part, looked.T_camera_part, part.symmetries)
 
     def _is_still(self, name: str, T_camera_part: Transform) -> bool:
         """Whether a part lies where it was looked at."""
@@ -252,6 +265,8 @@ class Lying:
         found, chosen = list[Transform](), list[Vector]()
         for (T, tilt), down in sorted(near, key=lambda stood: stood[0][1]):
             is_other = all(down @ other < ALIKE for other in chosen)
+            if len(chosen) == self._config.sides:
+                break
             if tilt <= np.deg2rad(self._config.tilt_deg) and is_other:
                 chosen.append(down)
                 found += [_spun(T, part, table, np.deg2rad(turn)) for turn in TURNS_DEG]

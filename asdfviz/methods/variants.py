@@ -17,6 +17,7 @@ from asdfviz.methods.disowned import DisownedConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.network import masks_path
@@ -44,6 +45,7 @@ UNNAMED = NamesConfig(enabled=False)
 TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
 BLIND = PlaceLooksConfig(enabled=False)
 BEST_BOX = ContestsConfig(enabled=False)
+SETTLED = JointTurnsConfig(enabled=False)
 """Pieces of several methods, off."""
 
 
@@ -223,7 +225,10 @@ def _common(config: Any) -> dict[str, Any]:
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
         "not told as lying": replace(config, lying=LyingConfig(enabled=False)),
-        "told as settled": replace(config, laid=NO_TABLE, lying=LyingConfig(enabled=False)),
+        "turned in joints as settled": replace(config, joint_turns=SETTLED),
+        "told as settled": replace(
+            config, laid=NO_TABLE, lying=LyingConfig(enabled=False), joint_turns=SETTLED
+        ),
     }
 
 

@@ -11,15 +11,18 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float64
+from scipy import spatial  # pyright: ignore[reportMissingTypeStubs]  scipy has none
 
 from asdfviz.datatypes import Mesh
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Scores, Transform, Vector
 from asdfviz.geometry.symmetry import across
 from asdfviz.geometry.transforms import apply, apply_to_point, turn_about
-from asdfviz.pose.resting import center_of_mass, resting_faces
+from asdfviz.pose.resting import LEAST_MARGIN, center_of_mass, support_margin
 from asdfviz.pose.table import SunkConfig, Table, depth_in_table
 
+ONE_SIDE = 0.9998
+"""Cosine from which two faces are one side."""
 STEEP = -0.2
 """Cosine between the table's normal and a ray above which the ray is too level to move along."""
 
@@ -115,9 +118,27 @@ class Stance:
 
 @lru_cache(maxsize=128)
 def sides(mesh: Mesh) -> Float64[np.ndarray, "s 3"]:
-    """Directions, in the part's frame, that look down when it lies on one of its sides."""
-    faces = resting_faces(mesh.vertices, center=center_of_mass(mesh))
-    return np.array([-face.R_world_part[2] for face in faces]).reshape(-1, 3)
+    """Directions, in the part's frame, that look down when it lies on one of its sides.
+
+    The faces of its convex hull over which its centre of mass stands: all of them, as a round rim has
+    dozens, of which a generator's throws (`asdfviz.pose.resting`) find some.
+    """
+    arms = mesh.vertices - center_of_mass(mesh)
+    found: list[Vector] = []
+    for down in _hull_normals(arms):
+        is_new = all(down @ other <= ONE_SIDE for other in found)
+        if is_new and support_margin(arms, down) > LEAST_MARGIN:
+            found.append(down)
+    return np.array(found).reshape(-1, 3)
+
+
+def _hull_normals(points: Points) -> Float64[np.ndarray, "f 3"]:
+    """Outward normals of the convex hull's triangles; of a flat thing's, both sides."""
+    try:
+        hull = spatial.ConvexHull(points)
+    except spatial.QhullError:  # flat: joggled a little, it has a hull
+        hull = spatial.ConvexHull(points, qhull_options="QJ")
+    return np.asarray(hull.equations, np.float64)[:, :3]
 
 
 def laid_flat(

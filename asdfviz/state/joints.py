@@ -99,7 +99,7 @@ def nearest_in_joint(
     if joint.kind == "ball":
         turn = _limited_rotation(R_motion, joint.turn)
     elif joint.kind in ("revolute", "cylindrical"):
-        turn = rotation_about(joint.axis, _nearest_turn(R_motion, joint))
+        turn = rotation_about(joint.axis, nearest_turn(R_motion, joint))
     T_turned = transform_from(turn, joint.origin - turn @ joint.origin) @ T_nominal
     if joint.kind in ("prismatic", "cylindrical"):
         travel = (T_base_part - T_turned)[:3] @ np.append(center_part, 1.0)
@@ -107,7 +107,9 @@ def nearest_in_joint(
     return T_turned
 
 
-def _nearest_turn(R_motion: Rotation, joint: Joint) -> float:
+def nearest_turn(R_motion: Rotation, joint: Joint) -> float:
+    """The part of a rotation in the base part's frame that is about a joint's axis, radians, held to the
+    joint's range; -pi to pi where that is a whole turn."""
     skew = np.array(
         [
             R_motion[2, 1] - R_motion[1, 2],

@@ -11,6 +11,7 @@ import pytest
 from asdfviz.datatypes import Frame, PoseEstimate, Stage
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.symmetry import Symmetries, symmetric_angle
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods.lying import Lying, LyingConfig
 from asdfviz.methods.on_table import NO_TABLE
@@ -73,6 +74,24 @@ def test_a_pose_that_is_askew_is_told_as_the_part_lies(toy, scene, about, degree
     assert angle(found.T_camera_part, true["block"]) < 4.0
     assert np.linalg.norm((found.T_camera_part - true["block"])[:3, 3]) < 0.003
     assert (found.part, found.score, found.stage) == ("block", 0.9, "tracked")
+
+
+def test_of_poses_that_look_the_same_any_may_come(toy, scene) -> None:
+    """What was found in one of them holds in the others, whose axes look elsewhere."""
+    true, frame = scene
+    half = transform_from(rotation_about(np.array([0.0, 0, 1.0]), np.pi), np.zeros(3))
+    block = replace(toy.assembly.parts["block"], symmetries=Symmetries(discrete=(half,)))
+    method = Lying(
+        replace(toy.assembly, parts={**toy.assembly.parts, "block": block}),
+        part_shapes(toy.assembly, surface_points=900),
+        laid=NO_TABLE,
+        config=LyingConfig(),
+    )
+    wrong = askew(true["block"], about=(1.0, 0, 0), degrees=18.0)
+    last(method, told(toy, {"block": wrong}), frame)
+    found = method.step(told(toy, {"block": wrong @ half}), replace(frame, index=9))["block"]
+    off = symmetric_angle(found.T_camera_part, true["block"], block.symmetries)
+    assert np.degrees(off) < 4.0
 
 
 def test_a_right_pose_and_what_is_held_stay(toy, scene) -> None:
@@ -150,6 +169,7 @@ def test_a_side_is_set_down_on_the_table_along_the_ray(toy) -> None:
 
 def test_an_option_out_of_range_is_named() -> None:
     for make in (
+        lambda: LyingConfig(sides=0),
         lambda: LyingConfig(refined=0),
         lambda: LyingConfig(every=0),
         lambda: LyingConfig(again=0),

@@ -40,6 +40,22 @@ def test_a_block_has_six_sides() -> None:
     assert {tuple(s * axis) for axis in np.eye(3) for s in (1, -1)} == found
 
 
+def test_a_round_rim_has_all_of_its_sides() -> None:
+    """Also those that no throw of a generator ends on."""
+    made = trimesh.creation.cylinder(0.02, 0.03, sections=24)
+    mesh = Mesh(np.asarray(made.vertices, np.float64), np.asarray(made.faces, np.int32))
+    found = sides(mesh)
+    assert len(found) == 24 + 2
+    around = np.degrees(np.sort(np.arctan2(*found[np.abs(found[:, 2]) < 0.1, :2].T)))
+    np.testing.assert_allclose(np.diff(around), 15.0, atol=1e-6)
+
+
+def test_a_flat_thing_has_two_sides() -> None:
+    corners = np.array([[0.0, 0, 0], [0.05, 0, 0], [0.05, 0.03, 0], [0, 0.03, 0]])
+    found = sides(Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32)))
+    np.testing.assert_allclose(np.sort(found[:, 2]), [-1.0, 1.0], atol=1e-6)
+
+
 @pytest.mark.parametrize("rise", [-0.003, -0.006, -0.012])
 def test_a_block_that_nearly_lies_there_is_laid_flat_where_it_is_seen(rise: float) -> None:
     tilt = transform_from(rotation_about(np.array([0.3, 1.0, 0.0]), 0.15), np.zeros(3))

@@ -1,0 +1,59 @@
+"""Poses as they are told: mended by how parts would look where they lie and sit; nothing goes on from there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
+
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
+from asdfviz.methods.joint_turns import JointTurns, JointTurnsConfig
+from asdfviz.methods.lying import Lying, LyingConfig
+from asdfviz.methods.on_table import OnTableConfig
+from asdfviz.methods.part_poses import PartShape
+
+
+@runtime_checkable
+class TellsPoses(Protocol):
+    """Options of a method that tells poses so."""
+
+    @property
+    def laid(self) -> OnTableConfig:
+        """What the table does to all poses, first."""
+        ...
+
+    @property
+    def lying(self) -> LyingConfig:
+        """What lies on it."""
+        ...
+
+    @property
+    def joint_turns(self) -> JointTurnsConfig:
+        """What turns in its joint."""
+        ...
+
+
+class ToldPoses:
+    """One for each sequence."""
+
+    def __init__(
+        self, assembly: Assembly, shapes: Mapping[str, PartShape], config: TellsPoses
+    ) -> None:
+        self._lying = Lying(assembly, shapes, laid=config.laid, config=config.lying)
+        self._joint_turns = JointTurns(assembly, shapes, config=config.joint_turns)
+
+    def step(
+        self, poses: Mapping[str, PoseEstimate], frame: Frame, state: State | None
+    ) -> dict[str, PoseEstimate]:
+        """The poses as they are told.
+
+        Args:
+            poses: of the parts; those that the state joins are of stage `group`.
+            frame: that they are of; without depth nothing changes.
+            state: that joins them, if one is known.
+        """
+        return self._joint_turns.step(self._lying.step(poses, frame), frame, state)
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._lying.rename(names)
+        self._joint_turns.rename(names)
