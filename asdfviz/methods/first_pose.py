@@ -223,18 +223,16 @@ class CropPoses:
     ) -> Candidates:
         """The rotation of before and the network's; where the box is cut off, with its guess of the distance."""
         turns, probabilities = rotations_of(answer.rotations), answer.probabilities
+        if before is not None:
+            R_before = before.T_camera_part[:3, :3]
+            likely = max(before.liked, answer.likelihood(R_before)) * probabilities[0]
+            turns = np.concatenate([(answer.camera.R_camera_crop.T @ R_before)[None], turns])
+            probabilities = np.concatenate([[likely], probabilities])
         distances = np.full(len(turns), np.nan)
         if is_cut_off(box_xyxy, (frame.camera.width, frame.camera.height), BORDER_PX):
             guess = answer.distance(self.assembly.parts[name].diameter)
             distances[:] = guess - (self.middles[name] @ turns.transpose(0, 2, 1))[:, 0, 2]
-        Rs_camera_part = answer.camera.R_camera_crop @ turns
-        if before is not None:
-            R_before = before.T_camera_part[:3, :3]
-            likely = max(before.liked, answer.likelihood(R_before)) * probabilities[0]
-            Rs_camera_part = np.concatenate([R_before[None], Rs_camera_part])
-            probabilities = np.concatenate([[likely], probabilities])
-            distances = np.concatenate([distances[:1], distances])
-        return Candidates(Rs_camera_part, probabilities, distances)
+        return Candidates(answer.camera.R_camera_crop @ turns, probabilities, distances)
 
 
 def crop_poses(

@@ -69,7 +69,7 @@ class Candidates:
     Rs_camera_part: Float64[np.ndarray, "c 3 3"]
     probabilities: Float64[np.ndarray, "c"]
     distances: Float64[np.ndarray, "c"]
-    """From the camera along the view's axis, metres, where the box cannot give it; else NaN."""
+    """Depth of the part's origin along the view's axis, metres, where the box cannot give it; else NaN."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -46,7 +46,7 @@ def placed(Rs, distances, corners, box):
 
     Args:
         Rs: rotations, (c, 3, 3).
-        distances: of the part's middle along the axis, metres; NaN: the box's size tells it.
+        distances: depth of the part's origin along the axis, metres; NaN: the box's size tells it.
         corners: of the part, (k, 3), metres.
         box: x0, y0, x1, y1 at depth 1.
     """

@@ -9,19 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate
+from asdfviz.datatypes import Assembly, FramePrediction, Mesh, PoseEstimate
 from asdfviz.detector.crop_answer import CropAnswer
 from asdfviz.detector.crop_cut import crop_camera, cut
 from asdfviz.errors import MethodError, WeightsError
 from asdfviz.geometry.rotation_grid import even_rotations, quaternion_of
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
+from asdfviz.methods import first_pose
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
-from asdfviz.methods.first_pose import CropPoseConfig, FirstPose, chosen_first_pose
+from asdfviz.methods.first_pose import CropPoseConfig, CropPoses, FirstPose, chosen_first_pose
 from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
 from asdfviz.methods.looked_at import Before
 from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig
-from asdfviz.pose.hypotheses import HypothesisConfig
+from asdfviz.pose.hypotheses import Candidates, HypothesisConfig
 
 OFF = rotation_about(np.array([0.3, 1.0, -0.2]), np.deg2rad(8.0))
 
@@ -180,6 +181,27 @@ def test_the_pose_before_is_one_hypothesis_of_asdf(toy, detector, scene) -> None
     again = method.step(frame)
     for name, T in poses.items():
         assert is_near(again.poses[name], T, 6)
+
+
+def test_a_cut_off_part_is_as_far_as_its_own_rotation_before_has_it(
+    toy, scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The origin lies beside the part: how deep it is goes by the rotation."""
+    poses, frame, looker = scene
+    part = toy.assembly.parts["block"]
+    mesh = Mesh(part.mesh.vertices + np.array([0.1, 0.0, 0.05]), part.mesh.faces)
+    parts = {**toy.assembly.parts, "block": replace(part, mesh=mesh)}
+    found = toy.detection("block", poses["block"])
+    cut_off = {"block": replace(found, box_xyxy=np.array([0.0, *found.box_xyxy[1:]]))}
+    asked: list[Candidates] = []
+    monkeypatch.setattr(first_pose, "settle", lambda candidates, *_, **__: asked.append(candidates))
+    crops = CropPoses.of(replace(toy.assembly, parts=parts), looker, config=HypothesisConfig())
+    before = {"block": Before(transform_from(OFF @ poses["block"][:3, :3], np.zeros(3)))}
+    crops.looked_at(cut_off, frame, use_depth=False, previous=before)
+    (candidates,) = asked
+    assert candidates.Rs_camera_part[0] == pytest.approx(candidates.Rs_camera_part[-1])
+    assert candidates.distances[0] == pytest.approx(candidates.distances[-1])
+    assert np.ptp(candidates.distances[1:]) > 0.05
 
 
 def test_a_part_that_the_crop_network_does_not_know_is_absent(toy, detector, scene) -> None:
