@@ -59,8 +59,8 @@ class JointPlaces:
         """By joint, the motion that was seen: T_base_part = motion @ the nominal one."""
         self._travel: dict[str, float] = {}
         """By link, the share of its ranges at which its joints are."""
-        self._reaches: dict[tuple[str, int], float] = {}
-        """By part and joint, what `reach` found."""
+        self._reaches: dict[tuple[str, bytes, int], float] = {}
+        """By part, its nominal place and joint, what `reach` found."""
         self._held = {
             (name, T.tobytes(), _key(state.joints[name])): (name, T, state.joints[name])
             for state in assembly.states
@@ -126,7 +126,8 @@ class JointPlaces:
     def reach(self, name: str, T_nominal: Transform, joint: Joint) -> float:
         """How far a part's middle in the joint is from the nominal one at most, metres, whichever of
         its poses that look the same is told."""
-        known = self._reaches.get((name, id(joint)))
+        key = (name, T_nominal.tobytes(), id(joint))
+        known = self._reaches.get(key)
         if known is not None:
             return known
         part = self._assembly.parts[name]
@@ -138,7 +139,7 @@ class JointPlaces:
         reach += max(swings, default=0.0)
         for axis in part.symmetries.continuous:
             reach += 2 * float(np.linalg.norm(np.cross(part.middle - axis.offset, axis.direction)))
-        self._reaches[name, id(joint)] = reach
+        self._reaches[key] = reach
         return reach
 
     def last(self, name: str, state: State) -> Transform:

@@ -127,3 +127,13 @@ def test_only_what_cannot_be_in_a_joint_is_passed_over(assembly: Assembly, kind)
         assert (places.nearest("block", T, T_nominal, joint) is not None) == is_in
         inside += is_in
     assert inside > 3
+
+
+def test_a_part_that_another_state_has_elsewhere_reaches_as_far_from_there(
+    assembly: Assembly,
+) -> None:
+    """An error joins it far from the axis, by the same joint."""
+    joint = Joint("revolute", np.array([0.0, 0, 1.0]), np.zeros(3), turn=(-2.0, 2.0))
+    places = JointPlaces(assembly)
+    near, far = (places.reach("block", shift(x), joint) for x in (0.01, 0.1))
+    assert (near, far) == pytest.approx((0.02, 0.2))
