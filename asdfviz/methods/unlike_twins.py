@@ -78,7 +78,7 @@ class UnlikeTwins:
         }
         self._known: dict[str, float] = {}
         self._unlike: dict[str, dict[int, Vector]] = {}
-        """Where something unlike was taken for a part, by frame."""
+        """Where something unlike was taken for a part, by frame; so many as tell, since it looked right."""
 
     def see(self, frame: Frame, sure: Mapping[str, Transform]) -> None:
         """Remember how parts look that are surely at these poses T_camera_part.
@@ -105,12 +105,17 @@ class UnlikeTwins:
         """
         found: set[str] = set()
         for name in self._others.keys() & poses.keys():
-            if not self._is_unlike(frame, name, poses[name]):
+            is_unlike = self._is_unlike(frame, name, poses[name])
+            if is_unlike is None:
                 continue
             at = apply(poses[name], self._parts[name].middle[None])[0]
             before = self._unlike.get(name, {})
             here = {i: p for i, p in before.items() if np.linalg.norm(p - at) < SAME_PLACE}
-            self._unlike[name] = {**here, frame.index: at}
+            if not is_unlike:  # what was seen elsewhere may still be another thing
+                self._unlike[name] = {i: p for i, p in before.items() if i not in here}
+                continue
+            told = [*{**here, frame.index: at}.items()]
+            self._unlike[name] = dict(told[-self._config.frames :])
             if len(here) >= self._config.frames:
                 found.add(name)
         return frozenset(found)
@@ -120,11 +125,12 @@ class UnlikeTwins:
         for name in names & self._known.keys():
             del self._known[name]
 
-    def _is_unlike(self, frame: Frame, name: str, T_camera_part: Transform) -> bool:
+    def _is_unlike(self, frame: Frame, name: str, T_camera_part: Transform) -> bool | None:
+        """Whether what is there is another thing; None where that cannot be seen."""
         known = [self._known[other] for other in self._others[name] if other in self._known]
         bright = self._brightness(frame, name, T_camera_part) if known else None
         if bright is None:
-            return False
+            return None
         told = float(np.log(self._parts[name].color.astype(np.float64) + DARK).mean())
         return any(
             abs(bright - other) > self._config.unlike

@@ -97,6 +97,35 @@ def test_what_is_hidden_says_nothing(toy, black: Assembly) -> None:
     assert twins.strangers(shot, {"pin": THERE}) == frozenset()
 
 
+def test_glimpses_between_which_a_part_looks_right_do_not_add_up(toy, black: Assembly) -> None:
+    twins, poses = UnlikeTwins(black, config=UnlikeTwinsConfig()), {"pin-copy": THERE}
+    right, shiny = (frame(toy, 0, here=BLACK, there=there) for there in (BLACK, PALE))
+    twins.see(right, {"pin": HERE})
+    for i in range(0, 20, 2):
+        assert not twins.strangers(replace(shiny, index=i), poses)
+        assert not twins.strangers(replace(right, index=i + 1), poses)
+    assert shiny.depth is not None
+    hidden = replace(shiny, depth=np.full_like(shiny.depth, 0.3))
+    for i in range(20, 20 + 2 * UnlikeTwinsConfig().frames, 2):
+        assert not twins.strangers(replace(shiny, index=i), poses)
+        assert not twins.strangers(replace(hidden, index=i + 1), poses)
+    assert twins.strangers(replace(shiny, index=40), poses) == {"pin-copy"}
+
+
+def test_a_part_that_looks_right_elsewhere_does_not_speak_for_another_thing(
+    toy, black: Assembly
+) -> None:
+    """The tracker has the part, and the detector proposes the thing in every frame."""
+    twins = UnlikeTwins(black, config=UnlikeTwinsConfig())
+    shot = frame(toy, 0, here=BLACK, there=PALE)
+    twins.see(shot, {"pin": HERE})
+    told: list[frozenset[str]] = []
+    for i in range(UnlikeTwinsConfig().frames + 1):
+        told.append(twins.strangers(replace(shot, index=i), {"pin-copy": THERE}))
+        assert not twins.strangers(replace(shot, index=i), {"pin-copy": HERE})
+    assert told[-1] == {"pin-copy"}
+
+
 def test_what_moves_may_be_held_by_a_hand(toy, black: Assembly) -> None:
     twins = UnlikeTwins(black, config=UnlikeTwinsConfig())
     for i in range(10):
