@@ -61,11 +61,15 @@ class StillThere:
         """Start without frames."""
         self._parts = assembly.parts
         self._config = config
-        self._then: dict[str, Frame] = {}
+        self._then: dict[str, tuple[Frame, int]] = {}
+        """And the number of each."""
+        self._frames = 0
+        """That were seen; numbers of files may leave out any."""
 
     def see(self, frame: Frame, names: Iterable[str]) -> None:
-        """Keep a frame for parts that are surely where they are tracked in it."""
-        self._then |= dict.fromkeys(names, frame)
+        """Keep a frame for parts that are surely where they are tracked in it; called for every frame."""
+        self._frames += 1
+        self._then |= dict.fromkeys(names, (frame, self._frames))
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
@@ -93,9 +97,9 @@ class StillThere:
         return hidden(frame, frozenset(suspect)) if suspect else frozenset()
 
     def _is_other(self, name: str, frame: Frame, T_new: Transform, T_last: Transform) -> bool:
-        then, config, part = self._then[name], self._config, self._parts[name]
-        middle = part.mesh.middle
-        if frame.index - then.index > config.memory:
+        config, part = self._config, self._parts[name]
+        middle, (then, number) = part.mesh.middle, self._then[name]
+        if self._frames - number >= config.memory:
             return False
         if point_distance(T_new, T_last, middle) < config.apart * part.diameter:
             return False

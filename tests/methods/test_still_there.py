@@ -64,9 +64,18 @@ def test_nothing_is_said_of_what_is_in_sight_unknown_or_long_ago(toy) -> None:
     gone = toy.photo(5, [LEFT])
     assert others(toy, gone, {"block": LEFT}, hidden=lambda *_: frozenset()) == frozenset()
     assert others(toy, gone, {"pin": LEFT}) == frozenset()
-    later = replace(gone, index=StillThereConfig().memory + 1)
-    assert others(toy, later, {"block": LEFT}) == frozenset()
     assert others(toy, gone, {"block": LEFT}, StillThereConfig(enabled=False)) == frozenset()
+
+
+def test_frames_are_counted_whatever_their_files_are_called(toy) -> None:
+    still = StillThere(toy.assembly, config=StillThereConfig(memory=3))
+    still.see(toy.photo(0, [RIGHT, LEFT]), ["block"])
+    told: list[frozenset[str]] = []
+    for i in range(1, 5):
+        gone = replace(toy.photo(5, [LEFT]), index=1000 * i)
+        told.append(still.others(gone, {"block": LEFT}, {"block": RIGHT}, all_hidden))
+        still.see(gone, [])
+    assert told == [{"block"}] * 3 + [frozenset()]
 
 
 def test_pictures_go_by_the_new_names_of_twins(toy) -> None:
