@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from asdfviz.datatypes import Camera, Frame, State
+from asdfviz.datatypes import Camera, Frame, Joint, State
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import point_distance, rotation_angle
 from asdfviz.methods.contour_fits import ContourConfig
@@ -36,6 +36,8 @@ class GroupContours:
         self._tracker = Tracker(bodies, camera, config.tracker)
         self._settled: dict[str, Transform] = {}
         """Where the group was settled last,"""
+        self._joined: dict[str, tuple[bytes, Joint | None]] = {}
+        """where the state of then has its parts, and by what joints,"""
         self._fitted = 0.0
         """how well it fitted there,"""
         self._times = 0
@@ -55,6 +57,13 @@ class GroupContours:
         """
         if frame.depth is None or self._base not in poses:
             return {}
+        joined = {
+            n: (T.tobytes(), state.joints.get(n))
+            for n, T in state.T_base_part.items()
+            if n in poses
+        }
+        if joined != self._joined:  # what another state made of the group says nothing
+            self._settled, self._joined = {}, joined
         if self._rests(frame, poses):
             return dict(self._settled)
         settled = self._moved(frame, poses, state)

@@ -618,6 +618,26 @@ def test_a_group_that_lies_still_is_settled_now_and_then(
     assert not np.array_equal(again["base"], told[-1]["base"])
 
 
+def test_a_group_is_settled_anew_for_a_state_that_has_its_parts_elsewhere(
+    scene: Scene, together: GroupContours
+) -> None:
+    state, frame = scene.assembly.states[1], scene.frames[ARRIVED]
+    poses = {n: T for n, T in scene.truth[ARRIVED].items() if n != "lid"}
+    for _ in range(ContourConfig().times + 1):
+        poses = together.step(frame, poses, state)
+    assert np.array_equal(together.step(frame, poses, state)["block"], poses["block"])
+    slide = Joint("prismatic", np.array([0.0, 1, 0]), np.zeros(3), slide=(-0.02, 0.02))
+    beside = state.T_base_part["block"] @ transform_from(np.eye(3), np.array([0, 0.004, 0]))
+    places = {**state.T_base_part, "block": beside}
+    for other in (
+        replace(state, joints={"block": slide}),
+        replace(state, T_base_part=places, joints={"block": slide}),
+    ):
+        again = together.step(frame, poses, other)
+        assert again
+        assert not np.array_equal(again["block"], poses["block"])
+
+
 def test_a_group_that_is_not_there_stays_as_it_was(scene: Scene, together: GroupContours) -> None:
     state, true = scene.assembly.states[1], scene.truth[ARRIVED]
     aside = {n: transform_from(np.eye(3), np.array([0.1, 0.1, 0])) @ T for n, T in true.items()}
