@@ -163,6 +163,8 @@ class AsdfPlus:
         scene.told.rename(names)
         scene.mistaken.rename(names)
         self._asdf.rename(names)
+        if scene.contours is not None:
+            scene.contours.rename(names)
         return renamed_poses(poses, names)
 
     def _decided(

@@ -18,6 +18,7 @@ from asdfviz.geometry.threads import side_by_side
 from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
+from asdfviz.state.twins import renamed
 from asdfviz.track.bodies import Body
 from asdfviz.track.presets import FINE, TrackerConfig
 from asdfviz.track.starts import Trial
@@ -128,6 +129,11 @@ class ContourFits:
         moved |= turned
         now |= turned
         return {name: ContourFit(T, sure[name], name in moved) for name, T in now.items()}
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._checks.rename(names)
+        self._known = renamed(self._known, names)
 
     def _rests(self, name: str, T: Transform) -> bool:
         """Whether the pose was settled often enough and stayed there."""

@@ -163,6 +163,7 @@ class PartTracks:
 
     def rename(self, frame: Frame, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
+        self._checks.rename(names)
         poses = renamed({n: T for n, T in self.tracker.poses.items() if n in names}, names)
         if not poses:
             return

@@ -25,6 +25,7 @@ from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned
 from asdfviz.methods.turn_memory import SPUN, TURNS, TurnMemory
 from asdfviz.methods.turn_table import TurnTable, TurnTableConfig
+from asdfviz.state.twins import renamed
 from asdfviz.track.bodies import Body
 from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
@@ -171,6 +172,10 @@ class TurnChecks:
                 self._turns[name] = [self._begun(name, T_wrong, found[name])]
         return found
 
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._turns = renamed(self._turns, names)
+
     def _recall(self, poses: Mapping[str, Transform]) -> None:
         """Begin anew with parts that somebody else turned, unless that pose was known not long ago."""
         for name, T in poses.items():
@@ -194,12 +199,7 @@ class TurnChecks:
         return TurnMemory(T_right, (*TURNS, *far[: self._config.remembered]))
 
     def _checked(
-        self,
-        frame: Frame,
-        tracker: Tracker,
-        name: str,
-        T_now: Transform,
-        look: LookedAt | None,
+        self, frame: Frame, tracker: Tracker, name: str, T_now: Transform, look: LookedAt | None
     ) -> tuple[Transform, Transform] | None:
         """The part's pose and that in another turn, if that is the right one."""
         known, centre = self._turns[name][0], self._bodies[name].balance
@@ -234,13 +234,7 @@ class TurnChecks:
         known.lead[turn] += min(ahead, self._config.step) - self._config.slack
 
     def _best(
-        self,
-        frame: Frame,
-        tracker: Tracker,
-        name: str,
-        now: Trial,
-        other: Trial,
-        ahead: Ahead,
+        self, frame: Frame, tracker: Tracker, name: str, now: Trial, other: Trial, ahead: Ahead
     ) -> Transform:
         """Of all that a part may be turned to, once it is known not to be as it is now.
 

@@ -13,11 +13,15 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point, transform_from
 from asdfviz.methods import tracking
+from asdfviz.methods.asdf_plus import AsdfPlus
+from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
+from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned
 from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
 from asdfviz.methods.turn_table import TurnTableConfig
+from asdfviz.state.twins import PlaceNames
 from asdfviz.track.bodies import Body
 from asdfviz.track.confidence import Evidence
 from asdfviz.track.presets import FINE
@@ -170,3 +174,35 @@ def test_a_part_that_is_said_to_be_turned_now_and_then_is_judged_all_the_same(
         found = checks.step(lying.frame, lying.tracker, {"base": pose})
         righted.append("base" in found and float(-found["base"][2, 2]) > 0.9)
     assert any(righted) == (known > 0)
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
+def test_what_is_known_of_turns_goes_by_the_new_names_of_twins(lying: Lying) -> None:
+    drawn, table = DrawnConfig(enabled=False), TurnTableConfig(enabled=False)
+    parts = {**lying.parts, "twin": lying.parts["base"]}
+    bodies = {**lying.bodies, "twin": lying.bodies["base"]}
+    checks = TurnChecks(parts, bodies, config=TurnConfig(table=table, drawn=drawn))
+    looked_at, pose = {"base": Upright()}, lying.wrong
+    for _ in range(60):
+        found = checks.step(lying.frame, lying.tracker, {"base": pose}, looked_at)
+        pose = found.get("base", pose)
+    checks.rename({"base": "twin", "twin": "base"})
+    told = {name: checks.allows(lying.frame, name, pose, lying.wrong) for name in parts}
+    assert told == {"base": True, "twin": False}
+
+
+def test_whoever_names_twins_anew_tells_what_remembers_their_turns(
+    toy, detector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[dict[str, str]] = []
+    monkeypatch.setattr(TurnChecks, "rename", lambda _, names: told.append(names))
+    names = {"pin": "pin-copy", "pin-copy": "pin"}
+    monkeypatch.setattr(PlaceNames, "changes", lambda *_, **__: names)
+    frame = toy.frame(0, {})
+    for method in (
+        AsdfPlus(AsdfPlusConfig(), detector=detector),
+        AsdfTrack(AsdfTrackConfig(), detector=detector),
+    ):
+        method.reset(toy.assembly, frame.camera, None)
+        method.step(frame)
+    assert told == [names, names]
