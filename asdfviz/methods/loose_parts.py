@@ -8,7 +8,7 @@ what still lies there is not, whatever its place in the group looks like.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.camera import nearest_pixels
+from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply_to_point
 from asdfviz.methods.part_poses import PartShape
@@ -166,16 +167,19 @@ class LooseParts:
             and self._spots.distance(pose.part, T, T_camera_base) > config.away
         )
 
-    def _lying(self, kind: _Kind, loose: Iterable[tuple[Vector, float]]) -> int:
-        """How many surely lie where they lay; notes where all of them are."""
-        config, there = self._config, 0
-        for spot in kind.spots:
+    def _lying(self, kind: _Kind, loose: Sequence[tuple[Vector, float]]) -> int:
+        """How many surely lie where they lay, each in a spot of its own; notes where all of them are."""
+        config, there, apart = self._config, 0, np.zeros((len(loose), len(kind.spots)))
+        for j, spot in enumerate(kind.spots):
             spot.is_seen = False
-        for point, score in loose:
-            near = [s for s in kind.spots if np.linalg.norm(s.middle - point) <= config.away]
-            spot = near[0] if near else _Spot(point)
-            if not near:
-                kind.spots.append(spot)
+            apart[:, j] = [np.linalg.norm(spot.middle - point) for point, _ in loose]
+        pairs = cheapest_pairs(np.minimum(apart, config.away))
+        known = {i: kind.spots[j] for i, j in pairs if apart[i, j] <= config.away}
+        for i, (point, score) in enumerate(loose):
+            if i not in known:
+                known[i] = _Spot(point)
+                kind.spots.append(known[i])
+            spot = known[i]
             spot.middle, spot.is_seen, spot.frames = point, True, spot.frames + 1
             there += score >= config.sure and spot.frames >= config.enough
         kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= config.enough]

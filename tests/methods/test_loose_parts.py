@@ -66,6 +66,13 @@ def test_a_pin_that_lies_where_it_lay_is_not_joined(counted) -> None:
     assert one[2] < one[1]
 
 
+def test_two_pins_that_lie_close_are_not_one_that_was_seen_twice_as_often(counted) -> None:
+    close = [transform_from(np.eye(3), np.array([x, 0.08, 0.7])) for x in (0.1, 0.108)]
+    assert counted((close, 3)) is None
+    told = counted((close, 5), there=2.0)
+    assert np.log(told[0] / told) == pytest.approx([0.0, 2.0, 4.0])
+
+
 def test_a_pin_that_is_gone_for_longer_than_a_hand_takes_is_joined(counted) -> None:
     just = counted((SPOTS, 5), (SPOTS[:1], 3))
     assert just[0] == pytest.approx(just[1])
