@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
 from typing import TypeVar
 
@@ -19,7 +19,10 @@ MOST = 4
 
 
 def side_by_side(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> list[_Result]:
-    """The results in the order of the items. The first error is raised, as without threads.
+    """The results in the order of the items.
+
+    Once all threads have ended, the error of the first item that failed is raised, as without threads;
+    items that come after it may have been worked on.
 
     Args:
         work: does not depend on what it does for other items, and calls no `side_by_side` itself.
@@ -30,12 +33,17 @@ def side_by_side(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> li
     if threads < 2:
         return [work(item) for item in todo]
 
-    def share(first: int) -> list[_Result]:
-        return [work(item) for item in todo[first::threads]]
+    shares: list[list[_Result]] = [[] for _ in range(threads)]
+
+    def fill(first: int) -> None:
+        for item in todo[first::threads]:
+            shares[first].append(work(item))
 
     pool = _pool(os.getpid())
-    others = [pool.submit(share, first) for first in range(1, threads)]
-    shares = [share(0), *(other.result() for other in others)]
+    filling = [pool.submit(fill, first) for first in range(threads)]
+    wait(filling)
+    for first in sorted(range(threads), key=lambda k: k + threads * len(shares[k])):
+        filling[first].result()  # raises where a share ends with an error
     return [shares[i % threads][i // threads] for i in range(len(todo))]
 
 

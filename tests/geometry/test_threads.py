@@ -1,6 +1,7 @@
 """Work that is shared among threads."""
 
 import threading
+import time
 
 import pytest
 
@@ -30,3 +31,30 @@ def test_an_error_comes_out(cores: int) -> None:
 
     with pytest.raises(ZeroDivisionError):
         side_by_side(fail, range(5))
+
+
+def test_the_error_of_the_first_item_that_fails_comes_out(cores: int) -> None:
+    def fail(x: int) -> int:
+        if x in (1, 2):
+            raise ValueError(f"item {x}")
+        return x
+
+    with pytest.raises(ValueError, match="item 1"):
+        side_by_side(fail, range(4))
+
+
+@pytest.mark.parametrize("failing", [0, 1])
+def test_no_work_goes_on_once_an_error_is_out(cores: int, failing: int) -> None:
+    running: set[int] = set()
+
+    def fail(x: int) -> None:
+        if x == failing:
+            time.sleep(0.02)
+            raise ValueError("failed")
+        running.add(x)
+        time.sleep(0.1)
+        running.remove(x)
+
+    with pytest.raises(ValueError, match="failed"):
+        side_by_side(fail, range(3))
+    assert not running
