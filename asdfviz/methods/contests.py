@@ -7,7 +7,7 @@ like a part than the part itself; its outline and its depth hardly ever fit as w
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -141,7 +141,8 @@ class Contests:
                 del decided[name]
             else:
                 decided[name] = boxes[best]
-        for name in self._still_beaten(found.keys() - things.keys(), found, frame):
+        alone = [name for name in found if name not in things]
+        for name in self._still_beaten(alone, found, frame):
             del decided[name]
         oldest = self._frame - self.config.forgotten
         self._things = [thing for thing in self._things if thing.seen >= oldest]
@@ -166,7 +167,7 @@ class Contests:
         return kept
 
     def _still_beaten(
-        self, alone: Collection[str], found: Mapping[str, Detection], frame: Frame
+        self, alone: Sequence[str], found: Mapping[str, Detection], frame: Frame
     ) -> list[str]:
         """Parts whose only box shows what lost to another thing, which is not to be seen now.
 

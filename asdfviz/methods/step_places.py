@@ -77,10 +77,8 @@ class StepPlaces:
         held = {name: poses[name] for name in attached if name in poses and name not in lost}
         self._joints.see(T_camera_base, held)
         found: dict[str, Trial] = {}
-        for name in lost:
-            seen = (
-                None if name in attached else self._seen(frame, tracker, name, T_camera_base, done)
-            )
+        for name in (n for n in self._assembly.parts if n in lost and n not in attached):
+            seen = self._seen(frame, tracker, name, T_camera_base, done)
             if seen is None:
                 continue
             self._fitted[name] = fitted_before.get(name, 0) + 1

@@ -212,7 +212,7 @@ def _found_again(
 ) -> set[str]:
     """Ask the detector for lost parts; those whose pose the picture fits are tracked from there."""
     back: set[str] = set()
-    for name in lost if job.redetect is not None else ():
+    for name in (n for n in job.keyframes if n in lost):
         T = None if job.redetect is None else job.redetect(frame, name)
         if T is None:
             continue

@@ -43,9 +43,11 @@ class Agreeing:
     def __init__(self, by_x: Mapping[int, float]) -> None:
         self.by_x = dict(by_x)
         self.asked = 0
+        self.last: list[str] = []
 
     def __call__(self, boxes: Mapping[str, Detection], frame: Frame) -> dict[str, LookedAt]:
         self.asked += len(boxes)
+        self.last = list(boxes)
         found = {name: self.by_x.get(int(d.box_xyxy[0])) for name, d in boxes.items()}
         return {
             name: LookedAt(
@@ -149,6 +151,21 @@ def test_what_lost_is_not_the_part_while_that_is_hidden(
     for _ in range(31):
         contest.step({}, [], frame)
     assert contest.step({"block": sways[-1]}, [sways[-1]], frame) == {"block": sways[-1]}
+
+
+def test_what_lost_is_looked_at_again_in_the_order_in_which_it_was_found(
+    assembly: Assembly, box_at: Callable, frame: Frame
+) -> None:
+    names, block = [f"part {k}" for k in range(8)], assembly.parts["block"]
+    parts = {name: replace(block, name=name, detector_class=name) for name in names}
+    look = Agreeing({120: 0.5, 20: 0.7})
+    contest = contests(replace(assembly, parts=parts), look, every=1)
+    likes = {name: box_at(name, 120, 50 * k) for k, name in enumerate(names)}
+    right = [box_at(name, 20, 50 * k) for k, name in enumerate(names)]
+    for _ in range(3):
+        contest.step(likes, [*likes.values(), *right], frame)
+    assert contest.step(likes, [*likes.values()], frame) == {}
+    assert look.last == names
 
 
 def test_what_lost_while_half_hidden_is_the_part_once_it_fits_better(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Assembly, Frame, PoseEstimate
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.gbot import GbotConfig
@@ -74,6 +75,21 @@ def test_a_lost_part_is_put_where_it_is_seen_joined_for_long_enough(
         places.step(toy.frame(0), away, given, lost, 0)
         for _ in range(2):
             assert places.step(toy.frame(0), away, poses, LOST, 0) == {}
+
+
+def test_parts_are_sought_in_the_order_of_the_assembly(assembly: Assembly, toy) -> None:
+    left: dict[str, Transform] = toy.poses(joined=False)
+    joined: Transform = toy.poses(joined=True)["block"]
+    names = [name for name in assembly.parts if name != "base"]
+    joined_at = assembly.states[1].T_base_part["block"]
+    last = State(1, "all", {"base": np.eye(4), **dict.fromkeys(names, joined_at)})
+    assembly = replace(assembly, states=(assembly.states[0], last))
+    left = {n: left.get(n, left["block"]) for n in assembly.parts}
+    away = FakeTracker(left, dict.fromkeys(names, joined))
+    places = StepPlaces(assembly, WITHIN, config=StepPlacesConfig(frames=1))
+    for lost in (names, names[::-1]):
+        found = places.step(toy.frame(0), away, estimates(away.poses, "base"), lost, 0)
+        assert list(found) == names
 
 
 @pytest.mark.parametrize(

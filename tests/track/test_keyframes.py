@@ -142,3 +142,21 @@ def test_a_lost_part_is_found_again_where_the_picture_fits(
     assert sorted(carried) == [1, 2, 11, 12, 13, 14]
     assert asked == [5, 6, 7, 8, 9, 10, 11]
     assert all(add_mm(box_body, c.T_camera_part, box_poses[k]) < 2.0 for k, c in carried.items())
+
+
+def test_lost_parts_are_sought_in_the_order_of_their_keyframes(
+    frames: list[Frame], box_body: Body, box_poses: list[Transform], camera: Camera
+) -> None:
+    names = [f"box {k}" for k in range(6)]
+    asked: list[str] = []
+    carry_parts(
+        [frames[0], *map(blank, frames[1:6])].__getitem__,
+        {name: {0: box_poses[0]} for name in names},
+        bodies=dict.fromkeys(names, box_body),
+        camera=camera,
+        first=0,
+        last=5,
+        redetect=lambda _, name: asked.append(name),
+    )
+    assert asked
+    assert asked == names * (len(asked) // len(names))
