@@ -20,7 +20,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import is_rigid
 
 SUM_TOLERANCE = 1e-3
-"""By this the probabilities of the states may miss 1."""
+"""By this the probabilities of the states may miss 1, and a score leave 0 to 1: methods round."""
 
 
 def check_answer(
@@ -63,7 +63,7 @@ def _check_pose(name: object, pose: object, assembly: Assembly, where: str) -> N
         raise MethodError(
             f"{where}: the pose of '{name}' is not a rigid transform (4x4 array, metres)"
         )
-    if not _is_number(pose.score):
+    if not _is_number(pose.score) or abs(pose.score - 0.5) > 0.5 + SUM_TOLERANCE:
         raise MethodError(
             f"{where}: the score of '{name}' is {pose.score!r}, expected a number from 0 to 1"
         )

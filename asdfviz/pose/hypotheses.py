@@ -58,8 +58,11 @@ class HypothesisConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if self.count < 1 or self.refined < 1:
-            raise MethodError("hypotheses.count and hypotheses.refined must be 1 or more")
+        if min(self.count, self.refined, self.min_readings) < 1:
+            raise MethodError(
+                f"hypotheses.count is {self.count}, refined {self.refined} and min_readings "
+                f"{self.min_readings}: all must be 1 or more"
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ reported apart from it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -47,6 +48,18 @@ class SmoothingConfig:
     """Exponent of the term of what stands in the places of joined parts."""
     floor: float = 0.02
     """Evidence is never below this share of its largest value: one frame does not rule out alone."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where a number is out of its range."""
+        for name in ("stay", "stay_wrong", "leak", "fall"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise MethodError(f"smoothing.{name} is {getattr(self, name):g}, use 0 to 1")
+        weights = ("appearance_weight", "pose_weight", "group_weight", "place_weight")
+        for name in ("mistakes", *weights):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise MethodError(f"smoothing.{name} is {getattr(self, name):g}, use 0 or more")
+        if not 0 < self.floor <= 1:  # where two terms disagree, nothing would be left
+            raise MethodError(f"smoothing.floor is {self.floor:g}, use more than 0, at most 1")
 
 
 FOLLOWED = SmoothingConfig(

@@ -90,6 +90,8 @@ def test_nothing_found_is_an_answer(clamp: Assembly) -> None:
         (answer(poses={"jaw": pose(T_camera_part=np.full((4, 4), np.nan))}), "not a rigid"),
         (answer(poses={"jaw": pose(T_camera_part=2 * np.eye(4))}), "'jaw' is not a rigid"),
         (answer(poses={"jaw": pose(score=float("nan"))}), "the score of 'jaw' is nan"),
+        (answer(poses={"jaw": pose(score=7.0)}), "score of 'jaw' is 7.0, expected a number from 0"),
+        (answer(poses={"jaw": pose(score=-0.1)}), "the score of 'jaw' is -0.1"),
         (answer(poses={"jaw": pose(score="high")}), "the score of 'jaw' is 'high'"),
         (answer(poses={"jaw": pose(stage="luck")}), "the stage of 'jaw' is 'luck', use pnp or"),
         (answer(state=2), "the state is a int, expected a StateEstimate or None"),

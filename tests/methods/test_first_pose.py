@@ -263,10 +263,10 @@ def test_weights_of_another_assembly_are_refused(
         method.reset(moved_to(assembly, tmp_path), replace_camera(), None)
 
 
-@pytest.mark.parametrize(("count", "refined"), [(0, 2), (20, 0)])
-def test_counts_below_one_are_refused(count: int, refined: int) -> None:
+@pytest.mark.parametrize("wrong", [{"count": 0}, {"refined": 0}, {"min_readings": 0}])
+def test_counts_below_one_are_refused(wrong: dict[str, int]) -> None:
     with pytest.raises(MethodError, match=r"hypotheses\.count"):
-        HypothesisConfig(count=count, refined=refined)
+        HypothesisConfig(**wrong)  # type: ignore[arg-type]
 
 
 def test_what_was_before_is_believed_until_the_network_doubts_it() -> None:

@@ -161,3 +161,22 @@ def test_nothing_seen_is_nothing_known() -> None:
     assert online.step(None, None) is None
     with pytest.raises(MethodError, match="all cover the same frames"):
         most_likely_path([None], [], assembly)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("stay", 1.5),
+        ("stay_wrong", -0.1),
+        ("leak", 2.0),
+        ("fall", -1e-6),
+        ("mistakes", float("nan")),
+        ("pose_weight", -1.0),
+        ("place_weight", float("inf")),
+        ("floor", 0.0),
+        ("floor", 1.1),
+    ],
+)
+def test_options_out_of_range_are_named(name: str, value: float) -> None:
+    with pytest.raises(MethodError, match=rf"smoothing\.{name} is"):
+        SmoothingConfig(**{name: value})
