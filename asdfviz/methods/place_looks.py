@@ -126,20 +126,23 @@ class PlaceLooks:
         Args:
             assembly: whose states.
             shapes: of the parts.
-            looker: the crop network; None, and anything that names nothing, is never asked.
+            looker: the crop network; None, and anything that names nothing, is never asked, and none
+                of parts that it does not know.
             config: how its answers count.
         """
         self._looker = namer(looker) if config.enabled else None
         self._assembly, self._config = assembly, config
-        parts = assembly.parts.values()
-        self._classes = tuple(dict.fromkeys(class_name(assembly, part) for part in parts))
+        known = () if self._looker is None else self._looker.classes
+        classes = {name: class_name(assembly, part) for name, part in assembly.parts.items()}
+        classes = {name: label for name, label in classes.items() if label in known}
+        self._classes = tuple(dict.fromkeys(classes.values()))
         self._corners = {name: shape.corners for name, shape in shapes.items()}
         self._joints = JointPlaces(assembly)
         self._near = neighbours(assembly) + np.eye(len(assembly.states)) > 0
         found: dict[tuple[str, bytes], list[int]] = {}
         for state in assembly.states:
             for name, T in state.T_base_part.items():
-                if name != assembly.base:
+                if name != assembly.base and name in classes:
                     found.setdefault((name, T.tobytes()), []).append(state.index)
         empty = _logit(config.empty)
         self._places = [_Place(name, tuple(states), empty) for (name, _), states in found.items()]

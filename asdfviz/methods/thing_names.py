@@ -30,6 +30,11 @@ class NamesThings(Protocol):
     """Anything that tells which part is in a box."""
 
     @property
+    def classes(self) -> tuple[str, ...]:
+        """The classes that it knows."""
+        ...
+
+    @property
     def tells_names(self) -> bool:
         """Whether it was taught to."""
         ...
@@ -115,12 +120,18 @@ class ThingNames:
     """Names things in one sequence."""
 
     def __init__(self, assembly: Assembly, looker: object, *, config: NamesConfig) -> None:
-        """Begin a sequence; `looker` may be anything, and is asked only if it names things."""
+        """Begin a sequence; `looker` may be anything, and is asked only if it names things.
+
+        It is asked of the parts that it knows: of others it has nothing to say.
+        """
         self._looker = namer(looker) if config.enabled else None
         self._config = config
         parts = {part.detector_class: part for part in assembly.parts.values()}
-        self._labels = tuple(parts)
-        self._classes = [class_name(assembly, part) for part in parts.values()]
+        classes = {label: class_name(assembly, part) for label, part in parts.items()}
+        known = () if self._looker is None else self._looker.classes
+        self._classes = {label: name for label, name in classes.items() if name in known}
+        if not self._classes:
+            self._looker = None
         self._keypoints = {label: len(part.keypoints) for label, part in parts.items()}
         self._known: list[_Known] = []
         self._frame = 0
@@ -131,7 +142,7 @@ class ThingNames:
 
     def told(self, frame: Frame, detections: Sequence[Detection]) -> tuple[Detection, ...]:
         """The detections, those of parts with what the crop network makes of them."""
-        mine = [i for i, d in enumerate(detections) if d.label in self._labels]
+        mine = [i for i, d in enumerate(detections) if d.label in self._keypoints]
         if self._looker is None or not mine:
             return tuple(detections)
         told = list(detections)
@@ -163,17 +174,16 @@ class ThingNames:
         for blob, probabilities in zip(blobs, self._named(frame, blobs), strict=True):
             best = int(probabilities.argmax())
             if probabilities[best] >= self._config.least:
-                bare = self._undetected(blob, self._labels[best])
+                bare = self._undetected(blob, [*self._classes][best])
                 more.append(self._merged(bare, probabilities))
         return (*detections, *more)
 
     def _merged(self, detection: Detection, probabilities: Float64[np.ndarray, "c"]) -> Detection:
         weight = self._config.weight
         seen = scores_in_classes(detection)
-        scores = {
-            label: (1 - weight) * seen.get(label, 0.0) + weight * float(p)
-            for label, p in zip(self._labels, probabilities, strict=True)
-        }
+        scores = {label: seen.get(label, 0.0) for label in self._keypoints}
+        for label, p in zip(self._classes, probabilities, strict=True):
+            scores[label] = (1 - weight) * scores[label] + weight * float(p)
         return replace(detection, score=scores[detection.label], class_scores=scores)
 
     def _undetected(self, box_xyxy: Box, label: str) -> Detection:
@@ -182,7 +192,7 @@ class ThingNames:
         return Detection(label, box_xyxy, np.zeros((count, 2)), np.zeros(count), 0.0)
 
     def _named(self, frame: Frame, boxes: Sequence[Box]) -> list[Float64[np.ndarray, "c"]]:
-        """The probability of every label in every box; things that lie still are remembered."""
+        """The probability of every label that the network knows in every box; things that lie still are remembered."""
         config, now = self._config, self._frame
         self._known = [one for one in self._known if now - one.seen <= config.every]
         things = [self._thing(box) for box in boxes]
@@ -192,7 +202,7 @@ class ThingNames:
             depth = frame.depth
             distances = [None if depth is None else box_distance(box, depth) for box in places]
             answers = self._looker.names(
-                frame.rgb, frame.camera.K, places, self._classes, distances=distances
+                frame.rgb, frame.camera.K, places, [*self._classes.values()], distances=distances
             )
             for thing, answer in zip(asked, answers, strict=True):
                 thing.hear(answer, now, memory=config.memory)
@@ -204,7 +214,7 @@ class ThingNames:
         best, place = max(near, default=(0.0, 0))
         if best <= self._config.still:
             place = len(self._known)
-            self._known.append(_Known(box_xyxy, np.zeros(len(self._labels))))
+            self._known.append(_Known(box_xyxy, np.zeros(len(self._classes))))
         thing = self._known[place]
         if thing.seen < self._frame:
             thing.seen, thing.box_xyxy = self._frame, box_xyxy

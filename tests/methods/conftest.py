@@ -103,7 +103,9 @@ class Namer:
     distances: list[float | None] = field(default_factory=list)
     asked: list[int] = field(default_factory=list)
     """Number of boxes, time by time."""
-    classes: set[tuple[str, ...]] = field(default_factory=set)
+    asked_of: set[tuple[str, ...]] = field(default_factory=set)
+    """Classes, time by time."""
+    classes: tuple[str, ...] = ("toy/base", "toy/block", "toy/pin")
     tells_names: bool = True
 
     def names(
@@ -115,7 +117,7 @@ class Namer:
         *,
         distances: Sequence[float | None],
     ) -> np.ndarray:
-        self.classes.add(tuple(classes))
+        self.asked_of.add(tuple(classes))
         self.boxes += boxes
         self.distances += distances
         self.asked.append(len(boxes))

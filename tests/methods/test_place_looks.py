@@ -56,6 +56,15 @@ def test_a_part_that_is_seen_in_its_place_speaks_for_its_state(
         assert looker.distances == pytest.approx([0.57])
 
 
+def test_of_a_part_that_the_network_does_not_know_no_place_is_empty(
+    assembly: Assembly, seeing: Callable
+) -> None:
+    looker = seeing(0.0)
+    looker.classes = ("toy/base", "toy/pin")
+    assert looks_of(assembly, looker).step(base_at(), {}, ALONE, frame()) is None
+    assert not looker.asked
+
+
 def test_a_part_that_may_be_hidden_says_less_than_one_that_is_seen(
     assembly: Assembly, seeing: Callable
 ) -> None:

@@ -40,10 +40,26 @@ def test_both_networks_are_heard(assembly: Assembly, box_at: Callable, looker: A
     state = box_at("toy:block", 20)
     (named, same) = told(names, box, state)
     assert same is state
-    assert looker.classes == {CLASSES}
+    assert looker.asked_of == {CLASSES}
     assert looker.distances == pytest.approx([0.6])
     assert named.score == pytest.approx(0.2)
     assert named.class_scores == pytest.approx({"base": 0.0, "block": 0.2, "pin": 0.5})
+
+
+def test_the_network_does_not_speak_against_a_part_that_it_does_not_know(
+    assembly: Assembly, box_at: Callable, looker: Any
+) -> None:
+    looker.classes = ("toy/base", "toy/pin", "other/block")
+    names = ThingNames(assembly, looker, config=NamesConfig(weight=0.5))
+    box = replace(box_at("block", 220, score=0.4), class_scores={"pin": 0.1})
+    (named,) = told(names, box)
+    assert looker.asked_of == {("toy/base", "toy/pin")}
+    assert named.score == 0.4
+    assert named.class_scores == pytest.approx({"base": 0.0, "block": 0.4, "pin": 0.075})
+    looker.classes = ("other/block",)
+    names = ThingNames(assembly, looker, config=NamesConfig())
+    assert told(names, box) == (box,)
+    assert names.beyond(frame_with((30, 40)), (), {}) == ()
 
 
 def test_what_lies_still_is_looked_at_now_and_then(
