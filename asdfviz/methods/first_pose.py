@@ -148,7 +148,7 @@ class CropPoses:
         for name, part in assembly.parts.items():
             mesh = part.mesh
             points, normals = oriented_surface_points(mesh.vertices, mesh.faces, SURFACE_POINTS)
-            surfaces[name] = Surface(points, normals, hull_corners(mesh.vertices))
+            surfaces[name] = Surface(points, normals, hull_corners(mesh.vertices), mesh.middle)
             middles[name] = surface_middle(mesh.vertices, mesh.faces)[None]
         return cls(assembly, looker, surfaces, middles, config, sunk)
 

@@ -15,7 +15,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Scores, Transform
-from asdfviz.geometry.transforms import apply, inverse, rotation_angle
+from asdfviz.geometry.transforms import apply, apply_to_point, inverse, rotation_angle
 from asdfviz.methods.group_trials import Trial
 from asdfviz.methods.group_views import GroupView, learn_colors, measured_in, view_of
 from asdfviz.methods.one_place import are_near
@@ -98,7 +98,8 @@ class GroupFits:
         if view is None:
             return None
         measured = self._measured(view, Ts_camera_base)
-        weight = trusted(float(Ts_camera_base[0][2, 3] / view.K[0, 0]), config=config)
+        middle = apply_to_point(Ts_camera_base[0], self._assembly.parts[self._assembly.base].middle)
+        weight = trusted(float(middle[2] / view.K[0, 0]), config=config)
         trials = [self._trial(T, poses, view, measured) for T in Ts_camera_base]
         best = self._best(trials, likely, weight)
         said = best.all_said(weight=weight)

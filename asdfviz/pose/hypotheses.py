@@ -120,7 +120,7 @@ def settle(
         (view.box_xyxy - center) / view.focal,
     )
     seen = (view.focal, view.outline, view.measured)
-    Ts = slid(surface.points, Ts, *seen, config.max_shift)
+    Ts = slid(surface.points, Ts, *seen, config.max_shift, surface.middle)
     _, score, _ = _compared(Ts, prior, surface, view, config, sunk)
     best = np.argsort(-score)[: config.refined]
     both = np.concatenate(

@@ -136,13 +136,13 @@ def agreement(points, Ts, focal, outline, measured, margin):
 
 @kernel
 @no_type_check
-def slid(points, Ts, focal, outline, measured, max_shift):
-    """Poses (c, 4, 4), each moved along its ray by the median difference of the readings within the
+def slid(points, Ts, focal, outline, measured, max_shift, middle):
+    """Poses (c, 4, 4), each moved along the ray of the part's `middle` by the median difference of the readings within the
     outline to the surface; those stay that would move by more than `max_shift` of their distance."""
     grid, columns = _new_grid(outline.shape[0], len(points)), np.ascontiguousarray(points.T)
     shown, depth, _ = _in_rows(outline, measured)
     near, covered = grid[1], grid[3]
-    gaps = np.empty(len(shown))
+    gaps, at = np.empty(len(shown)), np.empty(3)
     moved = Ts.copy()
     for c in range(len(Ts)):
         known = 0
@@ -153,10 +153,13 @@ def slid(points, Ts, focal, outline, measured, max_shift):
                 known += 1
         if known == 0:
             continue
-        shift = np.median(gaps[:known]) / Ts[c, 2, 3]
+        for a in range(3):
+            x, y, z = Ts[c, a, 0] * middle[0], Ts[c, a, 1] * middle[1], Ts[c, a, 2] * middle[2]
+            at[a] = x + y + z + Ts[c, a, 3]
+        shift = np.median(gaps[:known]) / at[2]
         if abs(shift) < max_shift:
             for a in range(3):
-                moved[c, a, 3] *= 1 + shift
+                moved[c, a, 3] += shift * at[a]
     return moved
 
 

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Rotation
+from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Rotation, Vector
 from asdfviz.pose.depth_kernels import readings_along
 from asdfviz.pose.table import Table
 
@@ -47,6 +47,8 @@ class Surface:
     normals: Points
     corners: Float64[np.ndarray, "k 3"]
     """Spanning the outline from every side."""
+    middle: Vector
+    """Of the part: its origin may lie anywhere."""
 
 
 def sampled_depth(

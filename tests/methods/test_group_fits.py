@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Assembly, Frame, PoseEstimate
+from asdfviz.datatypes import Assembly, Frame, Mesh, PoseEstimate
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.transforms import apply, rotation_about, transform_from
 from asdfviz.methods.group_fits import GroupFits
@@ -42,6 +42,30 @@ def test_the_state_is_seen_though_the_block_is_not_detected(toy, joined: bool) -
     said = fits_of(toy.assembly).step(found(true["base"]), KNOWN, noisy(toy.frame(1, true)))
     assert said is not None
     assert said[int(joined)] > 0.95
+
+
+def test_a_base_whose_origin_lies_elsewhere_tells_as_much(toy) -> None:
+    """Next to the camera: at its origin's depth, cells are so small that they would tell little."""
+    true = toy.poses(joined=True)
+    away = true["base"][:3, :3].T @ np.array([0.0, 0.0, -0.5])
+    mesh, state = toy.assembly.parts["base"].mesh, toy.assembly.states[1]
+    base = replace(toy.assembly.parts["base"], mesh=Mesh(mesh.vertices - away, mesh.faces))
+    shift = transform_from(np.eye(3), -away)
+    joined = replace(
+        state, T_base_part={"base": np.eye(4), "block": shift @ state.T_base_part["block"]}
+    )
+    moved = replace(
+        toy.assembly,
+        parts={**toy.assembly.parts, "base": base},
+        states=(toy.assembly.states[0], joined),
+    )
+    T_moved = true["base"] @ transform_from(np.eye(3), away)
+    said = [
+        fits_of(assembly).step(found(T), KNOWN, toy.frame(1, true))
+        for assembly, T in ((toy.assembly, true["base"]), (moved, T_moved))
+    ]
+    assert said[0] is not None
+    assert said[1] == pytest.approx(said[0], abs=0.02)
 
 
 def test_a_part_that_one_sees_through_is_not_there(toy) -> None:

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
 
+from asdfviz.geometry.boxes import middle_of_points
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.rotation_grid import even_rotations, rotation_of, rotation_to_ray
 from asdfviz.geometry.sampling import oriented_surface_points
@@ -21,6 +23,7 @@ from asdfviz.pose.hypotheses import (
     HypothesisConfig,
     settle,
 )
+from asdfviz.pose.hypothesis_kernels import slid
 from asdfviz.pose.part_view import PartView, Surface, sampled_depth
 from asdfviz.pose.table import SunkConfig, Table
 
@@ -42,7 +45,7 @@ FACES = np.array(
 VERTICES = np.concatenate([UNIT * half + middle for middle, half in BLOCKS])
 ALL_FACES = np.concatenate([FACES, FACES + 8])
 POINTS, NORMALS = oriented_surface_points(VERTICES, ALL_FACES, 1500)
-SURFACE = Surface(POINTS, NORMALS, VERTICES)
+SURFACE = Surface(POINTS, NORMALS, VERTICES, middle_of_points(VERTICES))
 T_TRUE = transform_from(
     rotation_about(np.array([1.0, 0.3, -0.4]), 2.2), np.array([0.08, -0.05, 0.55])
 )
@@ -116,11 +119,38 @@ def test_depth_and_outline_find_and_refine_the_near_rotation() -> None:
 def test_a_box_that_is_off_does_not_move_what_lies_flat() -> None:
     T_flat = transform_from(np.eye(3), np.array([0.02, -0.01, 0.5]))
     seen = view(with_depth=True, T_camera_part=T_flat)
-    off = replace(seen, box_xyxy=seen.box_xyxy + np.array([2.0, -1.5, 2.0, -1.5]))
     turned = rotation_about(np.array([0.0, 0.0, 1.0]), np.deg2rad(4))
-    settled, *_ = settle(rotations(turned), SURFACE, off, config=HypothesisConfig())
-    assert np.linalg.norm(settled.T_camera_part[:3, 3] - T_flat[:3, 3]) < 0.0015
-    assert np.degrees(rotation_angle(settled.T_camera_part[:3, :3])) < 2
+    found: list[tuple[float, float]] = []
+    for x, y in product((1.6, 2.0, 2.4), (-1.5, 1.5)):
+        off = replace(seen, box_xyxy=seen.box_xyxy + np.array([x, y, x, y]))
+        T = settle(rotations(turned), SURFACE, off, config=HypothesisConfig())[0].T_camera_part
+        shift = float(np.linalg.norm(T[:3, 3] - T_flat[:3, 3]))
+        found.append((shift, float(np.degrees(rotation_angle(T[:3, :3])))))
+    shift, turn = np.mean(found, axis=0)
+    assert shift < 0.002
+    assert turn < 2
+
+
+def test_a_part_slides_along_the_ray_of_its_middle_wherever_its_origin_is() -> None:
+    here = view(with_depth=True)
+    T_off = transform_from(here.R_camera_view.T, np.zeros(3)) @ T_TRUE
+    T_off[:3, 3] *= 1.05
+    found: list[np.ndarray] = []
+    for along_z in (0.0, 2.0, -2.0):  # of the last two one lies behind the camera
+        away = transform_from(np.eye(3), np.array([0.3, 0.0, along_z]) * abs(np.sign(along_z)))
+        (moved,) = slid(
+            apply(away, POINTS),
+            (T_off @ inverse(away))[None],
+            here.focal,
+            here.outline,
+            here.measured,
+            0.25,
+            away[:3, 3],
+        )
+        found.append(moved @ away)
+    assert np.linalg.norm(here.R_camera_view @ found[0][:3, 3] - T_TRUE[:3, 3]) < 0.004
+    np.testing.assert_allclose(found[1], found[0], atol=1e-9)
+    np.testing.assert_allclose(found[2], found[0], atol=1e-9)
 
 
 def test_the_outline_alone_finds_it_too() -> None:
