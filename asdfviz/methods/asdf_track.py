@@ -177,7 +177,7 @@ class AsdfTrack:
             raise MethodError("asdf_track: reset() must come before step()")
         config, scene, timed = self._config, self._scene, StageTimer()
         assembly, parts = scene.assembly, scene.parts
-        proposed = self._asdf.propose(frame)
+        proposed, shown = self._asdf.propose(frame), frame
         if frame.depth is None:  # to the tracker, depth that measured nothing
             frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
         with timed("refind"):
@@ -204,7 +204,7 @@ class AsdfTrack:
             free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
             first = proposed.poses.get(assembly.base)
             scene.state = scene.followed.step(
-                self._asdf.looks, poses, frame, first=first, free=free
+                self._asdf.looks, poses, shown, first=first, free=free
             )
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)

@@ -9,7 +9,7 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, StateEstimate
 from asdfviz.geometry.symmetry import symmetric_angle
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.methods.asdf_track import AsdfTrackConfig
+from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.part_poses import part_shapes
@@ -88,3 +88,16 @@ def test_of_a_half_done_step_the_part_that_is_in_is_placed(
     assert symmetric_angle(placed[is_in].T_camera_part, upside_down, symmetries) > 2
     axes = placed[is_in].T_camera_part[:3, 2] @ T_right[:3, 2]
     assert axes > 0.99
+
+
+@pytest.mark.usefixtures("small_models")
+def test_the_tracker_tells_the_state_that_no_depth_was_measured(
+    toy, detector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Depth that measured nothing would say that nothing is hidden."""
+    seen: list[Frame] = []
+    monkeypatch.setattr(FollowedState, "step", lambda _, __, ___, shown, **____: seen.append(shown))
+    method, frame = AsdfTrack(AsdfTrackConfig(), detector=detector), toy.frame(0)
+    method.reset(toy.assembly, frame.camera, None)
+    method.step(frame)
+    assert [shown.depth for shown in seen] == [None]
