@@ -147,9 +147,7 @@ class AsdfPlus:
         self, proposed: FramePrediction, frame: Frame, scene: _Scene
     ) -> FramePrediction:
         """The first poses but those of things that stood there while the part was elsewhere."""
-        base = scene.followed.base or proposed.poses.get(scene.assembly.base)
-        T_camera_base = None if base is None else base.T_camera_part
-        others = scene.mistaken.found(frame, proposed.poses, T_camera_base)
+        others = _others(proposed.poses, proposed, frame, scene)
         self._asdf.disown(others)
         kept = {name: pose for name, pose in proposed.poses.items() if name not in others}
         return replace(proposed, poses=kept)
@@ -170,7 +168,10 @@ class AsdfPlus:
     def _decided(
         self, proposed: FramePrediction, frame: Frame, scene: _Scene
     ) -> dict[str, Decision]:
-        """The most trusted pose of every part, this frame's first poses among them."""
+        """The most trusted pose of every part, this frame's first poses among them.
+
+        One that was kept, and turns out to be another thing's, is dropped.
+        """
         found, contours, decided = self._asdf.assigned, scene.contours, dict[str, Decision]()
         for name, hypotheses in scene.hypotheses.items():
             look = self._asdf.looked_at.get(name)
@@ -183,6 +184,13 @@ class AsdfPlus:
             )
             if decision is not None:
                 decided[name] = decision
+        best = {
+            n: PoseEstimate(n, d.best.T_camera_part, d.best.trust, "refined")
+            for n, d in decided.items()
+        }
+        for name in _others(best, proposed, frame, scene):
+            scene.hypotheses[name].disown()
+            del decided[name]
         return decided
 
     def _settled(
@@ -252,6 +260,14 @@ class AsdfPlus:
             {name: pose.score for name, pose in poses.items()},
         )
         return {name: pose for name, pose in poses.items() if name not in intruders}
+
+
+def _others(
+    poses: Mapping[str, PoseEstimate], proposed: FramePrediction, frame: Frame, scene: _Scene
+) -> frozenset[str]:
+    """The parts whose poses are those of things that stood there while the part was elsewhere."""
+    base = scene.followed.base or proposed.poses.get(scene.assembly.base)
+    return scene.mistaken.found(frame, poses, None if base is None else base.T_camera_part)
 
 
 def _rests(scene: _Scene, name: str, box_xyxy: Box, frame: Frame) -> Transform | None:

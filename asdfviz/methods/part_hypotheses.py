@@ -142,6 +142,10 @@ class PartHypotheses:
         """The most trusted pose is known better than it was."""
         self._kept[0] = replace(self._kept[0], T_camera_part=T_camera_part)
 
+    def disown(self) -> None:
+        """The most trusted pose is that of another thing: it is kept no longer."""
+        self._kept = self._kept[1:]
+
     def _overtaken(self, found: Sequence[Hypothesis]) -> list[Hypothesis]:
         """Older poses lose trust where a new one explains the depth better.
 
@@ -266,18 +270,13 @@ class PartHypotheses:
         """The different ones, the most trusted first."""
         kept: list[Hypothesis] = []
         for one in sorted(found, key=lambda h: -h.trust):
-            same = (
-                i
-                for i, other in enumerate(kept)
-                if self._is_same(one.T_camera_part, other.T_camera_part)
-            )
+            T = one.T_camera_part
+            same = (i for i, other in enumerate(kept) if self._is_same(T, other.T_camera_part))
             place = next(same, None)
             if place is None:
                 kept.append(one)
             elif self._value(one.evidence) > self._value(kept[place].evidence):
-                kept[place] = replace(
-                    kept[place], T_camera_part=one.T_camera_part, evidence=one.evidence
-                )
+                kept[place] = replace(kept[place], T_camera_part=T, evidence=one.evidence)
         return kept
 
     def _value(self, seen: Evidence) -> float:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from asdfviz.datatypes import PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods.asdf import Asdf
@@ -14,6 +15,7 @@ from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.registration import RegistrationConfig, evidence, registered
+from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.yolov8pose import Yolov8Pose
 from asdfviz.methods.yolov8pose_icp import Yolov8PoseIcpConfig
 from asdfviz.methods.yolov8pose_state import Yolov8PoseStateConfig
@@ -95,6 +97,23 @@ def test_poses_that_are_rather_wrong_are_withheld_but_kept(toy, detector) -> Non
     seen = method.step(replace(toy.frame(0, {}), depth=None))
     assert {"base", "block"} <= set(seen.poses)
     assert any(p.poses.keys() > s.poses.keys() for p, s in zip(*said, strict=True))
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_look_alike_that_was_proposed_long_ago_is_not_told_once_the_part_is_gone(
+    toy, detector, enabled: bool
+) -> None:
+    """It is kept as a runner-up, as depth agrees with it in every frame."""
+    here, there = (transform_from(np.eye(3), np.array([x, 0.0, 0.6])) for x in (0.1, -0.15))
+    config = AsdfPlusConfig(still_there=StillThereConfig(enabled=enabled), least_score=0.0)
+    method, told = started(toy, AsdfPlus(config, detector=detector)), dict[str, PoseEstimate]()
+    for index in range(30):
+        shot = toy.photo(index, [here, there] if index < 15 else [there])
+        shot.rgb[0, 0] = index  # what the fake detector reads
+        T = there if index == 0 else here
+        detector.answers[index] = (toy.detection("block", T),) if index < 15 else ()
+        told = method.step(shot).poses
+    assert ("block" in told) != enabled
 
 
 def test_the_papers_variants_differ_in_their_stages(toy, detector) -> None:
