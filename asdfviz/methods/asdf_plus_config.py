@@ -27,7 +27,7 @@ class AsdfPlusConfig(AsdfConfig):
     """Options of ASDF, which gives first poses, and of what is added."""
 
     group: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=False))
-    """State helps pose inside ASDF: off, since it is done once, after the registration."""
+    """Of ASDF's own last step, which is not taken here, whatever this says: `joined` counts instead."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """Six degrees of freedom from depth."""
     hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
