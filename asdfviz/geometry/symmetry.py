@@ -5,7 +5,6 @@ A part's frame moves by a symmetry on the right: T_camera_part @ S looks the sam
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,19 +125,3 @@ def _facing(T_camera_part: Transform) -> float:
     towards = -T_camera_part[:3, :3].T @ T_camera_part[:3, 3]
     towards = towards / (np.linalg.norm(towards) + 1e-12)
     return float(towards @ np.array([1.0, 0.618, 0.382]))
-
-
-def symmetry_group(generators: Sequence[Transform], *, limit: int = 200) -> tuple[Transform, ...]:
-    """Close a set of generators under composition; the identity is left out of the result."""
-    group = [np.eye(4)]
-    frontier = [np.eye(4)]
-    while frontier and len(group) < limit:
-        fresh: list[Transform] = []
-        for member in frontier:
-            for generator in generators:
-                product = member @ generator
-                if all(np.abs(product - known).max() > 1e-6 for known in group):
-                    group.append(product)
-                    fresh.append(product)
-        frontier = fresh
-    return tuple(group[1:])

@@ -9,7 +9,6 @@ from asdfviz.geometry.symmetry import (
     across,
     canonical,
     nearest_symmetric,
-    symmetry_group,
 )
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 
@@ -126,23 +125,3 @@ def test_a_part_without_symmetry_keeps_its_pose() -> None:
 def test_across_is_a_unit_vector_at_right_angles(direction: np.ndarray) -> None:
     assert across(direction) @ direction == pytest.approx(0, abs=1e-12)
     assert np.linalg.norm(across(direction)) == pytest.approx(1)
-
-
-@pytest.mark.parametrize(
-    ("generators", "size"),
-    [
-        pytest.param((), 0, id="nothing"),
-        pytest.param((np.eye(4),), 0, id="identity"),
-        pytest.param(folds(6)[:1], 5, id="six-fold from one turn"),
-        pytest.param((half_turn(np.eye(3)[0]), half_turn(Z)), 3, id="box"),
-        pytest.param((folds(4)[0], folds(4, np.eye(3)[0])[0]), 23, id="cube"),
-    ],
-)
-def test_groups_close(generators: tuple[np.ndarray, ...], size: int) -> None:
-    group = symmetry_group(generators)
-    assert len(group) == size
-    for a in group:
-        for b in group:
-            product = a @ b
-            known = [np.eye(4), *group]
-            assert min(np.abs(product - c).max() for c in known) < 1e-6
