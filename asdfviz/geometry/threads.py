@@ -34,16 +34,22 @@ def side_by_side(work: Callable[[_Item], _Result], items: Iterable[_Item]) -> li
         return [work(item) for item in todo]
 
     shares: list[list[_Result]] = [[] for _ in range(threads)]
+    failed: dict[int, Exception] = {}
 
     def fill(first: int) -> None:
-        for item in todo[first::threads]:
-            shares[first].append(work(item))
+        for index in range(first, len(todo), threads):
+            try:
+                shares[first].append(work(todo[index]))
+            except Exception as error:  # noqa: BLE001  raised below, once nothing runs any more
+                failed[index] = error
+                return
 
     pool = _pool(os.getpid())
-    filling = [pool.submit(fill, first) for first in range(threads)]
-    wait(filling)
-    for first in sorted(range(threads), key=lambda k: k + threads * len(shares[k])):
-        filling[first].result()  # raises where a share ends with an error
+    others = [pool.submit(fill, first) for first in range(1, threads)]
+    fill(0)
+    wait(others)
+    if failed:
+        raise failed[min(failed)]
     return [shares[i % threads][i // threads] for i in range(len(todo))]
 
 
