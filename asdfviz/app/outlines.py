@@ -10,13 +10,16 @@ from asdfviz.datatypes import Mesh
 SHARP = np.radians(28.0)
 """Faces that meet at a larger angle make a crease."""
 MOST = 1500
-"""Segments a part; more would be a scan's noise or a fine thread, of which the sharpest are kept."""
+"""Segments a part; more would be a scan's noise or a fine thread, of which the sharpest are kept
+everywhere on the part."""
+CELLS = 10
+"""Cells along the part's longest side that share the segments: a thread's do not take the others' place."""
 _GRID = 1e-6
 """Metres: vertices closer than this are one."""
 
 
 def feature_edges(mesh: Mesh) -> Float32[np.ndarray, "s 2 3"]:
-    """Segments (metres, part frame) of every crease and border, the sharpest first."""
+    """Segments (metres, part frame) of every crease and border; of too many, the sharpest of every cell."""
     vertices, faces = _welded(mesh)
     if not len(faces):
         return np.zeros((0, 2, 3), np.float32)
@@ -33,8 +36,22 @@ def feature_edges(mesh: Mesh) -> Float32[np.ndarray, "s 2 3"]:
     a, b = normals[owner[starts[paired]]], normals[owner[starts[paired] + 1]]
     angle[paired] = np.arccos(np.clip((a * b).sum(axis=1), -1, 1))
     sharp = np.flatnonzero(angle > SHARP)
-    sharp = sharp[np.argsort(-angle[sharp], kind="stable")][:MOST]
-    return vertices[edges[starts[sharp]]].astype(np.float32)
+    sharp = sharp[np.argsort(-angle[sharp], kind="stable")]
+    segments = vertices[edges[starts[sharp]]].astype(np.float32)
+    return segments if len(segments) <= MOST else segments[_first_of_cells(segments)[:MOST]]
+
+
+def _first_of_cells(segments: np.ndarray) -> np.ndarray:
+    """The segments' order if each cell in turn gives its next one: no cell goes empty for a full one."""
+    middles = segments.mean(axis=1)
+    low, high = middles.min(axis=0), middles.max(axis=0)
+    places = (middles - low) / max((high - low).max(), _GRID) * CELLS
+    _, cells = np.unique(places.astype(np.int64), axis=0, return_inverse=True)
+    cells = cells.reshape(-1)
+    by_cell = np.argsort(cells, kind="stable")
+    counts = np.bincount(cells)
+    turns = np.arange(len(cells)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return by_cell[np.argsort(turns, kind="stable")]
 
 
 def _welded(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:

@@ -52,6 +52,16 @@ def test_edges_stay_few(clamp: Assembly) -> None:
         assert 0 < len(feature_edges(part.mesh)) <= MOST
 
 
+def test_a_thread_takes_no_place_from_the_rest_of_the_part(
+    clamp: Assembly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drawn = {name: feature_edges(part.mesh) for name, part in clamp.parts.items()}
+    monkeypatch.setattr("asdfviz.app.outlines.MOST", 10**6)
+    for name, part in clamp.parts.items():
+        reach = np.ptp(feature_edges(part.mesh).reshape(-1, 3), axis=0)
+        assert np.ptp(drawn[name].reshape(-1, 3), axis=0) == pytest.approx(reach, rel=0.02)
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_quaternions_go_round(seed: int) -> None:
     rng = np.random.default_rng(seed)
