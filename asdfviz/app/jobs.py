@@ -12,7 +12,7 @@ from asdfviz.app.truths import exported_truth, truth_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AsdfvizError, MethodError
 from asdfviz.evaluate.evaluate import evaluate_run
-from asdfviz.evaluate.health import check_sequence
+from asdfviz.evaluate.health import Finding, check_sequence
 from asdfviz.export.bop import export_bop
 from asdfviz.export.readable import told_left_out
 from asdfviz.methods.spec import MethodSpec
@@ -87,10 +87,20 @@ class Background:
 
 
 def start_check(workspace: Workspace) -> threading.Thread:
-    """Look for wrong units, sizes and shifts in the background; the findings appear when they are there."""
+    """Look for wrong units, sizes and shifts in the background; a check that fails is a finding, too."""
 
     def work() -> None:
-        workspace.findings = tuple(check_sequence(workspace.frames.source).findings)
+        why = "a fault in the program, which the terminal tells"
+        try:
+            workspace.findings = tuple(check_sequence(workspace.frames.source).findings)
+        except (AsdfvizError, OSError) as error:
+            why = str(error)
+            raise
+        finally:
+            # Else it would seem to work for good.
+            if workspace.findings is None:
+                workspace.findings = (Finding("unchecked", "error", f"It was not checked: {why}"),)
+                workspace.changed()
 
     return _start(workspace, work, "check")
 

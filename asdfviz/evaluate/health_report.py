@@ -18,6 +18,7 @@ Kind: TypeAlias = Literal[
     "missing_assembly",
     "depth_shift",
     "distractors",
+    "unchecked",
 ]
 
 

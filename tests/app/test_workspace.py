@@ -14,9 +14,9 @@ from tiny_sequence import TinySequence, make_run, pose_of
 
 from asdfviz.annotate.records import Seed, label_of
 from asdfviz.annotate.store import AnnotationStore
-from asdfviz.app import method_job
+from asdfviz.app import jobs, method_job
 from asdfviz.app.items import ANNOTATION, Message
-from asdfviz.app.jobs import Background, start_judging
+from asdfviz.app.jobs import Background, start_check, start_judging
 from asdfviz.app.method_job import next_run_folder, pace_of
 from asdfviz.app.timeline import Verdict
 from asdfviz.app.truths import drawn_truth
@@ -25,7 +25,8 @@ from asdfviz.app.workspace import Workspace
 from asdfviz.app.worst import worst_frames
 from asdfviz.data.run_files import load_run, save_run
 from asdfviz.datatypes import Assembly, Frame, FramePrediction, PoseEstimate, Run
-from asdfviz.errors import MethodError
+from asdfviz.errors import MethodError, SequenceError
+from asdfviz.evaluate.health import HealthReport
 from asdfviz.methods.spec import MethodSpec
 
 
@@ -310,3 +311,23 @@ def test_a_fault_in_the_program_ends_a_job(
     background.close()  # the thread has told of its error by then
     assert "a fault in the program" in workspace.messages[-1].body
     assert not any(workspace.runs_folder.iterdir())
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (SequenceError("no <camera>"), "no <camera>"),
+        (ZeroDivisionError(), "a fault in the program"),
+    ],
+)
+def test_a_check_that_fails_says_why(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch, error: Exception, words: str
+) -> None:
+    def broken(_sequence: object) -> HealthReport:
+        raise error
+
+    monkeypatch.setattr(jobs, "check_sequence", broken)
+    start_check(workspace).join(10)
+    assert workspace.findings is not None
+    assert f"It was not checked: {words}" in workspace.findings[0].message
