@@ -15,6 +15,7 @@ from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.images import ImageSizeError
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.datatypes import Frame, Sequence
+from asdfviz.errors import SequenceError
 from asdfviz.evaluate.health_camera import check_intrinsics, check_part_sizes
 from asdfviz.evaluate.health_depth import (
     FARTHEST,
@@ -25,10 +26,10 @@ from asdfviz.evaluate.health_depth import (
 )
 from asdfviz.evaluate.health_files import (
     check_assembly,
-    check_endings,
     check_numbering,
     check_objects,
     check_partners,
+    check_unread,
 )
 from asdfviz.evaluate.health_report import Finding as Finding
 from asdfviz.evaluate.health_report import HealthReport as HealthReport
@@ -54,17 +55,18 @@ def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> H
         progress: told how far reading, and then each of the longer checks, is.
 
     Raises:
-        SequenceError: an image, the camera or the truth cannot be read at all.
+        SequenceError: the camera or the truth cannot be read at all.
     """
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     places = spread(len(source), MOST_FRAMES)
     tell = progress or _untold
-    frames, findings = _read_frames(source, places, tell)
+    frames, unread = _read_frames(source, places, tell)
+    findings = list(_check_sizes(unread, len(places)))
+    findings += check_unread(unread, source)
     findings += check_intrinsics(source.camera)
     findings += check_numbering(source.frame_indices)
     if isinstance(source, FolderSequence):
         findings += check_partners(source)
-        findings += check_endings(source)
         findings += check_assembly(source)
     findings += check_objects(source)
     if frames:
@@ -85,24 +87,28 @@ def _untold(done: int, total: int, what: str) -> None:
 
 def _read_frames(
     source: Sequence, places: list[int], tell: Progress
-) -> tuple[dict[int, Frame], list[Finding]]:
+) -> tuple[dict[int, Frame], list[SequenceError]]:
+    """The frames that can be read, by place, and why the others cannot."""
     frames: dict[int, Frame] = {}
-    wrong: list[ImageSizeError] = []
+    unread: list[SequenceError] = []
     for done, place in enumerate(places):
         try:
             frames[place] = source[place]
-        except ImageSizeError as error:
-            wrong.append(error)
+        except SequenceError as error:
+            unread.append(error)
         tell(done + 1, len(places), "reading")
-    if not wrong:
-        return frames, []
-    finding = Finding(
-        "size_mismatch",
-        "error",
-        f"Sizes differ in {len(wrong)} of {len(places)} frames looked at: {wrong[0]}.",
-        float(len(wrong)),
-    )
-    return frames, [finding]
+    return frames, unread
+
+
+def _check_sizes(unread: Rows[SequenceError], looked_at: int) -> Iterator[Finding]:
+    wrong = [error for error in unread if isinstance(error, ImageSizeError)]
+    if wrong:
+        yield Finding(
+            "size_mismatch",
+            "error",
+            f"Sizes differ in {len(wrong)} of {looked_at} frames looked at: {wrong[0]}.",
+            float(len(wrong)),
+        )
 
 
 def _check_frames(source: Sequence, frames: dict[int, Frame], tell: Progress) -> Iterator[Finding]:
@@ -147,11 +153,14 @@ def _check_shift(images: Rows[Frame], tell: Progress) -> Iterator[Finding]:
 
 
 def _once(findings: list[Finding]) -> list[Finding]:
-    """Drop what a second check says of a kind that an error explains already."""
+    """Drop what a second check says of a kind that an error explains already; files speak one by one."""
     kept: list[Finding] = []
     explained: set[str] = set()
     for finding in findings:
-        is_new = finding.kind not in explained or finding.kind == "missing_frames"
+        is_new = finding.kind not in explained or finding.kind in (
+            "missing_frames",
+            "broken_images",
+        )
         if is_new:
             kept.append(finding)
         if finding.severity == "error" and finding.kind != "mesh_unit":

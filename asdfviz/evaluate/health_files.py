@@ -10,8 +10,10 @@ from itertools import pairwise
 from pathlib import Path
 
 from asdfviz.data.folder_sequence import FolderSequence
+from asdfviz.data.images import ImageSizeError
 from asdfviz.data.scene_objects import assign_parts, read_scene_objects
 from asdfviz.datatypes import Sequence
+from asdfviz.errors import SequenceError
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.evaluate.numbering import usual_step
 
@@ -66,17 +68,31 @@ def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
         )
 
 
-def check_endings(sequence: FolderSequence) -> Iterator[Finding]:
-    """Look at the last bytes of every image, which a copy or a recording that was cut off lacks."""
-    files = dict.fromkeys([*sequence.files.rgb.values(), *sequence.files.depth.values()])
-    broken = [f"{file.parent.name}/{file.name}" for file in files if not _is_whole(file)]
-    if broken:
+def check_unread(unread: Rows[SequenceError], sequence: Sequence) -> Iterator[Finding]:
+    """Name the images that are broken.
+
+    Args:
+        unread: why frames that were looked at could not be read.
+        sequence: whose every image lacks its last bytes where a copy or a recording was cut off.
+    """
+    cut = _cut_off(sequence) if isinstance(sequence, FolderSequence) else []
+    if cut:
+        names = _some(f"{file.parent.name}/{file.name}" for file in cut)
         yield Finding(
             "broken_images",
             "error",
-            f"{len(broken)} image(s) end too early: {_some(broken)}. Copy them again, or take them out.",
-            float(len(broken)),
+            f"{len(cut)} image(s) end too early: {names}. Copy them again, or take them out.",
+            float(len(cut)),
         )
+    named = tuple(f"{file} " for file in cut)
+    for error in unread:
+        if not isinstance(error, ImageSizeError) and not str(error).startswith(named):
+            yield Finding("broken_images", "error", f"{error}. Copy it again, or take it out.")
+
+
+def _cut_off(sequence: FolderSequence) -> list[Path]:
+    files = dict.fromkeys([*sequence.files.rgb.values(), *sequence.files.depth.values()])
+    return [file for file in files if not _is_whole(file)]
 
 
 def _is_whole(image: Path) -> bool:

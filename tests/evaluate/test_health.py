@@ -18,7 +18,6 @@ from memory_sequence import MemorySequence
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Mesh, Part, State
-from asdfviz.errors import SequenceError
 from asdfviz.evaluate.health import Finding, HealthReport, check_sequence
 from asdfviz.evaluate.health_shift import SCALES, measure_shift, spread
 from asdfviz.geometry.camera import project
@@ -409,10 +408,19 @@ def test_an_assembly_that_is_not_there_is_named(folder: Path) -> None:
     assert "'gone'" in only(check_sequence(open_sequence(folder)), "missing_assembly").message
 
 
-def test_unreadable_input_is_an_error(folder: Path) -> None:
-    (folder / "rgb" / "000001.png").write_bytes(b"broken")
-    with pytest.raises(SequenceError, match=r"000001\.png"):
-        check_sequence(open_sequence(folder))
+def test_every_unreadable_image_is_named_and_the_others_are_checked(folder: Path) -> None:
+    start, end = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
+    for number in (2, 4):
+        (folder / "rgb" / f"{number:06d}.png").write_bytes(start + b"no image" + end)
+    (folder / "depth" / "000001.png").write_bytes(b"broken")
+    report = check_sequence(open_sequence(folder))
+    broken = found(report, "broken_images")
+    assert [f.severity for f in broken] == ["error"] * 3
+    cut, first, second = (f.message for f in broken)
+    assert "1 image(s) end too early: depth/000001.png." in cut
+    assert "rgb/000002.png is corrupt" in first
+    assert "rgb/000004.png is corrupt" in second
+    assert only(report, "missing_depth").value == pytest.approx(0.01, abs=0.002)
 
 
 def test_the_report_is_plain_json_with_the_gravest_first(make: Make) -> None:
