@@ -42,6 +42,7 @@ _HEAD = (
     b'<script src="/asdfviz/app.js" defer></script>'
     b'<script src="/asdfviz/timeline.js" defer></script></head>'
 )
+LAST_PORT = 65535
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _Handler = Callable[[ServerConnection, Request], Response | None]
 
@@ -106,7 +107,7 @@ def start_server(host: str, port: int, *, token: str | None = None) -> tuple[Any
         The viser.ViserServer and the address to open, token included.
 
     Raises:
-        InputError: the port is taken or the address is not one of this machine's.
+        InputError: there is no such port, it is taken, or the address is not one of this machine's.
     """
     _check_free(host, port)
     wide = not is_loopback(host)
@@ -138,6 +139,10 @@ class _Server(viser.ViserServer):
 
 
 def _check_free(host: str, port: int) -> None:
+    if not 0 <= port <= LAST_PORT:
+        raise InputError(
+            f"there is no port {port}: take one from 1024 to {LAST_PORT}, or 0 for any"
+        )
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

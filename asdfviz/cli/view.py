@@ -31,7 +31,7 @@ class View:
     host: str = "127.0.0.1"
     """Address to listen on; anything but this machine needs a token."""
     port: int = 8080
-    """Port to listen on."""
+    """Port to listen on; 0 takes any free one."""
     token: str | None = None
     """Secret that opens the app when it listens beyond this machine."""
 

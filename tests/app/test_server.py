@@ -95,6 +95,12 @@ def test_a_busy_port_is_an_error_with_a_hint() -> None:
             start_server("127.0.0.1", port)
 
 
+@pytest.mark.parametrize("port", [-1, 65536, 99999])
+def test_a_port_that_there_is_not_is_an_error(port: int) -> None:
+    with pytest.raises(InputError, match=f"there is no port {port}: take one from 1024 to 65535"):
+        start_server("127.0.0.1", port)
+
+
 def test_a_foreign_address_is_an_error() -> None:
     with pytest.raises(InputError, match="cannot listen on"):
         start_server("192.0.2.1", 0)
