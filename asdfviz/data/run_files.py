@@ -24,13 +24,16 @@ FORMAT = 1
 RUN, PREDICTIONS = "run.json", "predictions.jsonl"
 RUNS = "runs"
 """Folder of a scene in which runs may lie beside the images, as the app puts them."""
+RECORDED = ("rgb", "depth", "camera.json", "scene_camera.json", "scene_gt.json")
+"""What only a recording has, in any of its formats."""
 
 
 def check_run_folder(folder: Path, scene: Path) -> None:
-    """See that a run's files, or what is made of it, will not lie among those of its scene.
+    """See that a run's files, or what is made of it, will not lie among those of a recording.
 
     Raises:
-        RunError: the folder is the scene's, holds it, or lies in it elsewhere than in runs/.
+        RunError: the folder is the scene's, holds it, lies in it elsewhere than in runs/, or is
+            another recording.
     """
     out, recorded = folder.resolve(), scene.resolve()
     if out == recorded or out in recorded.parents:
@@ -47,6 +50,11 @@ def check_run_folder(folder: Path, scene: Path) -> None:
     if out == recorded / RUNS:
         raise RunError(
             f"{folder} is for several runs: name a folder in it, such as {folder / 'asdf'}"
+        )
+    recording = next((name for name in RECORDED if (folder / name).exists()), None)
+    if recording is not None:
+        raise RunError(
+            f"{folder} is a recording itself (it has {recording}): name another folder for results"
         )
 
 

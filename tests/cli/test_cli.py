@@ -289,6 +289,18 @@ def test_a_run_never_goes_among_the_images(
     check_run_folder(scene / "runs" / "asdf", scene)  # where the app puts them
 
 
+@pytest.mark.parametrize("name", ["rgb", "depth", "camera.json", "scene_gt.json"])
+def test_a_run_never_goes_into_another_recording(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).mkdir()
+    assert exit_code("run", "sample", "--method", "asdf", "--out", str(tmp_path)) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"{tmp_path} is a recording itself (it has {name})" in said
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
 def test_every_error_of_ours_is_one_line(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
