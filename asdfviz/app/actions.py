@@ -264,6 +264,13 @@ class DismissWelcome:
 
 
 @dataclass(frozen=True, slots=True)
+class ByKey:
+    """What a key or the palette asks for, which a card that is open keeps off."""
+
+    action: Action
+
+
+@dataclass(frozen=True, slots=True)
 class Resized:
     """The window has another shape."""
 
@@ -286,5 +293,5 @@ Action: TypeAlias = (
     | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | Cancel
     | SetState | NextState | RepeatState | ClearState | SetRange | MarkRange
     | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | StopTracking | ToggleKeys | DismissWelcome
-    | Resized | Drifted | Changed
+    | ByKey | Resized | Drifted | Changed
 )  # fmt: skip

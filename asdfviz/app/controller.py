@@ -24,7 +24,7 @@ from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
 from asdfviz.app.places import edited
 from asdfviz.app.playback import Pace, wait_until_shown
-from asdfviz.app.session import settled, update
+from asdfviz.app.session import asked_for, settled, update
 from asdfviz.app.snapshot import take
 from asdfviz.app.view import View
 from asdfviz.app.welcome import is_first_visit, remember_visit
@@ -124,7 +124,8 @@ class Controller:
     def _keep_what_is_left(self) -> None:
         """The tab may go while edits still wait; they are kept, and nobody is there to be told."""
         while not self._queue.empty():
-            action = self._queue.get()
+            received = self._queue.get()
+            action = None if received is None else asked_for(self.view, received)
             if action is None:
                 continue
             self.view = update(self.view, action, self._workspace.facts())
@@ -177,7 +178,10 @@ class Controller:
         except AsdfvizError as error:
             self._display.tell("That did not work", str(error), color="red")
 
-    def _act(self, action: act.Action) -> None:
+    def _act(self, received: act.Action) -> None:
+        action = asked_for(self.view, received)
+        if action is None:
+            return
         facts = self._workspace.facts()
         self.view = update(self.view, action, facts)
         match action:

@@ -174,6 +174,6 @@ def register(gui: Any, assembly: Assembly, emit: Emit) -> None:
 def _sender(emit: Emit, action: act.Action) -> Callable[[object], Any]:
     async def send(_event: object) -> None:
         # async: viser runs these in order, while it may reorder those of its thread pool
-        emit(action)
+        emit(act.ByKey(action))
 
     return send

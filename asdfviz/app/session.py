@@ -22,6 +22,18 @@ def update(view: View, action: act.Action, facts: Facts) -> View:
     return view if rule is None else rule(view, action, facts)
 
 
+def asked_for(view: View, action: act.Action) -> act.Action | None:
+    """What to do for an action; a key does nothing while a card is open that it does not close.
+
+    The welcome is no such card: it has keys to be tried.
+    """
+    if not isinstance(action, act.ByKey):
+        return action
+    closing = act.Cancel if view.asking is not None else act.Cancel | act.ToggleKeys
+    is_covered = view.keys or view.asking is not None
+    return None if is_covered and not isinstance(action.action, closing) else action.action
+
+
 def settled(view: View, facts: Facts) -> View:
     """The view after the workspace changed: what is gone is no longer shown."""
     base = view.base

@@ -82,6 +82,30 @@ def test_edits_that_wait_when_the_tab_goes_are_kept(opened: Open, with_run: Work
     assert {part for _, part in with_run.store.poses()} == {"jaw", "bolt"}
 
 
+@pytest.mark.parametrize("card", [{"keys": True}, {"asking": "asdf"}])
+def test_keys_do_nothing_behind_a_card_but_close_it(
+    opened: Open, with_run: Workspace, card: dict[str, Any]
+) -> None:
+    tab, _ = opened(**card)
+    for action in (act.Nudge(0, 1), act.Seek(5), act.Cancel(), act.Nudge(1, 1)):
+        tab.emit(act.ByKey(action))
+    until(lambda: with_run.store.poses())
+    tab.close()
+    tab.wait(10.0)
+    assert (tab.view.keys, tab.view.asking, tab.view.place) == (False, None, 2)
+    moved = with_run.store.poses()[with_run.indices[2], "jaw"].T_camera_part
+    assert moved is not None
+    by = 1000 * (moved - with_run.base_poses(2, "first")["jaw"].T_camera_part)
+    assert by[:3, 3] == pytest.approx([0, 1, 0])
+
+
+def test_the_sheet_is_closed_by_the_key_that_opens_it(opened: Open) -> None:
+    tab, _ = opened(keys=True, asking=None)
+    tab.emit(act.ByKey(act.ToggleKeys()))
+    until(lambda: not tab.view.keys)
+    tab.close()
+
+
 def test_a_range_grows_while_it_plays(opened: Open) -> None:
     tab, _ = opened(base="first", speed=4.0)
     tab.emit(act.MarkRange())

@@ -401,8 +401,26 @@ def test_the_timeline_tells_verdicts_where_the_hand_is(page: Page, app: App) -> 
 def test_keys_are_on_a_sheet(page: Page) -> None:
     page.keyboard.press("Shift+h")
     expect(page.get_by_test_id("keys")).to_contain_text("Nudge up, down, left, right")
+    page.keyboard.press("End")
     page.keyboard.press("Escape")
     expect(page.get_by_test_id("keys")).to_be_hidden()
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "0")
+
+
+def test_keys_are_for_the_palette_while_it_is_open(page: Page) -> None:
+    page.keyboard.press("Control+k")
+    search = page.locator("input.mantine-Spotlight-search")
+    expect(search).to_be_focused()
+    page.evaluate("() => document.activeElement.blur()")
+    page.keyboard.press("End")
+    expect(search).to_be_focused()
+    page.keyboard.type("sheet")
+    page.keyboard.press("Enter")
+    expect(page.get_by_test_id("keys")).to_be_visible()
+    expect(search).to_be_hidden()
+    page.keyboard.press("Escape")
+    expect(page.get_by_test_id("keys")).to_be_hidden()
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "0")
 
 
 def test_a_lost_connection_comes_back_as_it_was(page: Page, app: App) -> None:

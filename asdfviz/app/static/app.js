@@ -174,6 +174,14 @@
     if (NS.view.mode === "ar" && CAMERA_KEYS.has(event.code)) event.stopPropagation();
   });
 
+  // The palette is viser's: keys are for its search, also after a click beside that.
+  window.addEventListener("keydown", (event) => {
+    const search = document.querySelector("input.mantine-Spotlight-search");
+    if (!search || event.target === search || event.key === "Escape") return;
+    event.stopPropagation();
+    search.focus();
+  }, { capture: true });
+
   document.addEventListener("wheel", (event) => {
     const canvas = window.__viserMutable && window.__viserMutable.canvas;
     if (NS.view.mode !== "ar" || event.target !== canvas) return;
