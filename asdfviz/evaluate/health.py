@@ -16,7 +16,7 @@ from asdfviz.data.images import ImageSizeError
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.datatypes import Frame, Sequence
 from asdfviz.errors import SequenceError
-from asdfviz.evaluate.health_camera import check_intrinsics, check_part_sizes
+from asdfviz.evaluate.health_camera import check_intrinsics, check_offsets, check_part_sizes
 from asdfviz.evaluate.health_depth import (
     FARTHEST,
     NEAREST,
@@ -69,6 +69,8 @@ def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> H
         findings += check_partners(source)
         findings += check_assembly(source)
     findings += check_objects(source)
+    if source.assembly is not None:
+        findings += check_offsets(source.assembly)
     if frames:
         findings += _check_frames(source, frames, tell)
     tell(len(places), len(places), "")

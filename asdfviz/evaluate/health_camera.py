@@ -1,4 +1,4 @@
-"""Checks on intrinsics and mesh sizes that need no truth: what cameras and parts can be at all."""
+"""Checks on intrinsics, mesh sizes and states that need no truth: what cameras and parts can be at all."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ OFF_CENTER = 0.15
 """Largest distance of the principal point from the image's centre, as a share of its size."""
 SMALLEST_SHARE = 0.03
 """Size of the largest part as a share of what the camera sees across: below, it is a few pixels."""
+SHORTEST_OFFSET, LEAST_PART = 0.5e-3, 10e-3
+"""Metres: where parts are this large, no state has all of them nearer than this, but not in, their base."""
 RESIZES = (0.25, 1 / 3, 0.375, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
 """By how much images are usually resized without their intrinsics."""
 
@@ -67,6 +69,26 @@ def check_intrinsics(camera: Camera) -> Iterator[Finding]:
             f"fx and fy differ by {100 * abs(fx / fy - 1):.0f} % ({fx:.1f} and {fy:.1f} px): "
             "pixels of common cameras are square. Check both.",
             float(fx / fy),
+        )
+
+
+def check_offsets(assembly: Assembly) -> Iterator[Finding]:
+    """Look for states whose offsets are a thousand times too short; meshes that share one origin have none."""
+    size = max(part.diameter for part in assembly.parts.values())
+    longest = {
+        state.name: max(float(np.linalg.norm(T[:3, 3])) for T in state.T_base_part.values())
+        for state in assembly.states
+    }
+    short = {name: x for name, x in longest.items() if 0.0 < x < SHORTEST_OFFSET}
+    if short and size >= LEAST_PART:
+        apart = 1e3 * max(short.values())
+        yield Finding(
+            "state_unit",
+            "warning",
+            f"The state(s) {', '.join(short)} put every part within {apart:.2g} mm of the base's "
+            f"origin, though parts are up to {1e3 * size:.0f} mm large: their 't' look like metres. "
+            "Give them in the 'unit' of assembly.yaml.",
+            apart,
         )
 
 

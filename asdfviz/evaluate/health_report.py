@@ -11,6 +11,7 @@ Kind: TypeAlias = Literal[
     "depth_unit",
     "intrinsics",
     "mesh_unit",
+    "state_unit",
     "size_mismatch",
     "missing_frames",
     "broken_images",

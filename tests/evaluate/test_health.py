@@ -285,6 +285,19 @@ def test_a_mesh_in_the_wrong_unit_is_named(
     assert not found(report, "depth_unit")
 
 
+@pytest.mark.parametrize(("metres", "said"), [(0.0000125, True), (0.0125, False), (0.0, False)])
+def test_offsets_of_states_in_metres_are_named(make: Make, metres: float, said: bool) -> None:
+    boxes = make_assembly()
+    joined = transform_from(np.eye(3), np.array([0, 0, metres]))
+    state = State(1, "block on", {"plate": np.eye(4), "block": joined})
+    report = check_sequence(make(assembly=replace(boxes, states=(*boxes.states, state))))
+    messages = [finding.message for finding in found(report, "state_unit")]
+    assert len(messages) == said
+    for message in messages:
+        assert "block on put every part within 0.013 mm" in message
+        assert "look like metres" in message
+
+
 def test_no_depth_at_all_is_said(make: Make) -> None:
     report = check_sequence(make(lambda frame: replace(frame, depth=None)))
     finding = only(report, "missing_depth")
