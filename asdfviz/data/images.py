@@ -76,12 +76,23 @@ def check_size(image: np.ndarray, size_wh: tuple[int, int], path: Path) -> None:
     if (width, height) != size_wh:
         raise ImageSizeError(
             f"{path} is {width} x {height} pixels, but the camera is {size_wh[0]} x {size_wh[1]}; "
-            "scale the image or give the intrinsics of this size"
+            "scale the image or give the intrinsics of this size",
+            color_wh=(width, height) if image.ndim == 3 else None,
         )
 
 
 class ImageSizeError(SequenceError):
     """An image is not as large as its camera."""
+
+    def __init__(self, message: str, *, color_wh: tuple[int, int] | None = None) -> None:
+        """Say which image it is.
+
+        Args:
+            message: the file and both sizes.
+            color_wh: the image's size where it is one of colour.
+        """
+        super().__init__(message)
+        self.color_wh = color_wh
 
 
 class Undistorter:

@@ -16,7 +16,12 @@ from asdfviz.data.images import ImageSizeError
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.datatypes import Frame, Sequence
 from asdfviz.errors import SequenceError
-from asdfviz.evaluate.health_camera import check_intrinsics, check_offsets, check_part_sizes
+from asdfviz.evaluate.health_camera import (
+    check_intrinsics,
+    check_offsets,
+    check_part_sizes,
+    size_finding,
+)
 from asdfviz.evaluate.health_depth import (
     FARTHEST,
     NEAREST,
@@ -61,9 +66,13 @@ def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> H
     places = spread(len(source), MOST_FRAMES)
     tell = progress or _untold
     frames, unread = _read_frames(source, places, tell)
-    findings = list(_check_sizes(unread, len(places)))
+    images_wh = None if frames else _common_size(unread)
+    if images_wh is None:
+        findings = list(_check_sizes(unread, len(places)))
+        findings += check_intrinsics(source.camera)
+    else:
+        findings = [size_finding(source.camera, images_wh)]
     findings += check_unread(unread, source)
-    findings += check_intrinsics(source.camera)
     findings += check_numbering(source.frame_indices)
     if isinstance(source, FolderSequence):
         findings += check_partners(source)
@@ -100,6 +109,12 @@ def _read_frames(
             unread.append(error)
         tell(done + 1, len(places), "reading")
     return frames, unread
+
+
+def _common_size(unread: Rows[SequenceError]) -> tuple[int, int] | None:
+    """The size of the colour images if none has the camera's, but all have one."""
+    sizes = {error.color_wh if isinstance(error, ImageSizeError) else None for error in unread}
+    return sizes.pop() if len(sizes) == 1 else None
 
 
 def _check_sizes(unread: Rows[SequenceError], looked_at: int) -> Iterator[Finding]:

@@ -15,6 +15,8 @@ SQUARE = 0.1
 """Largest difference of fx and fy, as a share."""
 OFF_CENTER = 0.15
 """Largest distance of the principal point from the image's centre, as a share of its size."""
+NEAR_CENTER = 0.06
+"""Largest such distance, as a share of half the size, of what counts as the centre."""
 SMALLEST_SHARE = 0.03
 """Size of the largest part as a share of what the camera sees across: below, it is a few pixels."""
 SHORTEST_OFFSET, LEAST_PART = 0.5e-3, 10e-3
@@ -72,6 +74,39 @@ def check_intrinsics(camera: Camera) -> Iterator[Finding]:
         )
 
 
+def size_finding(camera: Camera, images_wh: tuple[int, int]) -> Finding:
+    """What to change where the camera file has another size than all colour images."""
+    width, height = images_wh
+    cx, cy = camera.K[0, 2], camera.K[1, 2]
+    said, images = f"{camera.width} x {camera.height}", f"{width} x {height}"
+    factor = width / camera.width
+    is_scaled = abs(height / camera.height / factor - 1.0) < 0.02
+    if _is_centred(cx, cy, width, height):
+        advice = f"is the centre of these: set 'width' and 'height' to {width} and {height}"
+    elif _is_centred(cx, cy, camera.width, camera.height) and is_scaled:
+        advice = (
+            f"is the centre of {said}: multiply fx, fy, cx and cy by {factor:.3g}, and set 'width' "
+            f"and 'height' to {width} and {height}"
+        )
+    else:
+        advice = (
+            f"is the centre of neither: give the intrinsics of {images} images, with their 'width' "
+            "and 'height'"
+        )
+    return Finding(
+        "size_mismatch",
+        "error",
+        f"The camera file says {said}, but all images looked at are {images}. The principal point "
+        f"({cx:.1f}, {cy:.1f}) {advice}.",
+        factor,
+    )
+
+
+def _is_centred(cx: float, cy: float, width: int, height: int) -> bool:
+    across, down = 2.0 * cx / width, 2.0 * cy / height
+    return bool(abs(across - 1.0) < NEAR_CENTER and abs(down - 1.0) < NEAR_CENTER)
+
+
 def check_offsets(assembly: Assembly) -> Iterator[Finding]:
     """Look for states whose offsets are a thousand times too short; meshes that share one origin have none."""
     size = max(part.diameter for part in assembly.parts.values())
@@ -94,10 +129,9 @@ def check_offsets(assembly: Assembly) -> Iterator[Finding]:
 
 def _resize(camera: Camera) -> float | None:
     """The usual factor whose image has the principal point at its centre; None where none fits."""
-    across = 2.0 * camera.K[0, 2] / camera.width
-    down = 2.0 * camera.K[1, 2] / camera.height
     for factor in RESIZES:
-        if abs(across / factor - 1.0) < 0.06 and abs(down / factor - 1.0) < 0.06:
+        cx, cy = camera.K[:2, 2] / factor
+        if _is_centred(cx, cy, camera.width, camera.height):
             return factor
     return None
 

@@ -403,6 +403,32 @@ def test_sizes_that_differ_are_a_finding_not_an_error(folder: Path, kind: str) -
     assert report.findings[0] is finding
 
 
+@pytest.mark.parametrize(
+    ("center", "words"),
+    [
+        ((159.5, 120.0), "is the centre of these: set 'width' and 'height' to 320 and 240"),
+        ((318.0, 243.0), "multiply fx, fy, cx and cy by 0.5, and set 'width' and 'height'"),
+        ((470.0, 120.0), "give the intrinsics of 320 x 240 images"),
+    ],
+)
+def test_of_two_sizes_the_one_to_change_is_named(
+    folder: Path, center: tuple[float, float], words: str
+) -> None:
+    for file in (folder / "rgb").iterdir():
+        cv2.imwrite(str(file), np.zeros((240, 320, 3), np.uint8))
+    camera = json.loads((folder / "camera.json").read_text())
+    camera |= dict(zip(("cx", "cy"), center, strict=True))
+    (folder / "camera.json").write_text(json.dumps(camera))
+    report = check_sequence(open_sequence(folder))
+    finding = only(report, "size_mismatch")
+    assert (finding.severity, finding.value) == ("error", 0.5)
+    assert (
+        "The camera file says 640 x 480, but all images looked at are 320 x 240" in finding.message
+    )
+    assert words in finding.message
+    assert not found(report, "intrinsics")
+
+
 def test_distractors_are_counted(folder: Path) -> None:
     entry = {"cam_R_m2c": np.eye(3).reshape(-1).tolist(), "cam_t_m2c": [0, 0, 800]}
     names = ["plate", "mug", "spoon", "mug", "plate"]
