@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -76,6 +77,21 @@ def assign_parts(
         else:
             others.append(item)
     return found, tuple(others)
+
+
+def objects_beside(folder: Path, assembly: Assembly) -> tuple[Counter[str], Counter[str]]:
+    """Count the entries that stand for no part: of objects that the assembly has not, and repeats of its parts.
+
+    Raises:
+        SequenceError: scene_gt.json is broken.
+    """
+    known = {p.name for p in assembly.parts.values()} | {p.obj_id for p in assembly.parts.values()}
+    strangers: Counter[str] = Counter()
+    repeats: Counter[str] = Counter()
+    for objects in read_scene_objects(folder).values():
+        for item in assign_parts(objects, assembly)[1]:
+            (repeats if item.obj_id in known else strangers)[str(item.obj_id)] += 1
+    return strangers, repeats
 
 
 def id_kind(folder: Path) -> type[int] | type[str] | None:

@@ -14,7 +14,7 @@ from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
 from asdfviz.errors import SequenceError
 from asdfviz.evaluate.bop import DepthDrawer, View, Views, bop_recall
 from asdfviz.evaluate.calibration import ranking_area, reliability
-from asdfviz.evaluate.inputs import changed_inputs, open_result
+from asdfviz.evaluate.inputs import changed_inputs, open_result, unknown_objects
 from asdfviz.evaluate.judgement import Judgement, judge
 from asdfviz.evaluate.protocols import (
     DIAMETER_SHARE,
@@ -70,7 +70,12 @@ def evaluate_folder(
         protocol=protocol,
         views=result.view,
     )
-    warnings = [*report.get("warnings", ()), *changed_inputs(result.run, result.assembly)]
+    truth_from = Path(result.run.sequence) if truth_folder is None else truth_folder
+    warnings = [
+        *report.get("warnings", ()),
+        *changed_inputs(result.run, result.assembly),
+        *unknown_objects(truth_from, result.assembly),
+    ]
     return {**report, "warnings": warnings} if warnings else report
 
 

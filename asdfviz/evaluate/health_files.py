@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from collections.abc import Sequence as Rows
 from itertools import pairwise
@@ -11,7 +10,7 @@ from pathlib import Path
 
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.images import ImageSizeError
-from asdfviz.data.scene_objects import assign_parts, read_scene_objects
+from asdfviz.data.scene_objects import objects_beside
 from asdfviz.datatypes import Sequence
 from asdfviz.errors import SequenceError
 from asdfviz.evaluate.health_report import Finding
@@ -125,13 +124,7 @@ def check_objects(sequence: Sequence) -> Iterator[Finding]:
     assembly = sequence.assembly
     if assembly is None:
         return
-    frames = read_scene_objects(Path(sequence.path))
-    known = {p.name for p in assembly.parts.values()} | {p.obj_id for p in assembly.parts.values()}
-    strangers: Counter[str] = Counter()
-    repeats: Counter[str] = Counter()
-    for objects in frames.values():
-        for item in assign_parts(objects, assembly)[1]:
-            (repeats if item.obj_id in known else strangers)[str(item.obj_id)] += 1
+    strangers, repeats = objects_beside(Path(sequence.path), assembly)
     if strangers:
         total = sum(strangers.values())
         yield Finding(

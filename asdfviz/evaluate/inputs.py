@@ -12,6 +12,7 @@ from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.hashes import assembly_sha256, sequence_sha256
 from asdfviz.data.result_csv import read_result_csv
 from asdfviz.data.run_files import load_run
+from asdfviz.data.scene_objects import SCENE_GT, objects_beside
 from asdfviz.data.sequences import open_sequence, read_folder_truth
 from asdfviz.datatypes import Assembly, Camera, FrameTruth, Run
 from asdfviz.errors import RunError, SequenceError
@@ -111,6 +112,23 @@ def changed_inputs(run: Run, assembly: Assembly) -> list[str]:
     if folder.is_dir() and run.hashes.get("sequence") not in (None, sequence_sha256(folder)):
         found.append(f"images or JSON files of {folder} changed since the run")
     return found
+
+
+def unknown_objects(folder: Path, assembly: Assembly) -> list[str]:
+    """Name the objects of a truth that are not judged because the assembly has no such part.
+
+    Raises:
+        SequenceError: scene_gt.json is broken.
+    """
+    strangers, _ = objects_beside(folder, assembly)
+    if not strangers:
+        return []
+    named = ", ".join(f"'{name}'" for name in strangers)
+    return [
+        f"{folder / SCENE_GT} has {sum(strangers.values())} entries of {named}, which {assembly.name} "
+        "does not have: they count as distractors and are not judged. If one is a part, give it the "
+        "part's name or 'obj_id'"
+    ]
 
 
 def _read_csv(

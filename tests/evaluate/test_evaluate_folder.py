@@ -117,6 +117,19 @@ def test_what_changed_since_the_run_is_said(case: Case) -> None:
     assert "warnings" not in evaluate_folder(case.run_folder)
 
 
+def test_objects_that_are_no_parts_are_named(case: Case, tmp_path: Path) -> None:
+    write_truth(tmp_path / "other")
+    file = tmp_path / "other" / "scene_gt.json"
+    gt = json.loads(file.read_text())
+    for frame in ("0", "2"):
+        gt[frame].append({**gt[frame][0], "obj_id": "plato"})
+    file.write_text(json.dumps(gt))
+    (tmp_path / "other" / "scene_gt_info.json").unlink()
+    report = evaluate_folder(case.run_folder, truth_folder=tmp_path / "other")
+    (warning,) = report["warnings"]
+    assert "2 entries of 'plato', which toy does not have" in warning
+
+
 def test_the_hashes_are_those_that_a_run_keeps(case: Case) -> None:
     from asdfviz.run import input_hashes
 
