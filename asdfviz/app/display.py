@@ -40,7 +40,13 @@ class Display:
         self._unreadable: int | None = None
         self._notes = Notes(client)
         with client.atomic():
-            self._page = Page(client.gui, methods, emit, opened=workspace.opened)
+            self._page = Page(
+                client.gui,
+                methods,
+                emit,
+                opened=workspace.opened,
+                path=workspace.frames.path,
+            )
             self._scene = Scene(client, workspace, emit)
             hotkeys.register(client.gui, workspace.assembly, emit)
 

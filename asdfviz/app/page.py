@@ -27,6 +27,7 @@ class Page:
         emit: Callable[[act.Action], None],
         *,
         opened: str,
+        path: str,
     ) -> None:
         """Make the fields.
 
@@ -34,7 +35,8 @@ class Page:
             gui: viser's handle of the tab's panel.
             available: everything that could be run.
             emit: called with what the page's script asks for.
-            opened: tells the page whether it is still the same sequence.
+            opened: tells a page that is loaded again whether it is still the same opening.
+            path: tells a page that lost its connection whether it is still the same sequence.
         """
         self._available = available
         self._bridge = gui.add_text("bridge", "", visible=False)
@@ -45,7 +47,7 @@ class Page:
         self._sent: dict[str, str] = {}
         # The script needs the hidden field's id, which viser has no public name for.
         uuid: str = self._bridge._impl.uuid
-        self._put("bridge", mount("bridge", "", uuid=uuid, opened=opened))
+        self._put("bridge", mount("bridge", "", uuid=uuid, opened=opened, sequence=path))
 
     def show(self, snap: Snapshot, worst: tuple[WorstFrame, ...]) -> None:
         """Bring every field to a snapshot."""

@@ -437,6 +437,18 @@ def test_a_lost_connection_comes_back_as_it_was(page: Page, app: App) -> None:
     settled(page, lambda rgb: count(green(rgb)) == 4)
 
 
+def test_another_sequence_begins_at_its_first_frame(page: Page, app: App) -> None:
+    page.keyboard.press("End")
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "11")
+    page.evaluate("() => { window.asdfviz.sequence = 'another'; }")
+    before = app.tabs()
+    app.drop_connections()
+    until(lambda: app.tabs() and app.tabs() != before, "the page connects again")
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "0")
+    page.keyboard.press("ArrowRight")  # behind whatever the page asked for when it came back
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "1")
+
+
 def test_a_page_that_is_loaded_again_is_where_it_was(page: Page, app: App) -> None:
     page.keyboard.press("End")
     page.keyboard.press("ArrowLeft")

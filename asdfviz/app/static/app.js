@@ -72,7 +72,7 @@
   };
 
   // A new connection begins at the first frame: go back to where we were before the old one was lost,
-  // or before the page was loaded again while the same sequence was open.
+  // unless another sequence is served now, or before the page was loaded again while it was open.
   const STORED = "asdfviz-place";
   const stored = (opened) => {
     try {
@@ -82,10 +82,11 @@
       return {};  // the browser keeps nothing
     }
   };
-  const resume = ({ uuid, opened }) => {
+  const resume = ({ uuid, opened, sequence }) => {
     if (NS.bridge === uuid) return;
-    const { place = 0, mode = "ar" } = NS.bridge === null ? stored(opened) : NS.view;
-    Object.assign(NS, { bridge: uuid, opened });
+    const seen = NS.sequence === sequence ? NS.view : {};
+    const { place = 0, mode = "ar" } = NS.bridge === null ? stored(opened) : seen;
+    Object.assign(NS, { bridge: uuid, opened, sequence });
     if (Number(place) > 0 || mode !== "ar") send({ kind: "Resume", place: Number(place), mode });
   };
   window.addEventListener("pagehide", () => {
