@@ -393,6 +393,11 @@ def test_the_timeline_tells_verdicts_where_the_hand_is(page: Page, app: App) -> 
         }"""
     )
     assert cut == ""
+    overflow = """(timeline) => {
+        timeline.querySelectorAll(".tl-row:not(:first-child)").forEach((row) => { row.hidden = true; });
+        return timeline.scrollHeight - timeline.clientHeight;
+    }"""
+    assert page.get_by_test_id("timeline").evaluate(overflow) == 0
     store.undo()
     app.workspace.changed()
     expect(row.locator(".tl-verified")).to_have_count(0)
