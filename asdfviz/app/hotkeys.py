@@ -122,10 +122,11 @@ _NAMES = {
 
 SHARED_LINES = (
     ("Look", "1 to 9", "Blink the outlines of a run"),
+    ("Panel", "Ctrl K", "Palette: search all commands"),
     ("Correct", "I K J L U O", "Nudge up, down, left, right, nearer, farther"),
     ("Correct", "Shift + same", "Turn about the same axes"),
 )
-"""Keys that share a line of the sheet."""
+"""Keys that share a line of the sheet, and the palette's, which is viser's own."""
 
 
 def sheet() -> dict[str, list[tuple[str, str]]]:

@@ -217,7 +217,7 @@ def test_the_sheet_names_every_key_that_is_not_shared() -> None:
     shown = {key for lines in hotkeys.sheet().values() for key, _ in lines}
     single = {hotkeys.key_name(h) for h in hotkeys.HOTKEYS if h.key and h.on_sheet}
     assert single <= shown
-    assert {"Space", "Ctrl Z", "I K J L U O", "Shift + same"} <= shown
+    assert {"Space", "Ctrl Z", "I K J L U O", "Shift + same", "Ctrl K"} <= shown
 
 
 def test_the_sheet_has_keys_for_states() -> None:
