@@ -19,7 +19,7 @@ from asdfviz.app import camera
 from asdfviz.app.carrying import plan
 from asdfviz.app.desk import Burst, dragged
 from asdfviz.app.display import Display
-from asdfviz.app.editing import Edits, apply_edit
+from asdfviz.app.editing import Edits, NothingLeft, apply_edit
 from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
 from asdfviz.app.places import edited
@@ -67,6 +67,7 @@ class Controller:
         self._burst = Burst()
         self._pace = Pace()
         self._status = ""
+        self._carrying = workspace.carrying
         self._drag: act.MovePart | None = None
         self._heard = heard
         self._on_shown = on_shown
@@ -175,6 +176,8 @@ class Controller:
     def _handle(self, action: act.Action) -> None:
         try:
             self._act(action)
+        except NothingLeft as end:
+            self._display.tell("Undo, redo", str(end), color="gray")
         except AsdfvizError as error:
             self._display.tell("That did not work", str(error), color="red")
 
@@ -260,6 +263,10 @@ class Controller:
                 message.title, message.body, color="red" if message.is_problem else "green"
             )
         self._heard = len(messages)
+        carrying = self._workspace.carrying
+        if carrying is not None and carrying is not self._carrying and carrying.state == "done":
+            self._status = f"{carrying.method} tracked to {carrying.done} frames, saved"
+        self._carrying = carrying
 
     def _play(self) -> None:
         now = time.monotonic()

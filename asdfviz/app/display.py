@@ -84,7 +84,7 @@ class Display:
             return None
 
     def tell(self, title: str, body: str, *, color: Any) -> None:
-        """Show a note; a red one, about a problem, stays until it is closed."""
+        """Show a note; a red one, about a problem, stands longer."""
         self._notes.tell(title, body, color=color)
 
     def _send_ahead(self, view: View) -> None:

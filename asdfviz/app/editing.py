@@ -42,12 +42,17 @@ Edits = (
 )
 
 
+class NothingLeft(AnnotationError):
+    """There is nothing to undo or redo: no fault, only the end."""
+
+
 def apply_edit(
     action: Edits, view: View, workspace: Workspace, *, burst: Burst, now: float
 ) -> Done:
     """Keep an edit.
 
     Raises:
+        NothingLeft: of what it would take back, or do again.
         AnnotationError: it cannot be done here; the message says why and what to do.
     """
     if isinstance(action, (act.Nudge, act.Turn)):
@@ -167,7 +172,7 @@ def _switch(action: act.Undo | act.Redo, desk: Desk) -> Done:
     store, view = desk.workspace.store, desk.view
     edits = store.undo() if undo else store.redo()
     if not edits:
-        raise AnnotationError(f"nothing left to {'undo' if undo else 'redo'}")
+        raise NothingLeft(f"nothing left to {'undo' if undo else 'redo'}")
     changed = frames_of(edits)
     places = [place for place, frame in enumerate(desk.workspace.indices) if frame in changed]
     said = f"{'undid' if undo else 'redid'}: {in_words(edits)}"

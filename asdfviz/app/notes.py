@@ -1,12 +1,13 @@
-"""Notes over the picture: what went well goes by itself, what did not stays until it is closed."""
+"""Notes over the picture: they go by themselves, what did not work stands twice as long and once."""
 
 from __future__ import annotations
 
 from typing import Any
 
 MOST = 6
-"""Problems that stand at once: viser's page shows ten notes and keeps later ones back."""
-_SECONDS = 6.0
+"""Problems and hints that stand at once: viser's page shows ten notes and keeps later ones back."""
+SECONDS, PROBLEM_SECONDS = 6.0, 12.0
+"""How long notes stand; problems longer, as they tell what to do instead."""
 
 
 class Notes:
@@ -15,25 +16,25 @@ class Notes:
     def __init__(self, client: Any) -> None:
         self._client = client
         self._standing: dict[tuple[str, str], Any] = {}
-        """Problems, oldest first; some may be closed by now, which the page does not tell."""
+        """Problems and hints, oldest first; some are closed by now, which the page does not tell."""
 
     def tell(self, title: str, body: str, *, color: Any) -> None:
-        """Show a note; a red one, about a problem, stays until it is closed, and stands there once."""
-        is_problem = color == "red"
-        if is_problem:
+        """Show a note; one that is not green, about a problem (red) or a hint, stands there once."""
+        is_once = color != "green"
+        if is_once:
             self._make_room((title, body))
         note = self._client.add_notification(
             title,
             body,
             with_close_button=True,
-            auto_close_seconds=None if is_problem else _SECONDS,
+            auto_close_seconds=PROBLEM_SECONDS if color == "red" else SECONDS,
             color=color,
         )
-        if is_problem:
+        if is_once:
             self._standing[title, body] = note
 
-    def _make_room(self, problem: tuple[str, str]) -> None:
-        """Take the same problem away, or the oldest where too many would stand."""
-        gone = [problem] if problem in self._standing else list(self._standing)[: 1 - MOST]
+    def _make_room(self, note: tuple[str, str]) -> None:
+        """Take the same note away, or the oldest where too many would stand."""
+        gone = [note] if note in self._standing else list(self._standing)[: 1 - MOST]
         for known in gone:
             self._standing.pop(known).remove()

@@ -11,6 +11,7 @@ import pytest
 
 from asdfviz.app import actions as act
 from asdfviz.app.controller import Controller
+from asdfviz.app.items import JobStatus
 from asdfviz.app.jobs import Background
 from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import Workspace
@@ -25,6 +26,7 @@ class Screen:
         self._seconds = seconds
         self.shown: list[Any] = []
         self.told: list[tuple[str, str]] = []
+        self.colors: list[str] = []
 
     def frame(self, place: int) -> None:
         del place
@@ -35,8 +37,8 @@ class Screen:
         return True
 
     def tell(self, title: str, body: str, *, color: str) -> None:
-        del color
         self.told.append((title, body))
+        self.colors.append(color)
 
 
 Open = Callable[..., tuple[Controller, Screen]]
@@ -103,6 +105,30 @@ def test_the_sheet_is_closed_by_the_key_that_opens_it(opened: Open) -> None:
     tab, _ = opened(keys=True, asking=None)
     tab.emit(act.ByKey(act.ToggleKeys()))
     until(lambda: not tab.view.keys)
+    tab.close()
+
+
+def test_the_end_of_undo_is_a_hint(opened: Open) -> None:
+    tab, screen = opened()
+    tab.emit(act.Undo())
+    tab.emit(act.CopyPrevious())
+    tab.emit(act.RevertPart())
+    tab.emit(act.RevertPart())
+    until(lambda: len(screen.told) == 2)
+    tab.close()
+    assert screen.told[0][1] == "nothing left to undo"
+    assert screen.colors == ["gray", "red"]
+
+
+def test_beside_undo_stands_what_was_tracked_last(opened: Open, with_run: Workspace) -> None:
+    tab, screen = opened()
+    tab.emit(act.Nudge(0, 1))
+    until(lambda: "moved" in screen.shown[-1][0].status)
+    with_run.carrying = JobStatus("jaw", "done", done=5, total=5)
+    with_run.changed()
+    until(lambda: screen.shown[-1][0].status == "jaw tracked to 5 frames, saved")
+    tab.emit(act.Nudge(0, 1))
+    until(lambda: "moved" in screen.shown[-1][0].status)
     tab.close()
 
 

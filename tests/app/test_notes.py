@@ -1,4 +1,4 @@
-"""Notes over the picture: what did not work stays until it is closed, once."""
+"""Notes over the picture: what did not work stands longer, and once."""
 
 from __future__ import annotations
 
@@ -41,18 +41,26 @@ def tab() -> Tab:
     return Tab()
 
 
-def test_only_what_went_well_goes_by_itself(tab: Tab) -> None:
+def test_what_did_not_work_stands_longer_but_goes_by_itself(tab: Tab) -> None:
     notes = Notes(tab)
     notes.tell("That did not work", "no part is selected", color="red")
     notes.tell("Exported", "/there", color="green")
-    assert [note.seconds is None for note in tab.shown] == [True, False]
+    notes.tell("Undo, redo", "nothing left to undo", color="gray")
+    assert [note.seconds for note in tab.shown] == [12.0, 6.0, 6.0]
 
 
 def test_a_problem_that_comes_again_stands_there_once(tab: Tab) -> None:
     notes = Notes(tab)
-    for body in ("no part is selected", "nothing left to undo", "no part is selected"):
+    for body in ("no part is selected", "no frame is left", "no part is selected"):
         notes.tell("That did not work", body, color="red")
-    assert [note.body for note in tab.shown] == ["nothing left to undo", "no part is selected"]
+    assert [note.body for note in tab.shown] == ["no frame is left", "no part is selected"]
+
+
+def test_a_hint_that_comes_again_stands_there_once(tab: Tab) -> None:
+    notes = Notes(tab)
+    for _ in range(3):
+        notes.tell("Undo, redo", "nothing left to undo", color="gray")
+    assert len(tab.shown) == 1
 
 
 def test_a_new_problem_is_seen_however_many_stand(tab: Tab) -> None:
@@ -60,5 +68,5 @@ def test_a_new_problem_is_seen_however_many_stand(tab: Tab) -> None:
     for number in range(MOST + 3):
         notes.tell("Frame cannot be read", str(number), color="red")
         notes.tell("Done", str(number), color="green")
-    problems = [note.body for note in tab.shown if note.seconds is None]
+    problems = [note.body for note in tab.shown if note.seconds == 12.0]
     assert problems == [str(number) for number in range(3, MOST + 3)]
