@@ -22,6 +22,7 @@ LAYERS = (
     ("run", "train", "evaluate", "export", "annotate", "bench"),
     ("app",),
     ("cli",),
+    ("__main__",),
 )
 RANK = {room: rank for rank, rooms in enumerate(LAYERS) for room in rooms}
 ONLY_IN = {

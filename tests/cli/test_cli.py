@@ -343,6 +343,13 @@ def test_an_interrupt_while_modules_are_loaded_is_quiet(tmp_path: Path) -> None:
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "stopped\n")
 
 
+def test_the_package_is_the_command_line_too() -> None:
+    line = [sys.executable, "-m", "asdfviz", "check", "no/such/folder"]
+    ended = subprocess.run(line, capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr.count("\n")) == (2, 1)
+    assert ended.stderr.startswith("error: no scene folder")
+
+
 def test_methods_lists_the_paper_ones(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code("methods", "--json") == 0
     names = {row["name"] for row in json.loads(capsys.readouterr().out)}
