@@ -8,20 +8,26 @@ from collections.abc import Sequence
 
 from asdfviz.errors import AsdfvizError, Stopped
 
+FOUND = 1
 BAD_INPUT = 2
 STOPPED = 130
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one command. Exits 0, 2 for bad input or a machine that lacks something, 130 when stopped."""
+    """Run one command.
+
+    Exits 0, 1 where `check` found an error, 2 for bad input or a machine that lacks something, 130
+    when stopped.
+    """
     sys.exit(_exit_code(sys.argv[1:] if arguments is None else list(arguments)))
 
 
 def _exit_code(arguments: list[str]) -> int:
+    code = 0
     try:
         from asdfviz.cli.commands import obey  # here, as Ctrl+C may come meanwhile
 
-        obey(arguments)
+        code = obey(arguments)
         sys.stdout.flush()
     except (KeyboardInterrupt, Stopped) as stopped:
         print(f"stopped{f': {stopped}' if str(stopped) else ''}", file=sys.stderr)
@@ -32,4 +38,4 @@ def _exit_code(arguments: list[str]) -> int:
     except (AsdfvizError, OSError) as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return BAD_INPUT
-    return 0
+    return code

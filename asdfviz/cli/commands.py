@@ -40,8 +40,11 @@ Command = (
 )
 
 
-def obey(arguments: list[str]) -> None:
+def obey(arguments: list[str]) -> int:
     """Do what one command line says.
+
+    Returns:
+        The exit code; only `check` has another than 0.
 
     Raises:
         InputError: it says what nobody knows.
@@ -65,7 +68,10 @@ def obey(arguments: list[str]) -> None:
         raise
     if rest:
         raise InputError(f"unknown arguments: {' '.join(rest)}; see asdfviz --help")
+    if isinstance(command, Check):
+        return command()
     if isinstance(command, RunMethod):
         command(chosen)
     else:
         command()
+    return 0

@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from asdfviz.cli import FOUND
 from asdfviz.cli.progress import progress_bar
 
 
@@ -19,6 +20,8 @@ class Check:
     """Look a sequence over for wrong units, intrinsics, sizes, gaps and shifted depth.
 
     Example: asdfviz check sample
+
+    Exits 1 where a finding is an error, 0 where there are warnings and notes at most.
     """
 
     sequence: Annotated[str, tyro.conf.Positional]
@@ -30,8 +33,8 @@ class Check:
     json: bool = False
     """Print JSON."""
 
-    def __call__(self) -> None:
-        """Print the findings; they do not fail the command, unreadable input does."""
+    def __call__(self) -> int:
+        """Print the findings; returns the exit code."""
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
         from asdfviz.evaluate.health import check_sequence
@@ -40,13 +43,15 @@ class Check:
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         with progress_bar("check") as progress:
             report = check_sequence(sequence, progress=progress)
+        code = FOUND if any(f.severity == "error" for f in report.findings) else 0
         if self.json:
             print(json.dumps(report.to_json(), indent=2, allow_nan=False))
-            return
+            return code
         for finding in report.findings:
             print(f"{finding.severity:<8} {finding.message}")
         looked = f"looked at {report.frames_looked_at} of {report.frames} frames"
         print(looked if report.findings else f"nothing found, {looked}")
+        return code
 
 
 @dataclass(frozen=True)

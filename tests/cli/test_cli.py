@@ -25,6 +25,7 @@ from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import check_run_folder, load_run
 from asdfviz.data.sequences import open_sequence
 from asdfviz.errors import RenderError
+from asdfviz.evaluate.health_report import Finding, HealthReport, Severity
 from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.icg import IcgConfig
 from asdfviz.synth.packs import PackConfig
@@ -310,6 +311,22 @@ def test_every_error_of_ours_is_one_line(
     monkeypatch.setattr("asdfviz.evaluate.health.check_sequence", fail)
     assert exit_code("check", "sample") == 2
     assert capsys.readouterr().err == "error: no EGL here: install libegl1\n"
+
+
+@pytest.mark.parametrize(("severity", "code"), [("info", 0), ("warning", 0), ("error", 1)])
+def test_check_fails_where_a_finding_is_an_error(
+    severity: Severity,
+    code: int,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    finding = Finding("depth_unit", severity, "a finding")
+    report = HealthReport("sample", "/sample", 1, 1, (finding,))
+    monkeypatch.setattr("asdfviz.evaluate.health.check_sequence", lambda *_, **__: report)
+    assert exit_code("check", "sample") == code
+    assert f"{severity:<8} a finding" in capsys.readouterr().out
+    assert exit_code("check", "sample", "--json") == code
+    assert json.loads(capsys.readouterr().out)["findings"][0]["severity"] == severity
 
 
 def test_check_shows_how_far_it_is_and_stops(
