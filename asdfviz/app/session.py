@@ -37,8 +37,9 @@ def asked_for(view: View, action: act.Action) -> act.Action | None:
 def settled(view: View, facts: Facts) -> View:
     """The view after the workspace changed: what is gone is no longer shown."""
     base = view.base
-    # The truth stands in where there is no run yet, unless somebody chose it.
-    stands_in = base == TRUTH and not view.chosen and facts.preferred is not None
+    # The truth stands in where there is no run yet, unless somebody chose it or works on it.
+    is_settled = view.chosen or facts.is_corrected
+    stands_in = base == TRUTH and not is_settled and facts.preferred is not None
     if base not in facts.layers or stands_in:
         base = facts.preferred or (TRUTH if facts.has_truth else None)
     return replace(
@@ -156,6 +157,7 @@ def _select(view: View, action: act.SelectPart, facts: Facts) -> View:
     return replace(
         view,
         selected=action.part,
+        chosen=view.chosen or view.base is not None,
         tab="annotate",
         playing=False,
         hidden=view.hidden - {action.part},

@@ -31,6 +31,8 @@ class Facts:
     preferred: str | None
     """The run to draw first."""
     has_truth: bool
+    is_corrected: bool
+    """Whether anybody corrected anything: what is drawn then stays."""
     K: Intrinsics
     size_wh: tuple[int, int]
 
@@ -68,7 +70,7 @@ class View:
     base: str | None = None
     """The run (or the truth) whose poses are shown where nothing was corrected."""
     chosen: bool = False
-    """Whether a person chose the base."""
+    """Whether a person chose the base, or a part as it lies there."""
     selected: str | None = None
     step: int = 1
     marked: tuple[int, int] | None = None

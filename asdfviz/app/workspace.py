@@ -214,6 +214,7 @@ class Workspace:
             runs=tuple(runs),
             preferred=next(reversed(favourites or runs), None),
             has_truth=self.has_truth,
+            is_corrected=self.store.corrections() > 0,
             K=camera.K,
             size_wh=(camera.width, camera.height),
         )

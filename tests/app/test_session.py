@@ -20,6 +20,7 @@ FACTS = Facts(
     runs=("a", "b"),
     preferred="a",
     has_truth=True,
+    is_corrected=False,
     K=np.array([[500.0, 0.0, 320.0], [0.0, 500.0, 240.0], [0.0, 0.0, 1.0]]),
     size_wh=(640, 480),
 )
@@ -235,6 +236,22 @@ def test_without_runs_the_truth_is_drawn_and_without_truth_nothing() -> None:
     # The first run takes over, but not from somebody who chose the truth.
     assert settled(settled(View(), bare), FACTS).base == "a"
     assert settled(after(View(), act.UseRun(TRUTH)), FACTS).base == TRUTH
+
+
+@pytest.mark.parametrize("pick", [act.SelectPart("jaw"), act.NextPart(1), act.Seek(3, part="jaw")])
+def test_the_first_run_takes_nothing_out_of_hands(pick: act.Action) -> None:
+    bare = replace(FACTS, runs=(), preferred=None)
+    held = after(settled(View(), bare), pick)
+    assert settled(held, FACTS).base == TRUTH
+    assert settled(after(held, act.Cancel()), FACTS).base == TRUTH
+    # Nothing was drawn without truth: the run's poses are news then, not a change.
+    empty = replace(bare, has_truth=False)
+    assert settled(after(settled(View(), empty), pick), FACTS).base == "a"
+
+
+def test_the_first_run_changes_nothing_that_was_corrected() -> None:
+    bare = replace(FACTS, runs=(), preferred=None)
+    assert settled(settled(View(), bare), replace(FACTS, is_corrected=True)).base == TRUTH
 
 
 @pytest.mark.parametrize("action", [act.Undo(), act.Export(), act.Changed(), act.StopRun()])
