@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 from asdfviz.errors import AsdfvizError, Stopped
 
-FOUND = 1
 BAD_INPUT = 2
 STOPPED = 130
 
@@ -16,8 +15,8 @@ STOPPED = 130
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one command.
 
-    Exits 0, 1 where `check` found an error, 2 for bad input or a machine that lacks something, 130
-    when stopped.
+    Exits 0, 2 for bad input (also where `check` met images that cannot be read) or a machine that lacks
+    something, 130 when stopped.
     """
     sys.exit(_exit_code(sys.argv[1:] if arguments is None else list(arguments)))
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from asdfviz.cli import FOUND
+from asdfviz.cli import BAD_INPUT
 from asdfviz.cli.progress import progress_bar
 
 
@@ -21,7 +21,7 @@ class Check:
 
     Example: asdfviz check sample
 
-    Exits 1 where a finding is an error, 0 where there are warnings and notes at most.
+    Findings exit 0, images that cannot be read 2.
     """
 
     sequence: Annotated[str, tyro.conf.Positional]
@@ -43,7 +43,7 @@ class Check:
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         with progress_bar("check") as progress:
             report = check_sequence(sequence, progress=progress)
-        code = FOUND if any(f.severity == "error" for f in report.findings) else 0
+        code = 0 if report.is_readable else BAD_INPUT
         if self.json:
             print(json.dumps(report.to_json(), indent=2, allow_nan=False))
             return code

@@ -45,6 +45,11 @@ class HealthReport:
     frames_looked_at: int
     findings: tuple[Finding, ...]
 
+    @property
+    def is_readable(self) -> bool:
+        """Whether no image was found that cannot be read."""
+        return all(finding.kind != "broken_images" for finding in self.findings)
+
     def to_json(self) -> dict[str, object]:
         """Plain values for JSON."""
         return {

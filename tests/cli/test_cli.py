@@ -25,7 +25,7 @@ from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import check_run_folder, load_run
 from asdfviz.data.sequences import open_sequence
 from asdfviz.errors import RenderError
-from asdfviz.evaluate.health_report import Finding, HealthReport, Severity
+from asdfviz.evaluate.health_report import Finding, HealthReport, Kind, Severity
 from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.icg import IcgConfig
 from asdfviz.synth.packs import PackConfig
@@ -313,14 +313,18 @@ def test_every_error_of_ours_is_one_line(
     assert capsys.readouterr().err == "error: no EGL here: install libegl1\n"
 
 
-@pytest.mark.parametrize(("severity", "code"), [("info", 0), ("warning", 0), ("error", 1)])
-def test_check_fails_where_a_finding_is_an_error(
+@pytest.mark.parametrize(
+    ("kind", "severity", "code"),
+    [("depth_unit", "warning", 0), ("depth_unit", "error", 0), ("broken_images", "error", 2)],
+)
+def test_findings_do_not_fail_a_check_but_images_that_cannot_be_read(
+    kind: Kind,
     severity: Severity,
     code: int,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    finding = Finding("depth_unit", severity, "a finding")
+    finding = Finding(kind, severity, "a finding")
     report = HealthReport("sample", "/sample", 1, 1, (finding,))
     monkeypatch.setattr("asdfviz.evaluate.health.check_sequence", lambda *_, **__: report)
     assert exit_code("check", "sample") == code
