@@ -404,6 +404,7 @@ def test_the_timeline_tells_verdicts_where_the_hand_is(page: Page, app: App) -> 
 
 
 def test_keys_are_on_a_sheet(page: Page) -> None:
+    page.keyboard.press("Home")
     page.keyboard.press("Shift+h")
     expect(page.get_by_test_id("keys")).to_contain_text("Nudge up, down, left, right")
     page.keyboard.press("End")
@@ -413,6 +414,7 @@ def test_keys_are_on_a_sheet(page: Page) -> None:
 
 
 def test_keys_are_for_the_palette_while_it_is_open(page: Page) -> None:
+    page.keyboard.press("Home")
     page.keyboard.press("Control+k")
     search = page.locator("input.mantine-Spotlight-search")
     expect(search).to_be_focused()
