@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -45,7 +45,10 @@ Open = Callable[..., tuple[Controller, Screen]]
 
 
 @pytest.fixture
-def opened(with_run: Workspace, monkeypatch: pytest.MonkeyPatch) -> Open:
+def opened(with_run: Workspace, monkeypatch: pytest.MonkeyPatch) -> Iterator[Open]:
+    """Opens tabs, whose threads end before the workspace does."""
+    tabs: list[Controller] = []
+
     def made(*, seconds: float = 0.0, **view: Any) -> tuple[Controller, Screen]:
         screen = Screen(seconds)
 
@@ -57,10 +60,14 @@ def opened(with_run: Workspace, monkeypatch: pytest.MonkeyPatch) -> Open:
         client = SimpleNamespace(camera=SimpleNamespace(aspect=1.5))
         tab = Controller(cast(Any, client), with_run, Background(with_run), {})
         tab.start()
+        tabs.append(tab)
         until(lambda: screen.shown)
         return tab, screen
 
-    return made
+    yield made
+    for tab in tabs:
+        tab.close()
+        tab.wait(30.0)
 
 
 def until(condition: Callable[[], object]) -> None:
@@ -111,8 +118,6 @@ def test_the_sheet_is_closed_by_the_key_that_opens_it(opened: Open) -> None:
 def test_the_end_of_undo_is_a_hint(opened: Open) -> None:
     tab, screen = opened()
     tab.emit(act.Undo())
-    tab.emit(act.CopyPrevious())
-    tab.emit(act.RevertPart())
     tab.emit(act.RevertPart())
     until(lambda: len(screen.told) == 2)
     tab.close()
