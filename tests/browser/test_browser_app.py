@@ -239,6 +239,7 @@ def test_zoom_and_the_3d_view_and_back(page: Page, app: App) -> None:
     until(lambda: np.linalg.norm(client(app).camera.position) > 0.05, "the camera is free")
     page.keyboard.press("t")
     until(lambda: np.linalg.norm(client(app).camera.position) < 1e-4, "the camera is pinned")
+    until(lambda: page.evaluate("() => window.asdfviz.view.mode") == "ar", "the page knows it")
     # Keys that fly viser's camera do nothing here.
     page.keyboard.down("w")
     page.keyboard.down("d")
