@@ -68,7 +68,7 @@ class Workspace:
         self._changes = 0
         self._lock = threading.RLock()
         self._listeners: list[Callable[[], None]] = []
-        self._rows: tuple[object, tuple[timeline.Row, ...], tuple[int, ...]] | None = None
+        self._rows: tuple[object, tuple[timeline.Row, ...], tuple[int, ...], bool] | None = None
 
     @property
     def has_truth(self) -> bool:
@@ -170,7 +170,7 @@ class Workspace:
 
     def rows(self) -> tuple[timeline.Row, ...]:
         """The timeline's rows: annotation, truth, runs."""
-        return self._rows_and_boundaries()[0]
+        return self._rows_and_what_follows()[0]
 
     def is_labelled(self, first: int, last: int) -> bool:
         """Whether a person set the state of any place from the first to the last."""
@@ -193,28 +193,33 @@ class Workspace:
         named = [state for state in self.assembly.states if mark and state.name == mark.name]
         return named[0].attached if named else ()
 
-    def _rows_and_boundaries(self) -> tuple[tuple[timeline.Row, ...], tuple[int, ...]]:
-        """Made anew only when a run or the annotation changed."""
+    def _rows_and_what_follows(self) -> tuple[tuple[timeline.Row, ...], tuple[int, ...], bool]:
+        """With the boundaries, and whether anything was corrected, which takes longer the more there is.
+
+        Made anew only when a run or the annotation changed.
+        """
         with self._lock:
             stamp = (self.store.version(), self._changes)
             if self._rows is None or self._rows[0] != stamp:
                 rows = self._build_rows()
-                self._rows = (stamp, rows, timeline.boundaries(rows))
+                is_corrected = self.store.corrections() > 0
+                self._rows = (stamp, rows, timeline.boundaries(rows), is_corrected)
             return self._rows[1:]
 
     def facts(self) -> Facts:
         """What the view's rules depend on."""
         camera = self.frames.camera
         runs = [run.id for run in self.runs]
+        _, boundaries, is_corrected = self._rows_and_what_follows()
         favourites = [run.id for run in self.runs if run.run.method == FIRST_METHOD]
         return Facts(
             count=len(self.indices),
             parts=tuple(self.assembly.parts),
-            boundaries=self._rows_and_boundaries()[1],
+            boundaries=boundaries,
             runs=tuple(runs),
             preferred=next(reversed(favourites or runs), None),
             has_truth=self.has_truth,
-            is_corrected=self.store.corrections() > 0,
+            is_corrected=is_corrected,
             K=camera.K,
             size_wh=(camera.width, camera.height),
         )

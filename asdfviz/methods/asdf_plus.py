@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate, StateEstimate
+from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.asdf import Asdf
@@ -135,7 +135,7 @@ class AsdfPlus:
             with timed("group"):
                 told = scene.followed.unfolded
                 poses = scene.group.step(poses, told, frame, base=scene.followed.base)
-                poses = self._settled_together(poses, told, frame, scene)
+                poses = self._settled_together(poses, frame, scene)
         scene.mistaken.see(frame, poses)
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
@@ -207,20 +207,14 @@ class AsdfPlus:
         return fits
 
     def _settled_together(
-        self,
-        poses: dict[str, PoseEstimate],
-        state: StateEstimate | None,
-        frame: Frame,
-        scene: _Scene,
+        self, poses: dict[str, PoseEstimate], frame: Frame, scene: _Scene
     ) -> dict[str, PoseEstimate]:
         """The poses, those of the parts that the state holds together settled as one."""
-        held = scene.group.held
+        held, state = scene.group.held, scene.followed.joins
         if scene.together is None or state is None or len(held) < 2:
             return poses
         settled = scene.together.step(
-            frame,
-            {name: poses[name].T_camera_part for name in held},
-            scene.followed.assembly.states[state.index],
+            frame, {name: poses[name].T_camera_part for name in held}, state
         )
         if not settled:
             return poses
