@@ -18,11 +18,9 @@ from jaxtyping import Float32, Float64, Int64
 from asdfviz.datatypes import KEYPOINTS
 from asdfviz.geometry.shapes import Intrinsics, Rgb
 from asdfviz.geometry.transforms import rotation_about
-from asdfviz.pose.labels import LabelledObject
-from asdfviz.train.dataset import LabelledImage
+from asdfviz.train.dataset import LabelledImage, Stacked
 
 Labels: TypeAlias = Int64[np.ndarray, "m"]
-Size: TypeAlias = Float32[np.ndarray, "2"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,58 +100,41 @@ def view(
     rgb = cv2.warpAffine(
         image.rgb, H[:2], (width, height), flags=cv2.INTER_LINEAR, borderValue=fill
     ).astype(np.uint8, copy=False)
-    labels: list[int] = []
-    boxes: list[np.ndarray] = []
-    keypoints: list[np.ndarray] = []
-    rotations: list[np.ndarray] = []
+    labels = image.stacked
     window = np.array([width, height], np.float32)
-    for item in image.objects:
-        # Pixel centres move by half a pixel between a frame's and the network's coordinates.
-        outline = move_points(H, item.outline) + np.float32(0.5)
-        needed = 0.7 if item.part is None else smallest_inside
-        low = np.clip(outline.min(0), 0, window)
-        high = np.clip(outline.max(0), 0, window)
-        whole = _area(outline.max(0) - outline.min(0))
-        if _area(high - low) < needed * whole or (high - low).min() < 2:
-            continue
-        labels.append(item.label)
-        boxes.append(np.concatenate([low, high]))
-        keypoints.append(_moved_keypoints(item, H, window))
-        rotations.append(_ray_rotation(item, angle))
+    if not len(labels.labels):
+        return _labelled(rgb, labels, np.zeros(0, np.int64), np.zeros((0, 4)), H, angle)
+    # Pixel centres move by half a pixel between a frame's and the network's coordinates.
+    outlines = move_points(H, labels.outlines) + np.float32(0.5)
+    first = np.minimum.reduceat(outlines, labels.starts, axis=0)
+    last = np.maximum.reduceat(outlines, labels.starts, axis=0)
+    low, high = np.clip(first, 0, window), np.clip(last, 0, window)
+    needed = np.where(labels.is_state, 0.7, smallest_inside)
+    shown = (high - low).astype(float).prod(1) >= needed * (last - first).astype(float).prod(1)
+    kept = (shown & ((high - low).min(1) >= 2)).nonzero()[0]
+    boxes = np.concatenate([low[kept], high[kept]], axis=1)
+    return _labelled(rgb, labels, kept, boxes, H, angle)
+
+
+def _labelled(
+    rgb: Rgb, labels: Stacked, kept: Labels, boxes: np.ndarray, H: np.ndarray, angle: float
+) -> Sample:
+    """The sample with the labels of the kept objects, in a window of the picture's size."""
+    window = np.array([rgb.shape[1], rgb.shape[0]], np.float32)
+    keypoints = labels.keypoints[kept]
+    points = move_points(H, keypoints[:, :, :2].reshape(-1, 2)) + np.float32(0.5)
+    points = points.reshape(-1, KEYPOINTS, 2)
+    inside = ((points >= 0) & (points < window)).all(2)
+    flags = np.where(inside, keypoints[:, :, 2], 1.0).astype(np.float32)
+    moved = np.concatenate([points, flags[:, :, None]], axis=2)
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), angle)
     return Sample(
         rgb=rgb,
-        labels=np.array(labels, np.int64),
-        boxes=np.array(boxes, np.float32).reshape(-1, 4),
-        keypoints=np.array(keypoints, np.float32).reshape(-1, KEYPOINTS, 3),
-        rotations=np.array(rotations, np.float32).reshape(-1, 3, 3),
+        labels=labels.labels[kept],
+        boxes=boxes.astype(np.float32),
+        keypoints=np.where(labels.is_state[kept, None, None], keypoints, moved),
+        rotations=(turn @ labels.rays[kept]).astype(np.float32),
     )
-
-
-def _area(size: Size) -> float:
-    return float(size[0]) * float(size[1])
-
-
-def _moved_keypoints(
-    item: LabelledObject, H: np.ndarray, window: Size
-) -> Float32[np.ndarray, "17 3"]:
-    if item.part is None:
-        return item.keypoints
-    points = move_points(H, item.keypoints[:, :2]) + np.float32(0.5)
-    inside = ((points >= 0) & (points < window)).all(1)
-    flags = np.where(inside, item.keypoints[:, 2], 1.0)
-    return np.concatenate([points, flags[:, None]], axis=1).astype(np.float32)
-
-
-def _ray_rotation(item: LabelledObject, angle: float) -> Float64[np.ndarray, "3 3"]:
-    """Rotation of the part as seen along the ray to it: what its picture shows, wherever it is."""
-    if item.T_camera_part is None:
-        return np.zeros((3, 3))
-    t = item.T_camera_part[:3, 3]
-    ray = t / np.linalg.norm(t)
-    axis = np.cross(ray, [0.0, 0.0, 1.0])
-    length = float(np.linalg.norm(axis))
-    turn = rotation_about(axis, np.arctan2(length, ray[2])) if length > 1e-9 else np.eye(3)
-    return rotation_about(np.array([0.0, 0.0, 1.0]), angle) @ turn @ item.T_camera_part[:3, :3]
 
 
 def change_colors(rgb: Rgb, rng: np.random.Generator, config: ColorConfig) -> Rgb:

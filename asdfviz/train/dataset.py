@@ -3,24 +3,69 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64
 
 from asdfviz.data.cameras import read_scene_cameras
 from asdfviz.data.images import metric_depth, read_raw_depth, read_rgb
 from asdfviz.data.json_files import read_json
 from asdfviz.data.scene_files import find_scene_files
 from asdfviz.data.scene_objects import read_scene_objects
-from asdfviz.datatypes import Assembly
+from asdfviz.datatypes import KEYPOINTS, Assembly
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.geometry.shapes import Depth, Intrinsics, Rgb
+from asdfviz.geometry.transforms import rotation_about
 from asdfviz.pose.labels import LabelledObject, Labeller, Subject, read_groups
 
 SEQUENCE = "sequence.json"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stacked:
+    """The labels of all objects of a picture, in arrays that are moved together."""
+
+    labels: Int64[np.ndarray, "m"]
+    is_state: Bool[np.ndarray, "m"]
+    outlines: Float32[np.ndarray, "p 2"]
+    """Those of all objects behind one another, pixels."""
+    starts: Int64[np.ndarray, "m"]
+    """Where each begins."""
+    keypoints: Float32[np.ndarray, "m 17 3"]
+    rays: Float64[np.ndarray, "m 3 3"]
+    """Rotation of the part as seen along the ray to it: what its picture shows, wherever it is;
+    zeros for states."""
+
+    @classmethod
+    def of(cls, objects: Sequence[LabelledObject]) -> Stacked:
+        """Stack the labels of a picture."""
+        counts = np.array([len(o.outline) for o in objects], np.int64)
+        flat = np.concatenate([np.zeros((0, 2), np.float32), *(o.outline for o in objects)])
+        keypoints = np.array([o.keypoints for o in objects], np.float32)
+        rays = np.array([_along_ray(o) for o in objects])
+        return cls(
+            labels=np.array([o.label for o in objects], np.int64),
+            is_state=np.array([o.part is None for o in objects], bool),
+            outlines=flat.astype(np.float32, copy=False),
+            starts=counts.cumsum() - counts,
+            keypoints=keypoints.reshape(-1, KEYPOINTS, 3),
+            rays=rays.reshape(-1, 3, 3),
+        )
+
+
+def _along_ray(item: LabelledObject) -> Float64[np.ndarray, "3 3"]:
+    if item.T_camera_part is None:
+        return np.zeros((3, 3))
+    t = item.T_camera_part[:3, 3]
+    ray = t / np.linalg.norm(t)
+    axis = np.cross(ray, [0.0, 0.0, 1.0])
+    length = float(np.linalg.norm(axis))
+    turn = rotation_about(axis, np.arctan2(length, ray[2])) if length > 1e-9 else np.eye(3)
+    return turn @ item.T_camera_part[:3, :3]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +78,11 @@ class LabelledImage:
     rgb: Rgb
     K: Intrinsics
     objects: tuple[LabelledObject, ...]
+    stacked: Stacked = field(init=False)
+    """The labels of `objects` once more, to be moved together."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "stacked", Stacked.of(self.objects))
 
 
 def load_images(
