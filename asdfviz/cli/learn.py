@@ -25,7 +25,9 @@ class Train:
     data: tuple[Path, ...] = ()
     """Scene folders with truth, as `asdfviz synth` writes them, of all the assemblies."""
     fresh: int = 0
-    """Also render packs while training, on the same device, and draw from the latest so many."""
+    """Also render scenes and packs while training, and draw from the latest so many."""
+    fresh_device: str = "cpu"
+    """Where they are rendered: with several loaders on one GPU they stand in each other's way."""
     validation: tuple[Path, ...] = ()
     """Scene folders that are never trained on."""
     start: Path | None = None
@@ -42,7 +44,8 @@ class Train:
     threads: int = 1
     """CPU threads."""
     loaders: int = 1
-    """Threads that make batches; a GPU wants as many as there are cores."""
+    """Threads that make batches (with fresh: processes, which also render); a GPU wants nearly as
+    many as there are cores."""
     loss: Literal["mix", "oks", "paper"] = "mix"
     """Keypoint loss: our mix, the public OKS, or the paper's L2."""
     keypoint_gain: float = 1.0

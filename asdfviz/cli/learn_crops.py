@@ -42,7 +42,7 @@ class TrainCrops:
     minutes: float = 60.0
     """Budget, earlier sittings counted in."""
     generators: int = 1
-    """Processes that render fresh crops beside the training; on cuda it renders its own."""
+    """Processes that render fresh crops beside the training; with 0 a run on cuda renders itself."""
     threads: int = 1
     """CPU threads of the training itself."""
     batch: int = 128

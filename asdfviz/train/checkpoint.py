@@ -203,7 +203,7 @@ def begin_from(network: Network, checkpoint: Path, *, classes: Sequence[str]) ->
             taken += 1
         elif is_class and source.shape[1:] == tensor.shape[1:] and rows:
             to, origin = zip(*rows, strict=True)
-            tensor[list(to)] = source[list(origin)]
+            tensor[list(to)] = source[list(origin)].to(tensor.device)
     return taken
 
 

@@ -47,10 +47,18 @@ class TrainConfig:
     output: Path
     """Run folder: checkpoints, log, curve, weights."""
     fresh: int = 0
-    """Packs rendered while training, on the training's device: this many, the latest, are drawn
-    from beside `data`, which may then be empty. 0 for none. Such a run does not repeat exactly."""
+    """Pictures rendered while training: the latest so many are drawn from beside `data`, which may
+    then be empty. 0 for none. Such a run does not repeat exactly."""
+    fresh_draws: int = 40
+    """Inputs for which each of them is drawn from in the mean; a faster training waits."""
+    fresh_scenes: float = 0.5
+    """Share of scenes among them; the others are packs, half of them with joined groups mostly."""
+    fresh_device: str = "cpu"
+    """Where torch renders them. Thirteen processes that all rendered on one H100 made 4.5 pictures a
+    second together and kept the training waiting; six made 10.8, and seven on CPU cores 6."""
     loaders: int = 1
-    """Threads that make batches; a GPU wants as many as there are cores."""
+    """Threads that make batches; with `fresh`, processes that render and make batches. A GPU wants
+    nearly as many as there are cores."""
     validation: tuple[Path, ...] = ()
     """Scene folders that are never trained on."""
     start: Path | None = None
@@ -124,7 +132,10 @@ def check_config(config: TrainConfig) -> None:
         raise InputError(f"minutes is {config.minutes:g}, give a budget above 0")
     if not (math.isfinite(config.keypoint_gain) and config.keypoint_gain >= 0):
         raise InputError(f"keypoint_gain is {config.keypoint_gain:g}, give 0 or more")
+    if not 0 <= config.fresh_scenes <= 1:
+        raise InputError(f"fresh_scenes is {config.fresh_scenes:g}, give a share from 0 to 1")
     least = {"threads": 1, "image_size": 32, "keypoint_width": 0, "fresh": 0, "loaders": 1}
+    least["fresh_draws"] = 1
     for name, smallest in least.items():
         if getattr(config, name) < smallest:
             raise InputError(f"{name} is {getattr(config, name)}, use {smallest} or more")

@@ -59,7 +59,7 @@ class CropTrainConfig:
     grid: int = GRID
     """Rotations."""
     generators: int = 1
-    """Processes that render fresh crops beside; on a GPU the run renders itself."""
+    """Processes that render fresh crops beside, on the CPU; with 0 a run on a GPU renders itself."""
     generator_niceness: int = 2
     """By which they stand back behind the training."""
     shard: int = 1024

@@ -49,7 +49,7 @@ class CropPool:
         drawn: list[Crops] = []
         for shard, first, last in zip(chosen, ends, ends[1:], strict=False):
             rows = rng.integers(len(shard), size=last - first)
-            drawn.append(shard.taken(torch.as_tensor(rows)))
+            drawn.append(shard.taken(torch.as_tensor(rows, device=shard.labels.device)))
         return Crops.joined(drawn)
 
 
@@ -158,8 +158,9 @@ def await_shards(
     count: int,
     alive: Callable[[], bool],
     stop: Callable[[], bool],
+    device: str = "cpu",
 ) -> None:
-    """Load shards until the pool holds `count`, or those that there are if nobody makes more.
+    """Load shards, to a device, until the pool holds `count`, or those that there are if nobody makes more.
 
     Raises:
         Stopped: `stop` said so.
@@ -167,7 +168,7 @@ def await_shards(
     """
     while len(pool) < count:
         for crops in folder.fresh(limit=1000):
-            pool.add(crops)
+            pool.add(crops.to(device))
         if stop():
             raise Stopped("nothing was trained yet")
         if not alive():

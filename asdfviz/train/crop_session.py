@@ -223,7 +223,7 @@ class CropSession(Sitting):
         """The pool before every step, renewed as fresh crops come."""
         config = self.config
         pool = CropPool(config.pool)
-        if torch.device(config.device).type != "cpu":
+        if config.generators == 0 and torch.device(config.device).type != "cpu":
             while True:
                 if len(pool) < config.first_shards or self.progress.step % config.live_steps == 0:
                     pool.add(self.maker.make(config.shard, rng=self.rng))
@@ -241,10 +241,10 @@ class CropSession(Sitting):
             drawing=self._drawing,
         ) as alive:
             wanted = min(config.first_shards, config.pool)
-            await_shards(shards, pool, count=wanted, alive=alive, stop=stop)
+            await_shards(shards, pool, count=wanted, alive=alive, stop=stop, device=config.device)
             while True:
                 for crops in shards.fresh(limit=1) if self.progress.step % 10 == 0 else ():
-                    pool.add(crops)
+                    pool.add(crops.to(config.device))
                 yield pool
 
     def checkpoint(self) -> None:

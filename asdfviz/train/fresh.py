@@ -1,158 +1,262 @@
-"""Packs rendered while the network trains: pictures that never repeat, made where it trains."""
+"""Pictures rendered while the network trains: they never repeat and are made where it trains.
+
+Processes render them, keep the latest, and make the batches that the training asks for, so that
+neither rendering nor cutting inputs makes a GPU wait for Python.
+"""
 
 from __future__ import annotations
 
-import threading
+import itertools
+import os
+import queue
+import signal
 from collections import deque
-from collections.abc import Callable, Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
+import torch
+import torch.multiprocessing as processes
 
+from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
+from asdfviz.errors import AsdfvizError
 from asdfviz.pose.labels import Subject
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.frame_labels import picture_labels
 from asdfviz.synth.frame_truth import truth_order
 from asdfviz.synth.images import draw_picture
 from asdfviz.synth.packs import PackConfig
+from asdfviz.synth.scene import SceneConfig
 from asdfviz.synth.sensor import photograph, random_rgb_sensor
-from asdfviz.train.dataset import LabelledImage
+from asdfviz.train.dataset import LabelledImage, load_images
+from asdfviz.train.loader import AHEAD, Batch, Recipe, make_batch
 from asdfviz.train.packing import AugmentConfig, Packer
 
-RENEW_EVERY = 16
-"""New pictures after which the training draws from them; a smaller pool is renewed as a whole."""
+FIRST = 16
+"""Pictures that a process renders before it makes its first batch; fewer where it keeps fewer."""
+RENEW_EVERY = 4
+"""New pictures after which inputs are drawn from them too."""
+PATIENCE_S = 1.0
+"""Between two looks at whether the processes still live, seconds."""
 
 
-class FreshPacks:
-    """A pool of the latest packs; a thread renders new ones and the oldest go.
+@dataclass(frozen=True, slots=True)
+class FreshConfig:
+    """What is rendered while a network trains, and for how long it is drawn from."""
 
-    Args:
-        assemblies: in the order of the network's outputs; packs show them in turn.
-        capacity: pictures in the pool.
-        device: where torch renders.
-        seed: of the packs; together with their number it decides what they show.
-        config: how packs are drawn.
-    """
+    kept: int
+    """The latest so many pictures are drawn from, over all processes."""
+    draws: int = 40
+    """Inputs for which each picture is drawn from in the mean; a training that wants more waits."""
+    scenes: float = 0.5
+    """Share of scenes among the pictures; the others are packs."""
+    grouped: float = 0.5
+    """Share of packs that show mostly joined groups, 0 to 1: from them states are learnt."""
+    width: int = 640
+    """Of the pictures, pixels."""
+    height: int = 360
+    """Of the pictures, pixels."""
+    device: str = "cpu"
+    """Where torch renders."""
 
-    def __init__(
-        self,
-        assemblies: Sequence[Assembly],
-        *,
-        capacity: int,
-        device: str,
-        seed: int,
-        config: PackConfig | None = None,
-    ) -> None:
-        self.made = 0
-        self._config = config or PackConfig()
+    def kinds(self) -> tuple[tuple[float, SceneConfig | PackConfig], ...]:
+        """What a picture may be, and how often it is."""
+        scene = SceneConfig(width=self.width, height=self.height)
+        pack = PackConfig(width=self.width, height=self.height)
+        groups = PackConfig(
+            width=self.width,
+            height=self.height,
+            sizes_px=(52.0, 180.0),
+            coverage=0.55,
+            groups=0.8,
+            strays=0.12,
+            occluders=0.06,
+            hand=0.2,
+        )
+        rest = 1 - self.scenes
+        return (
+            (self.scenes, scene),
+            (rest * (1 - self.grouped), pack),
+            (rest * self.grouped, groups),
+        )
+
+
+class Painter:
+    """Draws numbered pictures of the assemblies in turn."""
+
+    def __init__(self, assemblies: Sequence[Assembly], config: FreshConfig, *, seed: int) -> None:
+        """Prepare the assemblies, in the order of the network's outputs."""
         self._seed = seed
+        shares, self._kinds = zip(*config.kinds(), strict=True)
+        self._shares = np.array(shares) / sum(shares)
         self._makers: list[tuple[Assets, Subject]] = []
         first = 0
         for assembly in assemblies:
             subject = Subject.of(assembly, first_label=first)
-            self._makers.append((load_assets(assembly, device=device), subject))
+            self._makers.append((load_assets(assembly, device=config.device), subject))
             first += len(assembly.detector_classes)
-        self._pool: deque[LabelledImage] = deque(maxlen=capacity)
-        self._renewal = min(RENEW_EVERY, capacity)
-        self._changed = threading.Condition()
-        self._error: Exception | None = None
 
     def draw(self, number: int) -> LabelledImage:
-        """Render one pack; the same seed and number give the same one."""
+        """Render one picture; the same seed and number give the same one."""
         assets, subject = self._makers[number % len(self._makers)]
         rng = np.random.default_rng([self._seed, number])
-        true_scene, picture = draw_picture(assets, rng=rng, config=self._config)
+        kind = self._kinds[int(rng.choice(len(self._kinds), p=self._shares))]
+        true_scene, picture = draw_picture(assets, rng=rng, config=kind)
         rgb = photograph(picture.radiance, sensor=random_rgb_sensor(rng), rng=rng)
         return LabelledImage(
-            name=f"pack/{number:06d}",
+            name=f"fresh/{number:06d}",
             assembly=subject.assembly.name,
             rgb=rgb,
             K=true_scene.scene.camera.K,
             objects=picture_labels(true_scene, picture, truth_order(true_scene), subject),
         )
 
-    @contextmanager
-    def rendering(self, *, first: int = 0) -> Generator[FreshPacks]:
-        """Render packs from number `first` on, in a thread, while the body runs."""
-        closed = threading.Event()
 
-        def work() -> None:
-            number = first
-            try:
-                while not closed.is_set():
-                    image = self.draw(number)
-                    number += 1
-                    with self._changed:
-                        self._pool.append(image)
-                        self.made += 1
-                        self._changed.notify_all()
-            except Exception as error:  # noqa: BLE001 - raised again in the thread that waits
-                with self._changed:
-                    self._error = error
-                    self._changed.notify_all()
+@dataclass(frozen=True, slots=True)
+class Feeding:
+    """A job for the processes that feed a training."""
 
-        worker = threading.Thread(target=work, name="fresh-packs", daemon=True)
-        worker.start()
-        try:
-            yield self
-        finally:
-            closed.set()
-            worker.join(timeout=60)
-
-    def is_renewed(self, since: int) -> bool:
-        """Whether enough pictures were made since `since` to draw from them.
-
-        Raises:
-            Exception: what ended the rendering.
-        """
-        with self._changed:
-            self._require_rendering()
-            return self.made - since >= self._renewal
-
-    def latest(self) -> tuple[LabelledImage, ...]:
-        """Return the pool, once there is something to draw from.
-
-        Raises:
-            Exception: what ended the rendering.
-        """
-        with self._changed:
-            self._changed.wait_for(lambda: self._error or len(self._pool) >= self._renewal)
-            self._require_rendering()
-            return tuple(self._pool)
-
-    def _require_rendering(self) -> None:
-        if self._error is not None:
-            raise self._error
+    assemblies: tuple[str, ...]
+    """Names or paths, in the order of the network's outputs."""
+    fresh: FreshConfig
+    seed: int
+    first: int = 0
+    """Number of the first picture of each process."""
+    processes: int = 1
+    data: tuple[Path, ...] = ()
+    """Scene folders that are drawn from beside what is rendered; each process has its share."""
+    image_size: int = 640
+    """Longer side of a whole frame, pixels."""
+    scale: float = 1.0
+    """Input pixels a picture pixel at zoom 1."""
+    augment: AugmentConfig = field(default_factory=AugmentConfig)
 
 
-def renewed_packers(
-    stored: Sequence[LabelledImage],
-    fresh: FreshPacks | None,
-    *,
-    scale: float,
-    config: AugmentConfig,
-) -> Callable[[], Packer]:
-    """Return what gives the packer of a step: of stored pictures, and of fresh ones where there are.
+class Feeder:
+    """One process's pictures, and the batches that it makes of them."""
+
+    def __init__(self, job: Feeding, number: int) -> None:
+        """Load the assemblies and this process's share of the stored pictures."""
+        self._job, self._number = job, number
+        assemblies = [load_assembly(name) for name in job.assemblies]
+        self._painter = Painter(assemblies, job.fresh, seed=job.seed)
+        stored: tuple[LabelledImage, ...] = ()
+        if job.data:
+            stored = load_images(job.data, assemblies, image_size=job.image_size)
+        self._stored = stored[number :: job.processes]
+        kept = max(1, job.fresh.kept // job.processes)
+        self._pool: deque[LabelledImage] = deque(maxlen=kept)
+        self._first = min(FIRST, kept)
+        self._packer: Packer | None = None
+        self._made = self._drawn = self._packed = 0
+
+    @property
+    def wants_pictures(self) -> bool:
+        """Whether what there is was drawn from often enough."""
+        return self._made < self._first or self._drawn >= self._job.fresh.draws * self._made
+
+    def paint(self) -> None:
+        """Render one picture; the oldest goes."""
+        number = (self._job.first + self._made) * self._job.processes + self._number
+        self._pool.append(self._painter.draw(number))
+        self._made += 1
+
+    def batch(self, step: int, recipe: Recipe) -> Batch:
+        """Make the batch of a step from what there is."""
+        if self._packer is None or self._made - self._packed >= RENEW_EVERY:
+            images = [*self._stored, *self._pool]
+            self._packer = Packer(images, scale=self._job.scale, config=self._job.augment)
+            self._packed = self._made
+        self._drawn += recipe.stage.batch
+        return make_batch(self._packer, recipe, seed=self._job.seed, step=step)
+
+
+def feed(job: Feeding, number: int, requests: Any, batches: Any) -> None:
+    """Answer requests with batches, and render meanwhile, as long as the parent process lives."""
+    # Ctrl+C reaches the whole group: the parent asks for the end.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    parent = os.getppid()
+    try:
+        feeder = Feeder(job, number)
+        while os.getppid() == parent:
+            asked: tuple[int, Recipe] | None = None
+            if not feeder.wants_pictures:
+                with suppress(queue.Empty):
+                    asked = requests.get_nowait()
+            if asked is None:
+                feeder.paint()
+            else:
+                batches.put(feeder.batch(*asked))
+    except Exception as error:  # noqa: BLE001 - raised again in the process that trains
+        batches.put(error)
+        batches.close()
+        batches.join_thread()
+
+
+@contextmanager
+def fed(job: Feeding, recipe: Callable[[int], Recipe], *, first: int) -> Generator[Iterator[Batch]]:
+    """Give an endless iterator over the batches from step `first` on, while processes make them.
 
     Args:
-        stored: pictures that stay.
-        fresh: pictures that change; None for none.
-        scale: input pixels a picture pixel at zoom 1.
-        config: how much to change a picture.
+        job: what they draw from.
+        recipe: what a step's batch is made of; called some steps before.
+        first: number of the first step.
     """
-    if fresh is None:
-        packer = Packer(stored, scale=scale, config=config)
-        return lambda: packer
-    made = fresh.made
-    current: Packer | None = None
+    context = processes.get_context("spawn")
+    requests, batches = context.Queue(), context.Queue()
+    workers: list[SpawnProcess] = [
+        context.Process(target=feed, args=(job, number, requests, batches), daemon=True)
+        for number in range(job.processes)
+    ]
+    for worker in workers:
+        worker.start()
 
-    def give() -> Packer:
-        nonlocal current, made
-        if current is None or fresh.is_renewed(made):
-            images = fresh.latest()
-            made = fresh.made
-            current = Packer([*stored, *images], scale=scale, config=config)
-        return current
+    def take() -> Iterator[Batch]:
+        waiting = 0
+        for step in itertools.count(first):
+            requests.put((step, recipe(step)))
+            waiting += 1
+            if waiting >= AHEAD + job.processes:
+                yield _next_of(batches, workers)
+                waiting -= 1
 
-    return give
+    try:
+        yield take()
+    finally:
+        for worker in workers:
+            worker.terminate()
+            worker.join()
+        for each in (requests, batches):
+            each.close()
+            each.cancel_join_thread()
+
+
+def _next_of(batches: Any, workers: Sequence[SpawnProcess]) -> Batch:
+    """Wait for the next batch.
+
+    Raises:
+        AsdfvizError: a process was killed.
+        Exception: what ended one of them.
+    """
+    while True:
+        try:
+            found = batches.get(timeout=PATIENCE_S)
+        except queue.Empty:
+            gone = [w.exitcode for w in workers if not w.is_alive()]
+            if gone:
+                raise AsdfvizError(
+                    f"a process that renders pictures ended (exit code {gone[0]}): with fewer "
+                    "loaders it needs less memory"
+                ) from None
+            continue
+        if isinstance(found, Exception):
+            raise found
+        return found

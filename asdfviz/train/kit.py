@@ -31,6 +31,10 @@ from asdfviz.train.session import TrainReport
 STATE = "state.pt"
 """What travels: how far the run is, with the averaged weights (detector) or all (crops)."""
 LINE_SECONDS = 60.0
+SHARD = 256
+"""Crops a file: many processes bring their first ones soon."""
+HOLD = 0.3
+"""Share of the detector's budget at the top learning rate."""
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
@@ -45,11 +49,18 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     line.add_argument("--total", type=float, default=30.0, help="minutes of the whole run")
     line.add_argument("--sitting", type=float, default=9.0, help="minutes of this sitting")
     line.add_argument("--sitting-steps", type=int, help="steps of this sitting instead")
+    line.add_argument("--start", type=Path, help="weights or checkpoint to begin with")
     line.add_argument("--scale", choices=SCALES, default="n", help="size of the network")
     line.add_argument("--keypoint-width", type=int, default=72)
+    line.add_argument("--keypoint-gain", type=float, default=1.0)
+    line.add_argument("--learning-rate", type=float, default=1.5e-3)
     line.add_argument("--batch", type=int, default=64, help="inputs a step")
-    line.add_argument("--fresh", type=int, default=1500, help="packs in the pool")
-    line.add_argument("--loaders", type=int, default=12, help="threads that make batches")
+    line.add_argument("--fresh", type=int, default=6000, help="pictures or crops in the pool")
+    line.add_argument("--draws", type=int, default=40, help="inputs for which each is drawn from")
+    line.add_argument("--crop-scenes", nargs="*", type=Path, default=(), help="cut crops out of")
+    line.add_argument("--scenes", type=float, default=0.5, help="share of scenes among them")
+    line.add_argument("--render-device", default="cpu", help="where the detector's are rendered")
+    line.add_argument("--loaders", type=int, default=14, help="processes that render and load")
     line.add_argument("--image-size", type=int, default=640)
     line.add_argument("--device", default="cuda")
     line.add_argument("--seed", type=int, default=0)
@@ -74,7 +85,16 @@ def _sit_with_crops(options: argparse.Namespace, work: Path) -> bool:
     config = CropTrainConfig(
         assemblies=tuple(options.assemblies),
         output=work,
+        scenes=tuple(options.crop_scenes),
+        scene_share=0.5,
+        start=options.start,
         minutes=options.total,
+        learning_rate=options.learning_rate,
+        generators=options.loaders,
+        shard=SHARD,
+        pool=max(1, options.fresh // SHARD),
+        first_shards=4,
+        validation_crops=12,
         batch=options.batch,
         device=options.device,
         seed=options.seed,
@@ -97,9 +117,16 @@ def _sit_with_detector(options: argparse.Namespace, work: Path) -> bool:
         data=(),
         output=work,
         fresh=options.fresh,
+        fresh_draws=options.draws,
+        fresh_scenes=options.scenes,
+        fresh_device=options.render_device,
         loaders=options.loaders,
+        start=options.start,
         scale=options.scale,
         keypoint_width=options.keypoint_width,
+        keypoint_gain=options.keypoint_gain,
+        learning_rate=options.learning_rate,
+        hold=HOLD,
         minutes=options.total,
         image_size=size,
         stages=(Stage(1.0, size, size * 3 // 5 // 64 * 64, options.batch, 0.5),),

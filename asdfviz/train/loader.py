@@ -91,7 +91,7 @@ def make_batch(packer: Packer, recipe: Recipe, *, seed: int, step: int) -> Batch
 
 @contextmanager
 def batches(
-    packer: Callable[[], Packer],
+    packer: Packer,
     recipe: Callable[[int], Recipe],
     *,
     seed: int,
@@ -101,8 +101,8 @@ def batches(
     """Give an endless iterator over the batches from step `first` on, made ahead of time.
 
     Args:
-        packer: gives what draws the inputs; called shortly before each step.
-        recipe: what a step's batch is made of; called likewise.
+        packer: draws the inputs.
+        recipe: what a step's batch is made of; called shortly before the step.
         seed: of the run.
         first: number of the first step.
         loaders: threads that make batches.
@@ -112,7 +112,7 @@ def batches(
 
     def take() -> Iterator[Batch]:
         for step in itertools.count(first):
-            waiting.append(pool.submit(make_batch, packer(), recipe(step), seed=seed, step=step))
+            waiting.append(pool.submit(make_batch, packer, recipe(step), seed=seed, step=step))
             if len(waiting) >= AHEAD + loaders:
                 yield waiting.popleft().result()
 

@@ -64,7 +64,7 @@ class Session(Sitting):
         self.config, self.assemblies = config, tuple(assemblies)
         self.classes = joint_classes(self.assemblies)
         config.output.mkdir(parents=True, exist_ok=True)
-        self.images = self._load(config.data)
+        self.images = () if config.fresh else self._load(config.data)
         self.validation_images = self._load(config.validation)
         torch.manual_seed(config.seed)  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         width = config.keypoint_width or None
@@ -110,7 +110,6 @@ class Session(Sitting):
         world = self.world
         with input_stream(
             self.config,
-            self.assemblies,
             self.images,
             world=world,
             recipe=self.recipe,

@@ -27,7 +27,7 @@ sys.exit(main(sys.argv[1:]))
 
 def line(*more: str, out: Path, work: Path) -> list[str]:
     named = ["--assemblies", "corner_clamp", "--out", str(out), "--work", str(work), *more]
-    small = ["--image-size", "128", "--batch", "2", "--fresh", "16", "--loaders", "1"]
+    small = ["--image-size", "128", "--batch", "2", "--fresh", "4", "--loaders", "1"]
     return [*named, *small, "--device", "cpu", "--total", "1000", "--sitting-steps", "2"]
 
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import itertools
 import json
 import shutil
 from pathlib import Path
@@ -11,17 +10,14 @@ import numpy as np
 import pytest
 import torch
 
-from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.detector import Detector, DetectorConfig
 from asdfviz.detector.network import Network
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import InputError, SequenceError, WeightsError
-from asdfviz.synth.packs import PackConfig
 from asdfviz.train.checkpoint import begin_from, load_checkpoint
 from asdfviz.train.config import Stage, TrainConfig
-from asdfviz.train.dataset import LabelledImage, load_images
-from asdfviz.train.fresh import FreshPacks, renewed_packers
+from asdfviz.train.dataset import load_images
 from asdfviz.train.loop import TrainResult, export_weights, train
 from asdfviz.train.schedule import rate_at, stage_at
 from asdfviz.train.session import TrainReport
@@ -257,55 +253,6 @@ def test_a_run_begins_from_another(config: TrainConfig, assembly: Assembly, tmp_
     assert torch.equal(*rows)
     with pytest.raises(WeightsError, match="of size n, asked for was x"):
         begin_from(Network("x", classes=2), first.output / "last.pt", classes=["a", "b"])
-
-
-def test_packs_are_rendered_while_it_trains(config: TrainConfig, tmp_path: Path) -> None:
-    clamp = load_assembly("corner_clamp")
-    fresh = FreshPacks((clamp,), capacity=20, device="cpu", seed=3, config=PackConfig(128, 96))
-    first, again, second = (fresh.draw(number) for number in (0, 0, 1))
-    assert np.array_equal(first.rgb, again.rgb)
-    assert not np.array_equal(first.rgb, second.rgb)
-    assert first.objects
-    with fresh.rendering(first=5) as packs:
-        packers = renewed_packers((), packs, scale=1.0, config=config.augment)
-        sample = packers().frame(np.random.default_rng(0), width=96, height=64, spread=1.0)
-    assert sample.rgb.shape == (64, 96, 3)
-    assert fresh.made >= 16
-
-
-def test_a_failing_renderer_ends_the_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    fresh = FreshPacks((load_assembly("corner_clamp"),), capacity=20, device="cpu", seed=3)
-
-    def fail(number: int) -> None:
-        raise ValueError(f"pack {number} cannot be drawn")
-
-    monkeypatch.setattr(fresh, "draw", fail)
-    with fresh.rendering(first=7) as packs, pytest.raises(ValueError, match="pack 7"):
-        packs.latest()
-
-
-def test_a_renderer_that_fails_later_ends_the_training_too(
-    config: TrainConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fresh = FreshPacks(
-        (load_assembly("corner_clamp"),),
-        capacity=2,
-        device="cpu",
-        seed=3,
-        config=PackConfig(128, 96),
-    )
-    images = [fresh.draw(0), fresh.draw(1)]
-
-    def drawn(number: int) -> LabelledImage:
-        if number < len(images):
-            return images[number]
-        raise ValueError(f"pack {number} cannot be drawn")
-
-    monkeypatch.setattr(fresh, "draw", drawn)
-    with fresh.rendering() as packs:
-        packer = renewed_packers((), packs, scale=1.0, config=config.augment)
-        with pytest.raises(ValueError, match="pack 2"):
-            any(packer() is None for _ in itertools.count())
 
 
 def test_nothing_to_train_on_is_refused(config: TrainConfig) -> None:
