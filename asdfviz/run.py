@@ -26,7 +26,7 @@ from asdfviz.datatypes import (
     Sequence,
     StateEstimate,
 )
-from asdfviz.errors import AsdfvizError, MethodError, SequenceError, Stopped
+from asdfviz.errors import AsdfvizError, InputError, MethodError, SequenceError, Stopped
 from asdfviz.methods.answers import check_answer
 from asdfviz.methods.first_pose import (
     CropPoseConfig,
@@ -50,6 +50,7 @@ def run(
     stop: Callable[[], bool] | None = None,
     keep: Callable[[Run], None] | None = None,
     prepare: Callable[[int, int], None] | None = None,
+    first: int | None = None,
 ) -> Run:
     """Run a method over all frames of a sequence.
 
@@ -62,15 +63,20 @@ def run(
         keep: called with the run so far where a later frame fails, before the error is raised.
         prepare: called with (views done, views) while the parts' viewpoint models are made, which
             happens where the method needs them and no earlier run has left them.
+        first: only so many frames, from the first on; None for all.
 
     Returns:
         The run; fewer predictions than frames if it was stopped.
 
     Raises:
+        InputError: `first` is below 1.
         SequenceError: the sequence has no assembly, no frames, or no truth where it is needed.
         MethodError: the method failed or said something impossible; with the frame.
     """
+    if first is not None and first < 1:
+        raise InputError(f"{first} frames are nothing to run on: ask for 1 or more")
     assembly = _known_assembly(sequence)
+    wanted = len(sequence) if first is None else min(first, len(sequence))
     config = spec.config() if config is None else config
     method = build_method(spec, config)  # refuses a config of another class
     initial = _initial(sequence, assembly) if spec.initial == "first_frame_truth" else None
@@ -87,13 +93,13 @@ def run(
             return so_far()
     _guarded_reset(method, spec, sequence, assembly, initial)
     try:
-        for place in range(len(sequence)):
+        for place in range(wanted):
             if stop is not None and stop():
                 break
             prediction = _timed_step(method, spec, sequence[place], assembly)
             predictions.append(prediction)
             if progress is not None:
-                progress(len(predictions), len(sequence), prediction)
+                progress(len(predictions), wanted, prediction)
     except BaseException:  # an impatient Ctrl+C as well: hours of frames are worth a file
         if keep is not None and predictions:
             keep(so_far())

@@ -40,6 +40,8 @@ class RunMethod:
     """assembly.yaml, its folder, or a bundled name. Default: what the sequence names."""
     format: str | None = None
     """folder, bop, gbot, asdf or asdf-rgbd. Default: recognised by content."""
+    first: int | None = None
+    """Only so many frames, from the first on."""
 
     def __call__(self, chosen: Chosen | None = None) -> None:
         """Run, save, and say where; without a method at hand, by its name with its defaults."""
@@ -72,6 +74,7 @@ class RunMethod:
                     progress=show,
                     stop=stop,
                     keep=kept.append,
+                    first=self.first,
                     prepare=lambda done, total: report(done, total, "views of the parts, once"),
                 )
         except (AsdfvizError, OSError, KeyboardInterrupt) as error:
@@ -91,7 +94,7 @@ class RunMethod:
             raise Stopped("no frame was done, nothing is saved")
         folder, saved = _saved(result, sequence, out)
         print(folder)
-        if len(result.predictions) < len(sequence):
+        if len(result.predictions) < min(self.first or len(sequence), len(sequence)):
             raise Stopped(saved)
 
 

@@ -243,6 +243,21 @@ def test_a_failing_run_leaves_a_whole_one_in_place(
     assert len((tmp_path / "run-partial" / "predictions.jsonl").read_text().splitlines()) == 3
 
 
+def test_a_run_of_the_first_frames_is_whole_but_replaces_no_longer_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out = tmp_path / "tired.py", tmp_path / "run"
+    file.write_text(FAILING)
+    line = ("run", "--method", str(file), "sample", "--lasts", "1000", "--out", str(out))
+    assert exit_code(*line, "--first", "0") == 2
+    assert "ask for 1 or more" in capsys.readouterr().err
+    assert not out.exists()
+    for count, folder in (("4", "run"), ("2", "run-partial")):
+        assert exit_code(*line, "--first", count) == 0
+        assert capsys.readouterr().out == f"{tmp_path / folder}\n"
+        assert len(load_run(tmp_path / folder).predictions) == int(count)
+
+
 @pytest.mark.parametrize("option", ["--contours.turns.a-frame", "--names.every"])
 def test_an_option_out_of_range_is_refused_before_anything_is_made(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
