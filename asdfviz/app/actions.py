@@ -22,7 +22,7 @@ from asdfviz.app.label_actions import (
     SetRange,
     SetState,
 )
-from asdfviz.geometry.shapes import Transform
+from asdfviz.app.pose_actions import MovePart, TypePose
 
 Tab = Literal["sequence", "methods", "annotate", "results"]
 Mode = Literal["ar", "3d"]
@@ -192,17 +192,6 @@ class CycleStep:
     """Fine, normal, coarse steps."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MovePart:
-    """A part was dragged to a pose; only the last of a drag is kept as an edit."""
-
-    part: str
-    T_camera_part: Transform
-    place: int
-    """Of the frame in which the drag was begun."""
-    done: bool
-
-
 @dataclass(frozen=True, slots=True)
 class CopyPrevious:
     """Give the selected part its pose in the frame before."""
@@ -290,7 +279,7 @@ class Changed:
 Action: TypeAlias = (
     Seek | Resume | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
-    | CycleStep | MovePart | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | Cancel
+    | CycleStep | MovePart | TypePose | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | Cancel
     | SetState | NextState | RepeatState | ClearState | SetRange | MarkRange
     | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | StopTracking | ToggleKeys | DismissWelcome
     | ByKey | Resized | Drifted | Changed

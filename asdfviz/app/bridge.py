@@ -40,6 +40,7 @@ KINDS: Mapping[str, type] = {
         actions.Nudge,
         actions.Turn,
         actions.CycleStep,
+        actions.TypePose,
         actions.CopyPrevious,
         actions.PlacePart,
         actions.RevertPart,

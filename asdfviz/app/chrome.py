@@ -63,7 +63,7 @@ def controls(snap: Snapshot) -> str:
         + button(_LAST, act("Seek", place=count - 1), title="Last frame", key="End", testid="last")
     )
     number = (
-        f'<span class="ax-frame" title="Number in the file name; {count} frames"><b data-testid="frame" data-place="{view.place}">'
+        f'<span class="ax-frame" title="Number in the file name, click to type another; {count} frames"><b data-testid="frame" data-place="{view.place}">'
         f"{snap.index:0{len(str(last))}d}</b><span> / {last}</span></span>"
     )
     speeds = "".join(

@@ -16,6 +16,7 @@ from asdfviz.app import labels, verdicts
 from asdfviz.app.ar import look_direction
 from asdfviz.app.desk import Burst, Desk, Done
 from asdfviz.app.history import frames_of, in_words, place_to_show
+from asdfviz.app.typed_pose import typed_pose
 from asdfviz.app.view import STEPS_MM, View, centre_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
@@ -28,6 +29,7 @@ Edits = (
     act.Nudge
     | act.Turn
     | act.MovePart
+    | act.TypePose
     | act.CopyPrevious
     | act.PlacePart
     | act.RevertPart
@@ -73,6 +75,8 @@ def _dispatch(action: Edits, desk: Desk) -> Done:
             return labels.give(action, desk)
         case act.MovePart():
             return _drag(action, desk)
+        case act.TypePose():
+            return _type(action, desk)
         case act.Nudge() | act.Turn():
             return _move(action, desk)
         case act.CopyPrevious():
@@ -90,6 +94,13 @@ def _drag(action: act.MovePart, desk: Desk) -> Done:
     begun = replace(desk, view=replace(desk.view, place=action.place))
     done = begun.move(action.part, action.T_camera_part, "gizmo")
     return replace(done, place=desk.view.place)
+
+
+def _type(action: act.TypePose, desk: Desk) -> Done:
+    """What was typed belongs to the frame and the part that the figures stood for."""
+    begun = replace(desk, view=replace(desk.view, place=action.place, selected=action.part))
+    T_typed = typed_pose(begun.pose(), action.options, part=action.part)
+    return replace(begun.move(action.part, T_typed, "keys"), place=desk.view.place)
 
 
 def _move(action: act.Nudge | act.Turn, desk: Desk) -> Done:

@@ -35,12 +35,14 @@ STATIC = Path(__file__).parent / "static"
 ASSETS = {
     "/asdfviz/app.js": "application/javascript; charset=utf-8",
     "/asdfviz/timeline.js": "application/javascript; charset=utf-8",
+    "/asdfviz/typing.js": "application/javascript; charset=utf-8",
     "/asdfviz/app.css": "text/css; charset=utf-8",
 }
 _HEAD = (
     b'<link rel="stylesheet" href="/asdfviz/app.css">'
     b'<script src="/asdfviz/app.js" defer></script>'
-    b'<script src="/asdfviz/timeline.js" defer></script></head>'
+    b'<script src="/asdfviz/timeline.js" defer></script>'
+    b'<script src="/asdfviz/typing.js" defer></script></head>'
 )
 LAST_PORT = 65535
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")

@@ -246,6 +246,7 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.Nudge: _pause,
     act.Turn: _pause,
     act.MovePart: _pause,
+    act.TypePose: _pause,
     act.RemovePart: _pause,
     act.VerifyPart: _pause,
     act.NextState: _pause,

@@ -12,6 +12,7 @@ from asdfviz.app import actions as act
 from asdfviz.app.desk import Burst, Done
 from asdfviz.app.editing import Edits, apply_edit
 from asdfviz.app.items import ANNOTATION
+from asdfviz.app.typed_pose import euler_deg
 from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
@@ -234,3 +235,36 @@ def test_a_click_beside_the_picture_places_nothing(
 def test_what_cannot_be_done_says_why(do: Do, action: Edits, view: View, words: str) -> None:
     with pytest.raises(AnnotationError, match=words):
         do(action, view)
+
+
+def test_a_typed_figure_changes_that_one_alone(with_run: Workspace, do: Do) -> None:
+    before = jaw(with_run)
+    said = do(act.TypePose("jaw", 1, {"x": "12,5"}), View(place=0, base="first", selected="base"))
+    assert said.place == 0
+    after = jaw(with_run).copy()
+    assert after[0, 3] == pytest.approx(0.0125)
+    after[0, 3] = before[0, 3]
+    assert np.array_equal(after, before)
+    do(act.TypePose("jaw", 1, {"turn z": "\u221230"}))
+    turned = jaw(with_run)
+    assert euler_deg(turned[:3, :3])[2] == pytest.approx(-30.0)
+    assert turned[0, 3] == pytest.approx(0.0125)
+
+
+@pytest.mark.parametrize(
+    ("figure", "said", "told"),
+    [
+        ("x", "a lot", "'a lot' is no x in millimetres; type a number"),
+        ("x", "nan", "type a number"),
+        ("turn y", "1e9", "no turn y in degrees"),
+        ("z", "-3", "z is -3 mm, behind the camera"),
+        ("w", "1", "no w"),
+    ],
+)
+def test_figures_that_cannot_be_change_nothing(
+    with_run: Workspace, do: Do, figure: str, said: str, told: str
+) -> None:
+    before = jaw(with_run)
+    with pytest.raises(AnnotationError, match=told):
+        do(act.TypePose("jaw", 1, {figure: said}))
+    assert np.array_equal(jaw(with_run), before)

@@ -224,6 +224,16 @@ def test_play_pause_step_and_seek(page: Page, app: App) -> None:
     page.mouse.move(at(9), y, steps=6)
     page.mouse.up()
     expect(frame).to_have_attribute("data-place", "9")
+    frame.click()
+    page.get_by_test_id("frame-number").fill(str(app.workspace.indices[3]))
+    page.keyboard.press("Enter")
+    expect(frame).to_have_attribute("data-place", "3")
+    frame.click()
+    page.get_by_test_id("frame-number").fill("900000")  # there is none: the nearest is the last
+    page.keyboard.press("Enter")
+    expect(frame).to_have_attribute("data-place", str(len(app.workspace.indices) - 1))
+    page.mouse.click(at(9), y)
+    expect(frame).to_have_attribute("data-place", "9")
     # The picture shown is that of the frame: each is 8 levels lighter than the one before.
     settled(page, lambda rgb: abs(int(np.median(rgb[:, :, 0])) - (40 + 8 * 9)) <= 2)
 
@@ -331,6 +341,30 @@ def test_a_part_is_picked_nudged_and_taken_back(page: Page, app: App) -> None:
     until(lambda: app.workspace.store.pose(0, "jaw") is None, "both are taken back")
     page.keyboard.press("Control+Shift+z")
     until(lambda: app.workspace.store.pose(0, "jaw") is not None, "one is done again")
+    page.keyboard.press("Escape")
+
+
+def test_a_pose_is_typed_and_wrong_figures_are_told(page: Page, app: App) -> None:
+    def x_mm() -> float:
+        return 1000 * app.workspace.poses(0, view(app).base)["jaw"].T_camera_part[0, 3]
+
+    page.keyboard.press("Home")
+    page.get_by_test_id("part-jaw").click()
+    before, field = x_mm(), page.get_by_test_id("pose-x")
+    field.fill("61.5")
+    field.press("Enter")
+    until(lambda: x_mm() == pytest.approx(61.5), "the figure is taken")
+    expect(field).to_have_value("61.5")
+    field.fill("no kilometre")
+    field.press("Enter")
+    told = page.locator(".mantine-Notifications-root").filter(has_text="'no kilometre' is no x")
+    expect(told).to_be_attached()
+    expect(field).to_have_value("61.5")
+    field.fill("5")
+    field.press("Escape")
+    expect(field).to_have_value("61.5")
+    page.keyboard.press("Control+z")
+    until(lambda: x_mm() == pytest.approx(before), "it is taken back")
     page.keyboard.press("Escape")
 
 

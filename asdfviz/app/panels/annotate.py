@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+import json
 
 from asdfviz.app import theme
 from asdfviz.app.history import range_in_words
@@ -10,9 +10,9 @@ from asdfviz.app.items import ANNOTATION, Shown
 from asdfviz.app.markup import EYE, act, bar, button, chip, empty, heading, number, table, text
 from asdfviz.app.panels import tracking, verdicts
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.typed_pose import FIGURES, figures_of
 from asdfviz.app.view import STEP_NAMES, STEPS_MM, View
 from asdfviz.datatypes import State
-from asdfviz.geometry.shapes import Rotation
 from asdfviz.render.state_ramp import state_color
 
 ROOMY = 5
@@ -32,17 +32,6 @@ STAGES = {
 def content(snap: Snapshot) -> str:
     """The tab as HTML."""
     return _history(snap) + _parts(snap) + _selected(snap) + _state(snap)
-
-
-def euler_deg(R: Rotation) -> tuple[float, float, float]:
-    """Turns about the camera's x, then y, then z axis (fixed axes) that give R, in degrees."""
-    y = float(np.arcsin(np.clip(-R[2, 0], -1.0, 1.0)))
-    if abs(R[2, 0]) > 1 - 1e-9:
-        x, z = float(np.arctan2(-R[0, 1] * np.sign(R[2, 0]), R[1, 1])), 0.0
-    else:
-        x = float(np.arctan2(R[2, 1], R[2, 2]))
-        z = float(np.arctan2(R[1, 0], R[0, 0]))
-    return (float(np.degrees(x)), float(np.degrees(y)), float(np.degrees(z)))
 
 
 def _history(snap: Snapshot) -> str:
@@ -129,19 +118,32 @@ def _selected(snap: Snapshot) -> str:
         )
     return (
         heading(f"Pose of {name}", _steps(snap.view))
-        + _pose_table(shown)
+        + _pose_table(name, shown, snap.view.place)
         + _tools(snap, name)
         + verdicts.content(snap, name)
         + tracking.content(snap)
     )
 
 
-def _pose_table(shown: Shown) -> str:
-    T = shown.T_camera_part
-    t = [number(1000 * float(v), decimals=1, unit="mm") for v in T[:3, 3]]
-    r = [number(v, decimals=1, unit="°") for v in euler_deg(T[:3, :3])]
-    rows = [["position", *t], ["rotation", *r]]
-    return f'<div data-testid="pose">{table(["", "x right", "y down", "z away"], rows)}</div>'
+def _pose_table(name: str, shown: Shown, place: int) -> str:
+    """Figures that can be typed over; the page's script sends what was (static/typing.js)."""
+    values = figures_of(shown.T_camera_part)
+    cells = [_figure(figure, values[figure]) for figure in FIGURES]
+    rows = [["position", *cells[:3]], ["rotation", *cells[3:]]]
+    figures = table(["", "x right", "y down", "z away"], rows)
+    typed = text(json.dumps({"kind": "TypePose", "part": name, "place": place}))
+    return f'<div class="ax-typed" data-testid="pose" data-typed="{typed}">{figures}</div>'
+
+
+def _figure(name: str, value: float) -> str:
+    shown = f"{round(value, 1) + 0.0:.1f}"
+    unit = "°" if name in FIGURES[3:] else "mm"
+    return (
+        f'<label><input type="text" inputmode="decimal" spellcheck="false" autocomplete="off" '
+        f'aria-label="{name}, {unit}" title="Type a figure; Enter takes it, Esc leaves it" '
+        f'data-testid="pose-{name.replace(" ", "-")}" data-option="{name}" '
+        f'data-default="{shown}" value="{shown}"><small> {unit}</small></label>'
+    )
 
 
 def _steps(view: View) -> str:

@@ -1,0 +1,30 @@
+"""What a person can ask of the selected part's pose with a drag or by typing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from asdfviz.geometry.shapes import Transform
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MovePart:
+    """A part was dragged to a pose; only the last of a drag is kept as an edit."""
+
+    part: str
+    T_camera_part: Transform
+    place: int
+    """Of the frame in which the drag was begun."""
+    done: bool
+
+
+@dataclass(frozen=True, slots=True)
+class TypePose:
+    """Figures of a part's pose were typed."""
+
+    part: str
+    place: int
+    """Of the frame whose pose they stood in."""
+    options: Mapping[str, str]
+    """What was changed, as it was typed, by the names in `typed_pose.FIGURES`."""
