@@ -21,10 +21,19 @@ TAIL = 1024
 
 
 def check_numbering(indices: Rows[int]) -> Iterator[Finding]:
-    """Look for gaps in rising frame numbers; numbers that rise by a fixed step have none."""
+    """Look for gaps in rising frame numbers; numbers that rise by a fixed step have none, which is told."""
     step = usual_step(indices)
     if step is None:
         return
+    if step > 1:
+        yield Finding(
+            "frame_step",
+            "info",
+            f"frame numbers go up in steps of {step}: if the recording has frames between them, copy "
+            f"those too. Without them parts move {step} times as far from one frame to the next, and "
+            "trackers lose them sooner.",
+            float(step),
+        )
     missing = [index for a, b in pairwise(indices) for index in range(a + step, b, step)]
     if missing:
         yield Finding(

@@ -14,6 +14,7 @@ Kind: TypeAlias = Literal[
     "state_unit",
     "size_mismatch",
     "missing_frames",
+    "frame_step",
     "broken_images",
     "missing_depth",
     "missing_assembly",

@@ -384,11 +384,14 @@ def test_images_that_were_cut_off_are_named_wherever_they_are(folder: Path) -> N
     )
 
 
-def test_numbers_that_rise_by_a_step_have_no_gap(folder: Path) -> None:
+def test_numbers_that_rise_by_a_step_have_no_gap_but_the_step_is_told(folder: Path) -> None:
     for number, name in enumerate(sorted(p.name for p in (folder / "rgb").iterdir())):
         for kind in ("rgb", "depth"):
             (folder / kind / name).rename(folder / kind / f"{1000 + 10 * number}.png")
-    assert not found(check_sequence(open_sequence(folder)), "missing_frames")
+    report = check_sequence(open_sequence(folder))
+    assert not found(report, "missing_frames")
+    (step,) = found(report, "frame_step")
+    assert (step.severity, step.value) == ("info", 10.0)
 
 
 @pytest.mark.parametrize("kind", ["rgb", "depth"])
