@@ -18,6 +18,7 @@ from asdfviz.geometry.boxes import middle_of_points
 from asdfviz.geometry.shapes import (
     Box,
     Depth,
+    Distortion,
     Faces,
     Intrinsics,
     Mask,
@@ -39,12 +40,12 @@ KEYPOINTS = 17
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """A pinhole camera; `distortion` (OpenCV k1 k2 p1 p2 k3) is what a reader still has to undo."""
+    """A pinhole camera; `distortion` is what a reader still has to undo."""
 
     K: Intrinsics
     width: int
     height: int
-    distortion: Float64[np.ndarray, 5] | None = None
+    distortion: Distortion | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float64
 
 from asdfviz.data.json_files import Json, read_json
 from asdfviz.errors import SequenceError
-from asdfviz.geometry.shapes import Intrinsics
+from asdfviz.geometry.shapes import Distortion, Intrinsics
+
+LENS_NUMBERS = (4, 5, 8)
+"""How many coefficients a lens may have; an Azure Kinect's has eight."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,8 +23,8 @@ class CameraEntry:
     depth_scale: float | None
     """Millimetres per unit of the depth images; None where the file does not say."""
     size_wh: tuple[int, int] | None = None
-    distortion: Float64[np.ndarray, 5] | None = None
-    """OpenCV's k1 k2 p1 p2 k3 of the colour images as they lie on disk."""
+    distortion: Distortion | None = None
+    """Of the colour images as they lie on disk."""
 
 
 def read_camera_file(path: Path) -> CameraEntry:
@@ -99,11 +101,11 @@ def _size(content: Json) -> tuple[int, int] | None:
     return width, height
 
 
-def _distortion(content: Json) -> Float64[np.ndarray, 5] | None:
+def _distortion(content: Json) -> Distortion | None:
     field = content.find("distortion")
     if field is None:
         return None
-    distortion = field.numbers(5)
+    distortion = field.numbers(*LENS_NUMBERS)
     if not distortion.any():
         return None
     distortion.flags.writeable = False

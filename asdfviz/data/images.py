@@ -7,10 +7,10 @@ from typing import TypeAlias
 
 import cv2
 import numpy as np
-from jaxtyping import Float64, UInt16
+from jaxtyping import UInt16
 
 from asdfviz.errors import SequenceError
-from asdfviz.geometry.shapes import Depth, Intrinsics, Rgb
+from asdfviz.geometry.shapes import Depth, Distortion, Intrinsics, Rgb
 
 RawDepth: TypeAlias = UInt16[np.ndarray, "h w"]
 
@@ -98,9 +98,7 @@ class ImageSizeError(SequenceError):
 class Undistorter:
     """Maps colour images of one lens to the pinhole camera with the same K."""
 
-    def __init__(
-        self, K: Intrinsics, distortion: Float64[np.ndarray, 5], size_wh: tuple[int, int]
-    ) -> None:
+    def __init__(self, K: Intrinsics, distortion: Distortion, size_wh: tuple[int, int]) -> None:
         self._maps = cv2.initUndistortRectifyMap(K, distortion, None, K, size_wh, cv2.CV_16SC2)
 
     def __call__(self, rgb: Rgb) -> Rgb:

@@ -90,14 +90,15 @@ class Json:
             raise self.fail("text")
         return self.value
 
-    def numbers(self, count: int) -> Scores:
-        """A list of `count` finite numbers (nested lists are read row by row)."""
+    def numbers(self, *counts: int) -> Scores:
+        """A list of so many finite numbers, or of one of several lengths (nested lists row by row)."""
+        wanted = " or ".join(map(str, counts))
         try:
             array = np.asarray(self.value, dtype=np.float64).reshape(-1)
         except (TypeError, ValueError, OverflowError) as error:
-            raise self.fail(f"{count} numbers") from error
-        if array.shape != (count,) or not np.isfinite(array).all():
-            raise self.fail(f"{count} finite numbers")
+            raise self.fail(f"{wanted} numbers") from error
+        if len(array) not in counts or not np.isfinite(array).all():
+            raise self.fail(f"{wanted} finite numbers")
         return array
 
 

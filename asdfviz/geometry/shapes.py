@@ -16,6 +16,8 @@ Points: TypeAlias = Float64[np.ndarray, "n 3"]
 Pixels: TypeAlias = Float64[np.ndarray, "n 2"]
 """(u, v); an integer is a pixel's centre."""
 Intrinsics: TypeAlias = Float64[np.ndarray, "3 3"]
+Distortion: TypeAlias = Float64[np.ndarray, "k"]
+"""OpenCV's k1 k2 p1 p2, then k3, then k4 k5 k6 if the lens has them: 4, 5 or 8 numbers."""
 Box: TypeAlias = Float64[np.ndarray, "4"]
 """x0, y0, x1, y1 in pixels."""
 Scores: TypeAlias = Float64[np.ndarray, "n"]

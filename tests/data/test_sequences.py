@@ -90,9 +90,10 @@ def test_each_frame_has_its_own_camera(write_scene: WriteScene) -> None:
     assert sequence.camera.K[0, 0] == 90.0
 
 
-def test_colour_is_undistorted_and_depth_is_not(write_scene: WriteScene) -> None:
+@pytest.mark.parametrize("length", [4, 5, 8])
+def test_colour_is_undistorted_and_depth_is_not(write_scene: WriteScene, length: int) -> None:
     scene = write_scene("folder")
-    distortion = [0.2, -0.1, 0.002, -0.001, 0.05]
+    distortion = [0.2, -0.1, 0.002, -0.001, 0.05, 0.03, -0.02, 0.01][:length]
     camera = scene.read("camera.json")
     plain = open_sequence(scene.folder)[0]
     scene.write("camera.json", {**camera, "distortion": distortion})
@@ -195,7 +196,11 @@ CAMERA = {"fx": 90.0, "fy": 91.0, "cx": 47.0, "cy": 31.0, "width": 96, "height":
         ("folder", put("camera.json", {**CAMERA, "fy": -3}), r"focal lengths must be positive"),
         ("folder", put("camera.json", {**CAMERA, "width": 0}), r"must be positive pixels"),
         ("folder", put("camera.json", {**CAMERA, "depth_scale": 0}), r"millimetres per unit"),
-        ("folder", put("camera.json", {**CAMERA, "distortion": [1, 2]}), r"5 finite numbers"),
+        (
+            "folder",
+            put("camera.json", {**CAMERA, "distortion": [1, 2]}),
+            r"4 or 5 or 8 finite numbers",
+        ),
         ("folder", put("sequence.json", {"fps": -1}), r"frames per second"),
         ("folder", put("sequence.json", {"assembly": 3}), r"'assembly': expected text"),
         ("gbot", drop("scene_camera.json"), r"no camera\.json and no scene_camera\.json"),
