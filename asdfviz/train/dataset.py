@@ -92,6 +92,7 @@ def load_images(
     image_size: int,
     smallest_visible: float = 0.2,
     limit: int | None = None,
+    share: slice = slice(None),
 ) -> tuple[LabelledImage, ...]:
     """Read every frame of the scenes that has truth.
 
@@ -102,6 +103,7 @@ def load_images(
         image_size: larger pictures are reduced to this longer side, pixels.
         smallest_visible: objects less visible than this are left out, 0 to 1.
         limit: read only this many frames, spread evenly; None means all.
+        share: which of each folder's frames to read, where several processes share them.
 
     Raises:
         SequenceError: a file is missing or broken, names none of the assemblies, or no frame has
@@ -109,10 +111,13 @@ def load_images(
     """
     subjects = subjects_of(assemblies)
     images: list[LabelledImage] = []
+    found = 0
     for folder in folders:
         subject = shown_subject(folder, subjects)
-        images.extend(_load_scene(folder, subject, image_size, smallest_visible, limit))
-    if not images:
+        frames, known = _load_scene(folder, subject, image_size, smallest_visible, limit, share)
+        images.extend(frames)
+        found += known
+    if not found:
         raise SequenceError(
             f"no frame with truth in {[str(f) for f in folders]}: a training set has rgb/, "
             "scene_gt.json and scene_camera.json"
@@ -157,7 +162,9 @@ def _load_scene(
     image_size: int,
     smallest_visible: float,
     limit: int | None,
-) -> list[LabelledImage]:
+    share: slice,
+) -> tuple[list[LabelledImage], int]:
+    """The frames of a share, and how many frames with truth there are in all."""
     files = find_scene_files(folder)
     cameras = read_scene_cameras(folder / "scene_camera.json")
     objects = read_scene_objects(folder)
@@ -166,7 +173,7 @@ def _load_scene(
     if limit is not None and len(indices) > limit:
         indices = [indices[int(i)] for i in np.linspace(0, len(indices) - 1, limit)]
     images: list[LabelledImage] = []
-    for index in indices:
+    for index in indices[share]:
         camera = cameras[index]
         depth: Depth | None = None
         if index in files.depth:
@@ -182,7 +189,7 @@ def _load_scene(
             objects=labeller.labels(objects[index], groups.get(index, ())),
         )
         images.append(_reduced(image, image_size))
-    return images
+    return images, len(indices)
 
 
 def _reduced(image: LabelledImage, image_size: int) -> LabelledImage:

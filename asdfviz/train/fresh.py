@@ -148,8 +148,9 @@ class Feeder:
         self._painter = Painter(assemblies, job.fresh, seed=job.seed)
         stored: tuple[LabelledImage, ...] = ()
         if job.data:
-            stored = load_images(job.data, assemblies, image_size=job.image_size)
-        self._stored = stored[number :: job.processes]
+            mine = slice(number, None, job.processes)
+            stored = load_images(job.data, assemblies, image_size=job.image_size, share=mine)
+        self._stored = stored
         kept = max(1, job.fresh.kept // job.processes)
         self._pool: deque[LabelledImage] = deque(maxlen=kept)
         self._first = min(FIRST, kept)

@@ -28,6 +28,16 @@ def test_labels_are_the_projected_truth(scene: Path, assembly: Assembly) -> None
     np.testing.assert_allclose(body.outline.max(0), corners.max(0), atol=1e-3)
 
 
+def test_several_processes_share_the_frames(scene: Path, assembly: Assembly) -> None:
+    every = load_images([scene], (assembly,), image_size=640)
+    shares = [
+        load_images([scene], (assembly,), image_size=640, share=slice(number, None, 12))
+        for number in range(12)
+    ]
+    assert [image.name for share in shares for image in share] == [image.name for image in every]
+    assert shares[11] == ()
+
+
 def test_a_state_is_the_union_of_its_own_group(scene: Path, assembly: Assembly) -> None:
     """The loose bar comes first in the list and is no part of the joined state."""
     images = load_images([scene], (assembly,), image_size=640)
