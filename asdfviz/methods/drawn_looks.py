@@ -20,6 +20,7 @@ from asdfviz.datatypes import Frame, Mesh
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Intrinsics, Points, Transform, Transforms
 from asdfviz.methods.drawn_colors import divided_so
+from asdfviz.methods.drawn_kernels import uneven
 from asdfviz.methods.group_views import grown
 from asdfviz.methods.registration import projected_box
 from asdfviz.pose.table import Table
@@ -131,11 +132,11 @@ def drawn_looks(
         if np.count_nonzero(seen) < LEAST:
             return None
         normals = face_normals(mesh, ids[seen], T_camera_parts[k]) @ T_camera_parts[k, :3, :3].T
-        uneven = _uneven(shown, seen, normals)
+        rest = _uneven(shown, seen, normals)
         gap = _gap(shown, surface, is_hidden, smear_px=config.smear * float(K[0, 0]))
         if gap is None:
             return None
-        values[k] -= config.depth * gap + config.shade * uneven
+        values[k] -= config.depth * gap + config.shade * rest
     return values
 
 
@@ -187,8 +188,9 @@ def _without(
 ) -> Plane:
     """Depth without the part: the table where it may be, what is measured elsewhere."""
     if table is not None:
-        at = np.indices(measured.shape)
-        unit = table.heights(np.ones_like(measured), rows=at[0], columns=at[1], K=K)
+        height, width = measured.shape
+        rows, columns = np.arange(height)[:, None], np.arange(width)[None]
+        unit = table.heights(np.ones_like(measured), rows=rows, columns=columns, K=K)
         slope = unit - table.offset
         under = -table.offset / np.minimum(slope, -1e-6)
     else:
@@ -241,18 +243,4 @@ def _uneven(shown: _Shown, seen: Where, normals: Points) -> float:
     smooth = cv2.GaussianBlur(smooth, (0, 0), 0.8)
     inside = cv2.erode(seen.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     counted = inside if np.count_nonzero(inside) >= LEAST else seen
-    terms = np.column_stack(
-        [
-            np.ones(np.count_nonzero(counted)),
-            smooth[counted, :3] / np.maximum(smooth[counted, 3:], 0.2),
-        ]
-    )
-    bright, weight = shown.brightness[counted], np.ones(len(terms))
-    left = bright
-    for _ in range(ROUNDS):
-        weighted = terms * weight[:, None]
-        factors = np.linalg.solve(weighted.T @ terms + 0.01 * np.eye(4), weighted.T @ bright)
-        left = bright - terms @ factors
-        spread = 1.4826 * float(np.median(np.abs(left))) + 1e-3
-        weight = 1.0 / (1.0 + (left / (2 * spread)) ** 2)
-    return float(np.sqrt(np.minimum(left**2, LARGEST_UNEVEN**2).mean()))
+    return float(uneven(smooth, counted, shown.brightness, ROUNDS, LARGEST_UNEVEN))

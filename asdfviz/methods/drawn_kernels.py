@@ -1,0 +1,71 @@
+"""The compiled loop behind `drawn_looks`: how much of the brightness shading by normals leaves unexplained."""
+
+from __future__ import annotations
+
+from typing import no_type_check
+
+import numpy as np
+
+from asdfviz.geometry.jit import kernel
+
+RIDGE = 0.01
+"""Holds the factors of normals that hardly differ near zero."""
+LEAST_INSIDE = 0.2
+"""Of a smoothed normal: beside the part's rim its length says little."""
+LEAST_SPREAD = 1e-3
+"""Of what is left, logarithm of brightness."""
+ROBUST = 1.4826
+"""Median of absolute deviations to a standard deviation."""
+
+
+@kernel
+@no_type_check
+def uneven(smooth, counted, brightness, rounds, largest):
+    """What a linear function of the normal leaves of the brightness' logarithm, root mean square.
+
+    Args:
+        smooth: h w 4, smoothed sums of normals, and of ones, over the part's pixels.
+        counted: h w, pixels that count.
+        brightness: h w, logarithm.
+        rounds: in which what does not fit comes to count less.
+        largest: what is left counts for no more than this.
+    """
+    height, width = counted.shape
+    n = 0
+    for row in range(height):
+        for column in range(width):
+            n += counted[row, column]
+    terms, bright = np.ones((n, 4)), np.empty(n)
+    i = 0
+    for row in range(height):
+        for column in range(width):
+            if counted[row, column]:
+                share = max(smooth[row, column, 3], LEAST_INSIDE)
+                for k in range(3):
+                    terms[i, k + 1] = smooth[row, column, k] / share
+                bright[i] = brightness[row, column]
+                i += 1
+    weight, left = np.ones(n), bright.copy()
+    for _ in range(rounds):
+        A, y = RIDGE * np.eye(4), np.zeros(4)
+        for i in range(n):
+            for a in range(4):
+                weighted = weight[i] * terms[i, a]
+                y[a] += weighted * bright[i]
+                for b in range(a + 1):
+                    A[a, b] += weighted * terms[i, b]
+        for a in range(4):
+            for b in range(a + 1, 4):
+                A[a, b] = A[b, a]
+        factors = np.linalg.solve(A, y)
+        for i in range(n):
+            left[i] = bright[i]
+            for a in range(4):
+                left[i] -= terms[i, a] * factors[a]
+        spread = ROBUST * np.median(np.abs(left)) + LEAST_SPREAD
+        for i in range(n):
+            weight[i] = 1.0 / (1.0 + (left[i] / (2 * spread)) ** 2)
+    total = 0.0
+    for i in range(n):
+        total += min(left[i] ** 2, largest**2)
+    return np.sqrt(total / n)
