@@ -20,6 +20,34 @@ ROBUST = 1.4826
 
 @kernel
 @no_type_check
+def _gathered(smooth, counted, brightness):
+    """Terms (1 and the normal) and brightness of the pixels that count."""
+    rows, columns = counted.nonzero()
+    terms, bright = np.ones((len(rows), 4)), np.empty(len(rows))
+    for i in range(len(rows)):
+        pixel = smooth[rows[i], columns[i]]
+        for k in range(3):
+            terms[i, k + 1] = pixel[k] / max(pixel[3], LEAST_INSIDE)
+        bright[i] = brightness[rows[i], columns[i]]
+    return terms, bright
+
+
+@kernel
+@no_type_check
+def _factors(terms, bright, weight):
+    """Weighted least squares of the brightness by its terms."""
+    A, y = RIDGE * np.eye(4), np.zeros(4)
+    for i in range(len(bright)):
+        for a in range(4):
+            weighted = weight[i] * terms[i, a]
+            y[a] += weighted * bright[i]
+            for b in range(4):
+                A[a, b] += weighted * terms[i, b]
+    return np.linalg.solve(A, y)
+
+
+@kernel
+@no_type_check
 def uneven(smooth, counted, brightness, rounds, largest):
     """What a linear function of the normal leaves of the brightness' logarithm, root mean square.
 
@@ -30,42 +58,18 @@ def uneven(smooth, counted, brightness, rounds, largest):
         rounds: in which what does not fit comes to count less.
         largest: what is left counts for no more than this.
     """
-    height, width = counted.shape
-    n = 0
-    for row in range(height):
-        for column in range(width):
-            n += counted[row, column]
-    terms, bright = np.ones((n, 4)), np.empty(n)
-    i = 0
-    for row in range(height):
-        for column in range(width):
-            if counted[row, column]:
-                share = max(smooth[row, column, 3], LEAST_INSIDE)
-                for k in range(3):
-                    terms[i, k + 1] = smooth[row, column, k] / share
-                bright[i] = brightness[row, column]
-                i += 1
-    weight, left = np.ones(n), bright.copy()
+    terms, bright = _gathered(smooth, counted, brightness)
+    weight, left = np.ones(len(bright)), bright.copy()
     for _ in range(rounds):
-        A, y = RIDGE * np.eye(4), np.zeros(4)
-        for i in range(n):
-            for a in range(4):
-                weighted = weight[i] * terms[i, a]
-                y[a] += weighted * bright[i]
-                for b in range(a + 1):
-                    A[a, b] += weighted * terms[i, b]
-        for a in range(4):
-            for b in range(a + 1, 4):
-                A[a, b] = A[b, a]
-        factors = np.linalg.solve(A, y)
-        for i in range(n):
+        factors = _factors(terms, bright, weight)
+        for i in range(len(bright)):
             left[i] = bright[i]
             for a in range(4):
                 left[i] -= terms[i, a] * factors[a]
         spread = ROBUST * np.median(np.abs(left)) + LEAST_SPREAD
-        for i in range(n):
+        for i in range(len(bright)):
             weight[i] = 1.0 / (1.0 + (left[i] / (2 * spread)) ** 2)
     total = 0.0
-    for i in range(n):
+    for i in range(len(bright)):
         total += min(left[i] ** 2, largest**2)
-    return np.sqrt(total / n)
+    return np.sqrt(total / len(bright))
