@@ -1,7 +1,6 @@
 """The nouns that every room of the package speaks: cameras, frames, assemblies, predictions, truth.
 
-All are frozen and hold read-only arrays. Metres, radians and seconds; transforms T_a_b map points
-of frame b to frame a; the camera frame has OpenCV's axes.
+All are frozen, with read-only arrays. Metres, radians, seconds; the camera frame has OpenCV's axes.
 """
 
 from __future__ import annotations

@@ -188,8 +188,7 @@ def _without(
 ) -> Plane:
     """Depth without the part: the table where it may be, what is measured elsewhere."""
     if table is not None:
-        rows = np.arange(measured.shape[0]).reshape(-1, 1)
-        columns = np.arange(measured.shape[1]).reshape(1, -1)
+        rows, columns = np.ogrid[: measured.shape[0], : measured.shape[1]]
         unit = table.heights(np.ones_like(measured), rows=rows, columns=columns, K=K)
         slope = unit - table.offset
         under = -table.offset / np.minimum(slope, -1e-6)
