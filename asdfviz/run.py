@@ -52,7 +52,7 @@ def run(
     prepare: Callable[[int, int], None] | None = None,
     first: int | None = None,
 ) -> Run:
-    """Run a method over all frames of a sequence.
+    """Run a method over the frames of a sequence; over those before it was stopped.
 
     Args:
         spec: the method.
@@ -61,22 +61,16 @@ def run(
         progress: called after every frame with frames done, frames in all, and the prediction.
         stop: asked before every frame; True ends the run early with what there is.
         keep: called with the run so far where a later frame fails, before the error is raised.
-        prepare: called with (views done, views) while the parts' viewpoint models are made, which
-            happens where the method needs them and no earlier run has left them.
+        prepare: called with (views done, views) while viewpoint models are made, the first time.
         first: only so many frames, from the first on; None for all.
-
-    Returns:
-        The run; fewer predictions than frames if it was stopped.
 
     Raises:
         InputError: `first` is below 1.
         SequenceError: the sequence has no assembly, no frames, or no truth where it is needed.
         MethodError: the method failed or said something impossible; with the frame.
     """
-    if first is not None and first < 1:
-        raise InputError(f"{first} frames are nothing to run on: ask for 1 or more")
     assembly = _known_assembly(sequence)
-    wanted = len(sequence) if first is None else min(first, len(sequence))
+    wanted = _wanted(first, sequence)
     config = spec.config() if config is None else config
     method = build_method(spec, config)  # refuses a config of another class
     initial = _initial(sequence, assembly) if spec.initial == "first_frame_truth" else None
@@ -105,6 +99,13 @@ def run(
             keep(so_far())
         raise
     return so_far()
+
+
+def _wanted(first: int | None, sequence: Sequence) -> int:
+    """How many frames to run on."""
+    if first is not None and first < 1:
+        raise InputError(f"{first} frames are nothing to run on: ask for 1 or more")
+    return len(sequence) if first is None else min(first, len(sequence))
 
 
 def _run_of(
