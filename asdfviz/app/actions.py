@@ -22,7 +22,7 @@ from asdfviz.app.label_actions import (
     SetRange,
     SetState,
 )
-from asdfviz.app.pose_actions import MovePart, TypePose
+from asdfviz.app.pose_actions import Hold, MovePart, TypePose
 
 Tab = Literal["sequence", "methods", "annotate", "results"]
 Mode = Literal["ar", "3d"]
@@ -277,7 +277,7 @@ class Changed:
 
 
 Action: TypeAlias = (
-    Seek | Resume | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
+    Seek | Hold | Resume | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
     | CycleStep | MovePart | TypePose | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | Cancel
     | SetState | NextState | RepeatState | ClearState | SetRange | MarkRange

@@ -21,6 +21,7 @@ KINDS: Mapping[str, type] = {
     kind.__name__: kind
     for kind in (
         actions.Seek,
+        actions.Hold,
         actions.Resume,
         actions.Step,
         actions.ToBoundary,

@@ -98,6 +98,8 @@ def _drag(action: act.MovePart, desk: Desk) -> Done:
 
 def _type(action: act.TypePose, desk: Desk) -> Done:
     """What was typed belongs to the frame and the part that the figures stood for."""
+    if not 0 <= action.place < len(desk.workspace.indices):
+        raise AnnotationError(f"{action.part} was not moved: there is no frame at {action.place}")
     begun = replace(desk, view=replace(desk.view, place=action.place, selected=action.part))
     T_typed = typed_pose(begun.pose(), action.options, part=action.part)
     return replace(begun.move(action.part, T_typed, "keys"), place=desk.view.place)

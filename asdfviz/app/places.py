@@ -43,6 +43,11 @@ def resume(view: View, action: act.Resume, facts: Facts) -> View:
     return at(replace(view, mode=action.mode, turns=turns), action.place, facts)
 
 
+def hold(view: View, action: act.Hold, facts: Facts) -> View:
+    """Stop at a frame."""
+    return at(replace(view, playing=False), action.place, facts)
+
+
 def step(view: View, action: act.Step, facts: Facts) -> View:
     """Go on by some frames."""
     return at(replace(view, playing=False), view.place + action.by, facts)

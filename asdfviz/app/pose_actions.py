@@ -20,6 +20,13 @@ class MovePart:
 
 
 @dataclass(frozen=True, slots=True)
+class Hold:
+    """Stop playing, at a frame's place: somebody begins to type there, or did."""
+
+    place: int
+
+
+@dataclass(frozen=True, slots=True)
 class TypePose:
     """Figures of a part's pose were typed."""
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from asdfviz.app import actions as act
 from asdfviz.app.ar import clamp_centre, zoom_about
-from asdfviz.app.places import at, mark_range, resume, set_range, step, to_boundary
+from asdfviz.app.places import at, hold, mark_range, resume, set_range, step, to_boundary
 from asdfviz.app.view import SPEEDS, STEPS_MM, TRUTH, Facts, View, centre_of, window_of
 
 
@@ -214,6 +214,7 @@ def _pause(view: View, action: act.Action, facts: Facts) -> View:
 
 _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.Seek: _seek,
+    act.Hold: hold,
     act.Resume: resume,
     act.Step: step,
     act.ToBoundary: to_boundary,

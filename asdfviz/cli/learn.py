@@ -66,7 +66,8 @@ class Train:
 
         values = {k: v for k, v in vars(self).items() if k not in ("out", "assembly")}
         config = TrainConfig(**values, assemblies=self.assembly, output=self.out)
-        require_device(self.device)
+        for device in (self.device, self.fresh_device):
+            require_device(device)
         make_folder(self.out)
         with progress_bar("train") as report, stop_on_interrupt() as stop:
 

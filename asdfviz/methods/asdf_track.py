@@ -202,9 +202,10 @@ class AsdfTrack:
                 scene.places.see(poses[assembly.base].T_camera_part, seen)
         with timed("fuse"):
             first = proposed.poses.get(assembly.base)
-            trusted, free = witnesses(poses, parts.tracks, base=assembly.base)
+            told = witnesses(poses, parts.tracks, base=assembly.base)
+            free, loose = told.places, told.loose
             scene.state = scene.followed.step(
-                self._asdf.looks, trusted, shown, first=first, free=free
+                self._asdf.looks, told.trusted, shown, first=first, free=free, loose=loose
             )
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)

@@ -7,19 +7,32 @@ of the right one; how often the detector found the part there tells them apart.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from asdfviz.datatypes import PoseEstimate
 from asdfviz.methods.track_memory import Track
 
 TRUSTED = 0.8
-"""A pose that is trusted less teaches neither a part's colours nor where it sits in its joint."""
+"""A pose that is trusted less teaches neither a part's colours nor where it sits in its joint, and says
+nothing of where the base is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Witnesses:
+    """Poses by what they may tell."""
+
+    trusted: dict[str, PoseEstimate]
+    """Those that may be believed."""
+    places: dict[str, PoseEstimate]
+    """Those that tell of the state by where they are, scored by what they are worth."""
+    loose: dict[str, PoseEstimate]
+    """The same as they are tracked: what is doubted is not gone."""
 
 
 def witnesses(
     poses: Mapping[str, PoseEstimate], tracks: Mapping[str, Track], *, base: str
-) -> tuple[dict[str, PoseEstimate], dict[str, PoseEstimate]]:
-    """The poses that may be believed, and those that bear witness, scored by what they are worth.
+) -> Witnesses:
+    """Sort the poses of a frame.
 
     What the state holds together cannot bear witness for the state. The base is asked of the picture
     in many ways besides, and is believed.
@@ -33,10 +46,9 @@ def witnesses(
         name: 1.0 if name == base or pose.stage == "group" else tracks[name].trust
         for name, pose in poses.items()
     }
-    trusted = {name: pose for name, pose in poses.items() if trust[name] >= TRUSTED}
-    free = {
-        name: replace(pose, score=trust[name] * pose.score)
-        for name, pose in poses.items()
-        if pose.stage != "group"
-    }
-    return trusted, free
+    loose = {name: pose for name, pose in poses.items() if pose.stage != "group"}
+    return Witnesses(
+        trusted={name: pose for name, pose in poses.items() if trust[name] >= TRUSTED},
+        places={n: replace(p, score=trust[n] * p.score) for n, p in loose.items()},
+        loose=loose,
+    )

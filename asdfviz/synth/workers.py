@@ -168,7 +168,7 @@ def _with_processes(work: Work, numbers: Sequence[int], workers: int, stop: Stop
     count = min(workers, len(numbers))
     done = 0
     with ProcessPoolExecutor(count, context, _prepare, (event, count)) as pool:
-        with _interrupts_held_back():
+        with interrupts_held_back():
             pending = {pool.submit(_do, work, number) for number in numbers}
         try:
             while pending:
@@ -196,10 +196,11 @@ def _prepare(event: Event, workers: int) -> None:
     # here, and threads in excess wait for each other ten times longer than they work.
     torch.set_num_threads(threads)
     cv2.setNumThreads(threads)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
+    """Wait for the process that spawned this one, and end when it does; for a thread."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -207,7 +208,7 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
-def _interrupts_held_back() -> Generator[None]:
+def interrupts_held_back() -> Generator[None]:
     """Processes that start within never see Ctrl+C: their parent hears it and ends them in order."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -227,7 +228,7 @@ def _with_joblib(
     with _cluster(backend, workers), joblib.parallel_config(backend=backend, n_jobs=workers):
         for first in range(0, len(numbers), batch):
             tasks = [joblib.delayed(_do)(work, n) for n in numbers[first : first + batch]]
-            with _interrupts_held_back():
+            with interrupts_held_back():
                 results = joblib.Parallel(return_as=kind)(tasks)
             for finished in results:
                 done += finished
@@ -250,7 +251,7 @@ def _cluster(backend: str, workers: int) -> Generator[None]:
     # Set by DASK_SCHEDULER_ADDRESS or a file of Dask's.
     named = dask.config.get("scheduler-address", None) is not None
     here = {} if named else {"n_workers": workers, "threads_per_worker": 1}
-    with _interrupts_held_back():
+    with interrupts_held_back():
         client = distributed.Client(**here)
     with client:
         yield

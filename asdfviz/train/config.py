@@ -50,7 +50,7 @@ class TrainConfig:
     """Pictures rendered while training: the latest so many are drawn from beside `data`, which may
     then be empty. 0 for none. Such a run does not repeat exactly."""
     fresh_draws: int = 40
-    """Inputs for which each of them is drawn from in the mean; a faster training waits."""
+    """Inputs for each of them that is rendered; a faster training waits."""
     fresh_scenes: float = 0.5
     """Share of scenes among them; the others are packs, half of them with joined groups mostly."""
     fresh_device: str = "cpu"

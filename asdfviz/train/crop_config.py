@@ -69,7 +69,7 @@ class CropTrainConfig:
     first_shards: int = 2
     """Training begins once there are so many."""
     live_steps: int = 8
-    """On a GPU: a fresh shard every so many steps."""
+    """Where a run on a GPU renders itself: a fresh shard every so many steps."""
     validation_crops: int = 40
     """Fresh crops a class that are kept for validation."""
     threads: int = 1

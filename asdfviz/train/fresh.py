@@ -7,9 +7,11 @@ neither rendering nor cutting inputs makes a GPU wait for Python.
 from __future__ import annotations
 
 import itertools
-import os
+import pickle
 import queue
-import signal
+import threading
+import time
+import traceback
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -34,6 +36,7 @@ from asdfviz.synth.images import draw_picture
 from asdfviz.synth.packs import PackConfig
 from asdfviz.synth.scene import SceneConfig
 from asdfviz.synth.sensor import photograph, random_rgb_sensor
+from asdfviz.synth.workers import end_with_parent, interrupts_held_back
 from asdfviz.train.dataset import LabelledImage, load_images
 from asdfviz.train.loader import AHEAD, Batch, Recipe, make_batch
 from asdfviz.train.packing import AugmentConfig, Packer
@@ -42,6 +45,8 @@ FIRST = 16
 """Pictures that a process renders before it makes its first batch; fewer where it keeps fewer."""
 RENEW_EVERY = 4
 """New pictures after which inputs are drawn from them too."""
+LINGERS_S = 60.0
+"""A process that failed stays for so long, so that what it sent can be fetched, seconds."""
 PATIENCE_S = 1.0
 """Between two looks at whether the processes still live, seconds."""
 
@@ -53,7 +58,7 @@ class FreshConfig:
     kept: int
     """The latest so many pictures are drawn from, over all processes."""
     draws: int = 40
-    """Inputs for which each picture is drawn from in the mean; a training that wants more waits."""
+    """Inputs for each picture that is rendered; a training that wants more waits."""
     scenes: float = 0.5
     """Share of scenes among the pictures; the others are packs."""
     grouped: float = 0.5
@@ -88,7 +93,7 @@ class FreshConfig:
 
 
 class Painter:
-    """Draws numbered pictures of the assemblies in turn."""
+    """Draws numbered pictures, each of one of the assemblies."""
 
     def __init__(self, assemblies: Sequence[Assembly], config: FreshConfig, *, seed: int) -> None:
         """Prepare the assemblies, in the order of the network's outputs."""
@@ -104,8 +109,9 @@ class Painter:
 
     def draw(self, number: int) -> LabelledImage:
         """Render one picture; the same seed and number give the same one."""
-        assets, subject = self._makers[number % len(self._makers)]
         rng = np.random.default_rng([self._seed, number])
+        # Not in turn: of numbers that go up in steps, as each process has them, some never come.
+        assets, subject = self._makers[int(rng.integers(len(self._makers)))]
         kind = self._kinds[int(rng.choice(len(self._kinds), p=self._shares))]
         true_scene, picture = draw_picture(assets, rng=rng, config=kind)
         rgb = photograph(picture.radiance, sensor=random_rgb_sensor(rng), rng=rng)
@@ -159,8 +165,10 @@ class Feeder:
 
     @property
     def wants_pictures(self) -> bool:
-        """Whether what there is was drawn from often enough."""
-        return self._made < self._first or self._drawn >= self._job.fresh.draws * self._made
+        """Whether what there is was drawn from often enough, or shows nothing that is learnt."""
+        is_used = self._drawn >= self._job.fresh.draws * self._made
+        shows = any(image.objects for image in (*self._stored, *self._pool))
+        return self._made < self._first or is_used or not shows
 
     def paint(self) -> None:
         """Render one picture; the oldest goes."""
@@ -179,15 +187,13 @@ class Feeder:
 
 
 def feed(job: Feeding, number: int, requests: Any, batches: Any) -> None:
-    """Answer requests with batches, and render meanwhile, as long as the parent process lives."""
-    # Ctrl+C reaches the whole group: the parent asks for the end.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Answer requests with batches, and render meanwhile, until the parent process ends it."""
     torch.set_num_threads(1)
     cv2.setNumThreads(1)
-    parent = os.getppid()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     try:
         feeder = Feeder(job, number)
-        while os.getppid() == parent:
+        while True:
             asked: tuple[int, Recipe] | None = None
             if not feeder.wants_pictures:
                 with suppress(queue.Empty):
@@ -197,9 +203,19 @@ def feed(job: Feeding, number: int, requests: Any, batches: Any) -> None:
             else:
                 batches.put(feeder.batch(*asked))
     except Exception as error:  # noqa: BLE001 - raised again in the process that trains
-        batches.put(error)
-        batches.close()
-        batches.join_thread()
+        batches.put(_sendable(error))
+        # Whoever waits in the queue before it is handed over by this process, and told its end.
+        time.sleep(LINGERS_S)
+
+
+def _sendable(error: Exception) -> Exception:
+    """The error with the place where it came up; in words where it cannot travel itself."""
+    error.add_note(traceback.format_exc())
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:  # noqa: BLE001 - whatever it is, its words can travel
+        return AsdfvizError(f"{type(error).__name__}: {error}")
+    return error
 
 
 @contextmanager
@@ -213,12 +229,7 @@ def fed(job: Feeding, recipe: Callable[[int], Recipe], *, first: int) -> Generat
     """
     context = processes.get_context("spawn")
     requests, batches = context.Queue(), context.Queue()
-    workers: list[SpawnProcess] = [
-        context.Process(target=feed, args=(job, number, requests, batches), daemon=True)
-        for number in range(job.processes)
-    ]
-    for worker in workers:
-        worker.start()
+    workers: list[SpawnProcess] = []
 
     def take() -> Iterator[Batch]:
         waiting = 0
@@ -230,6 +241,13 @@ def fed(job: Feeding, recipe: Callable[[int], Recipe], *, first: int) -> Generat
                 waiting -= 1
 
     try:
+        with (
+            interrupts_held_back()
+        ):  # Ctrl+C reaches the whole group: this process asks for the end
+            for number in range(job.processes):
+                arguments = (job, number, requests, batches)
+                workers.append(context.Process(target=feed, args=arguments, daemon=True))
+                workers[-1].start()
         yield take()
     finally:
         for worker in workers:
@@ -250,12 +268,12 @@ def _next_of(batches: Any, workers: Sequence[SpawnProcess]) -> Batch:
     while True:
         try:
             found = batches.get(timeout=PATIENCE_S)
-        except queue.Empty:
+        except (queue.Empty, OSError, EOFError):  # nothing yet, or of a process that is gone
             gone = [w.exitcode for w in workers if not w.is_alive()]
             if gone:
                 raise AsdfvizError(
                     f"a process that renders pictures ended (exit code {gone[0]}): with fewer "
-                    "loaders it needs less memory"
+                    "loaders it needs less memory, also in /dev/shm"
                 ) from None
             continue
         if isinstance(found, Exception):

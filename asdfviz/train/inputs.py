@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 
+import torch
+
+from asdfviz.datatypes import Assembly
 from asdfviz.train.config import TrainConfig
 from asdfviz.train.dataset import LabelledImage
 from asdfviz.train.fresh import Feeding, FreshConfig, fed
@@ -16,6 +19,7 @@ from asdfviz.train.world import World
 @contextmanager
 def input_stream(
     config: TrainConfig,
+    assemblies: Sequence[Assembly],
     images: Sequence[LabelledImage],
     *,
     world: World,
@@ -26,6 +30,7 @@ def input_stream(
 
     Args:
         config: of the run.
+        assemblies: in the order of the network's outputs.
         images: stored pictures; with fresh ones, the processes that render read them themselves.
         world: every process draws its own.
         recipe: what a step's batch is made of.
@@ -35,17 +40,17 @@ def input_stream(
     size = min(max(s.width for s in config.stages), config.image_size)
     if config.fresh:
         job = Feeding(
-            assemblies=config.assemblies,
+            assemblies=tuple(str(assembly.path) for assembly in assemblies),
             fresh=FreshConfig(
                 kept=config.fresh,
                 draws=config.fresh_draws,
                 scenes=config.fresh_scenes,
                 width=config.image_size,
                 height=config.image_size * 9 // 16,
-                device=config.fresh_device,
+                device=_own(config.fresh_device, world),
             ),
             seed=seed,
-            # A sitting makes fewer pictures than it draws inputs, so none is ever drawn again.
+            # Far beyond what an earlier sitting made.
             first=first * config.stages[0].batch,
             processes=config.loaders,
             data=config.data,
@@ -60,3 +65,9 @@ def input_stream(
     packer = Packer(images, scale=scale, config=config.augment)
     with batches(packer, recipe, seed=seed, first=first, loaders=config.loaders) as stream:
         yield stream
+
+
+def _own(device: str, world: World) -> str:
+    """Of several GPUs the one that this process trains on."""
+    same = torch.device(device).type == torch.device(world.device).type
+    return world.device if same else device

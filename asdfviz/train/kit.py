@@ -3,8 +3,8 @@
     python -m asdfviz.train.kit --assemblies models/vise models/screw_clamp \
         --total 30 --sitting 9 --device cuda --carried carried --out OUT
 
-Data are rendered on the device while it trains, so nothing but the assemblies travels there. What
-comes back is small: the weights, the log, and the state of the run cut into pieces. The same line
+Data are rendered there while it trains, on CPU cores unless told otherwise, so nothing but the
+assemblies travels, and weights to begin with. What comes back is small: the weights, the log, and the state of the run cut into pieces. The same line
 with `--carried` naming these pieces goes on.
 """
 
@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from asdfviz.detector.device import require_device
 from asdfviz.detector.weights import SCALES
 from asdfviz.errors import AsdfvizError, Stopped
 from asdfviz.train.checkpoint import export_weights, keep_average
@@ -69,6 +70,8 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 
 def run_sitting(options: argparse.Namespace) -> bool:
     """Train for one sitting and leave what comes back in `out`; True once the whole run is done."""
+    for device in (options.device, options.render_device):
+        require_device(device)
     work: Path = options.work
     work.mkdir(parents=True, exist_ok=True)
     if options.carried is not None and not (work / "last.pt").is_file():

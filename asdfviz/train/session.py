@@ -110,6 +110,7 @@ class Session(Sitting):
         world = self.world
         with input_stream(
             self.config,
+            self.assemblies,
             self.images,
             world=world,
             recipe=self.recipe,

@@ -368,6 +368,37 @@ def test_a_pose_is_typed_and_wrong_figures_are_told(page: Page, app: App) -> Non
     page.keyboard.press("Escape")
 
 
+def test_what_is_half_typed_survives_what_the_server_renews(page: Page, app: App) -> None:
+    page.keyboard.press("Home")
+    page.get_by_test_id("part-jaw").click()
+    edits, step = len(app.workspace.store.history()), view(app).step
+    page.keyboard.press("Space")  # every frame that is played renews the panel
+    page.get_by_test_id("pose-x").click()
+    until(lambda: not view(app).playing, "it pauses")
+    place = view(app).place
+    page.keyboard.type("61.5")
+    page.keyboard.press("Tab")
+    page.keyboard.type("1", delay=300)  # meanwhile the answer to x comes
+    page.keyboard.type("2", delay=300)
+    page.keyboard.press("Enter")
+    until(lambda: len(app.workspace.store.history()) == edits + 2, "both are kept")
+    T = app.workspace.poses(place, view(app).base)["jaw"].T_camera_part
+    assert 1000 * T[:2, 3] == pytest.approx([61.5, 12.0])
+    assert view(app).step == step  # no figure was taken for a key
+    page.keyboard.press("Control+z")
+    page.keyboard.press("Control+z")
+    until(lambda: app.workspace.store.pose(place, "jaw") is None, "both are taken back")
+    page.keyboard.press("Home")
+    page.keyboard.press("Space")
+    until(lambda: view(app).place >= 1, "it plays")
+    page.get_by_test_id("frame").click()
+    until(lambda: not view(app).playing, "it pauses")
+    page.get_by_test_id("frame-number").fill(str(app.workspace.indices[5]))
+    page.keyboard.press("Tab")  # leaving the field takes it, too
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "5")
+    page.keyboard.press("Escape")
+
+
 def test_a_state_is_set_for_a_range(page: Page, app: App) -> None:
     page.get_by_test_id("tab-annotate").click()
     strip = page.get_by_test_id("tl-truth").locator(".tl-strip").bounding_box()

@@ -21,8 +21,9 @@ def test_poses_are_worth_what_the_detector_found_there() -> None:
         for name in support
     }
     tracks = {name: track(own) for name, own in support.items()}
-    trusted, free = witnesses(poses, tracks, base="base")
-    assert set(trusted) == {"base", "often", "seldom", "joined"}
-    assert {name: pose.score for name, pose in free.items()} == pytest.approx(
+    told = witnesses(poses, tracks, base="base")
+    assert set(told.trusted) == {"base", "often", "seldom", "joined"}
+    assert told.loose == {name: pose for name, pose in poses.items() if name != "joined"}
+    assert {name: pose.score for name, pose in told.places.items()} == pytest.approx(
         {"base": 0.9, "often": 0.9, "seldom": 0.9 * 0.86, "never": 0.9 * 0.3}
     )

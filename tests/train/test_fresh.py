@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import queue
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+import torch
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.errors import AsdfvizError, SequenceError
+from asdfviz.synth.assets import Assets
 from asdfviz.train import fresh
 from asdfviz.train.config import Stage
 from asdfviz.train.fresh import Feeder, Feeding, FreshConfig, Painter, fed, feed
@@ -73,6 +77,19 @@ def test_a_process_that_is_killed_ends_the_training(monkeypatch: pytest.MonkeyPa
         next(stream)
 
 
+class _Gone:
+    """A queue whose sender is no more."""
+
+    def get(self, timeout: float) -> None:
+        raise ConnectionRefusedError(111, "Connection refused")
+
+
+def test_what_a_killed_process_left_in_the_queue_does_not_hide_it() -> None:
+    ended = multiprocessing.get_context("spawn").Process()  # never begun is not alive, too
+    with pytest.raises(AsdfvizError, match="with fewer loaders"):
+        fresh._next_of(_Gone(), [ended])
+
+
 def _killed(*_: object) -> None:
     os._exit(3)
 
@@ -82,14 +99,38 @@ def test_a_failing_renderer_tells_why(monkeypatch: pytest.MonkeyPatch) -> None:
         raise ValueError(f"picture {number} cannot be drawn")
 
     monkeypatch.setattr(Painter, "draw", fail)
-    told: list[object] = []
+    monkeypatch.setattr(fresh, "LINGERS_S", 0.0)
+    threads = torch.get_num_threads(), cv2.getNumThreads()
+    told: queue.Queue[Exception] = queue.Queue()
+    feed(job(first=7), 0, queue.Queue(), told)
+    torch.set_num_threads(threads[0])
+    cv2.setNumThreads(threads[1])
+    error = told.get()
+    assert str(error) == "picture 7 cannot be drawn"
+    assert "in fail" in error.__notes__[0]
 
-    class Told:
-        put = staticmethod(told.append)
 
-        def close(self) -> None: ...
+def test_an_error_that_cannot_travel_is_told_in_words() -> None:
+    error = ValueError("odd", lambda: None)
+    assert str(fresh._sendable(error)).startswith("ValueError: ('odd', ")
 
-        def join_thread(self) -> None: ...
 
-    feed(job(first=7), 0, queue.Queue(), Told())
-    assert str(told[0]) == "picture 7 cannot be drawn"
+def test_every_process_shows_every_assembly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numbers of one process go up in steps, which may share a factor with the assemblies."""
+    shown: set[str] = set()
+
+    def drawn(assets: Assets, *, rng: np.random.Generator, config: object) -> None:
+        shown.add(assets.assembly.name)
+        raise _NotDrawn
+
+    monkeypatch.setattr(fresh, "draw_picture", drawn)
+    two = [load_assembly(name) for name in ("corner_clamp", "vise")]
+    painter = Painter(two, SMALL, seed=3)
+    for number in range(0, 24, 2):
+        with pytest.raises(_NotDrawn):
+            painter.draw(number)
+    assert shown == {"corner_clamp", "vise"}
+
+
+class _NotDrawn(Exception):
+    pass

@@ -1,60 +1,110 @@
-// Figures to type: the selected part's pose in the panel, and the number of a frame. Enter or leaving the
-// field takes it, Escape leaves all as it was. Loaded after app.js.
+// Figures to type: the selected part's pose in the panel, and the number of a frame. Enter, or leaving the
+// field, takes them; Escape leaves all as it was. What the server renews meanwhile takes neither what is
+// half typed nor the keys that follow. Loaded after app.js.
 (() => {
   "use strict";
   const NS = window.asdfviz;
-  const isTyped = (target) => target instanceof Element && target.matches("[data-typed] input");
+  const hold = (place) => NS.send({ kind: "Hold", place: Number(place) });
+  // An element that is renewed loses the focus as well; it is left only if it is still there.
+  const whenLeft = (field, act) => setTimeout(() => { if (field.isConnected) act(); }, 0);
 
   // ---- a pose: what was changed is sent, as it was typed
-  document.addEventListener("change", ({ target }) => {
-    if (!isTyped(target) || target.value.trim() === target.dataset.default) return;
-    const action = JSON.parse(target.closest("[data-typed]").dataset.typed);
-    NS.send({ ...action, options: { [target.dataset.option]: target.value.trim() } });
-    target.value = target.dataset.default; // until the server says otherwise
+  const GONE_MS = 1000;
+  let editing = null; // { part, option, value, from, to }
+  const typedOf = (field) => JSON.parse(field.closest("[data-typed]").dataset.typed);
+  const isTyped = (target) => target instanceof Element && target.matches("[data-typed] input");
+  const note = (field) => {
+    editing = {
+      part: typedOf(field).part, option: field.dataset.option, value: field.value,
+      from: field.selectionStart, to: field.selectionEnd,
+    };
+  };
+  const take = (field) => {
+    if (editing && editing.option === field.dataset.option) editing = null; // the next one has begun
+    const said = field.value.trim();
+    if (said === field.dataset.default) return;
+    NS.send({ ...typedOf(field), options: { [field.dataset.option]: said } });
+    field.value = field.dataset.default; // until the server says otherwise
+  };
+  document.addEventListener("focusin", ({ target }) => {
+    if (!isTyped(target) || editing) return;
+    hold(typedOf(target).place);
+    target.select();
+    note(target);
+  });
+  for (const kind of ["input", "keyup", "pointerup"]) {
+    document.addEventListener(kind, ({ target }) => { if (isTyped(target) && editing) note(target); });
+  }
+  document.addEventListener("focusout", ({ target }) => {
+    if (isTyped(target)) whenLeft(target, () => { if (document.activeElement !== target) take(target); });
   });
   document.addEventListener("keydown", (event) => {
-    if (!isTyped(event.target)) return;
+    const { target, key } = event;
+    if (!isTyped(target)) return;
     event.stopPropagation(); // figures are no commands
-    if (event.key === "Escape") event.target.value = event.target.dataset.default;
-    if (event.key === "Escape" || event.key === "Enter") event.target.blur();
+    if (key === "Escape") target.value = target.dataset.default;
+    if (key === "Enter" || key === "Tab") take(target);
+    if (key === "Enter" || key === "Escape") {
+      editing = null;
+      target.blur();
+    }
   }, { capture: true });
-  document.addEventListener("focusin", ({ target }) => { if (isTyped(target)) target.select(); });
+  const carryOn = () => {
+    if (!editing || isTyped(document.activeElement)) return;
+    const { part, option, value, from, to } = editing;
+    const field = [...document.querySelectorAll("[data-typed] input")]
+      .find((one) => typedOf(one).part === part && one.dataset.option === option);
+    if (!field) {
+      editing.missing ??= performance.now();
+      // Taken away to be put back, or another part or tab is shown.
+      if (performance.now() - editing.missing > GONE_MS) editing = null;
+      return;
+    }
+    field.value = value;
+    field.focus();
+    field.setSelectionRange(from, to);
+  };
+  new MutationObserver(carryOn).observe(document.documentElement, { childList: true, subtree: true });
 
   // ---- a frame: its number becomes a field, and the nearest frame that there is gets shown
-  const numbers = () => {
-    const rows = NS.root.querySelector("[data-numbers]");
-    return rows ? JSON.parse(rows.dataset.numbers) : [];
+  const controls = NS.root.querySelector('[data-slot="controls"]');
+  let field = null;
+  const attach = () => {
+    const shown = controls.querySelector(".ax-frame b");
+    if (!field || field.isConnected || !shown) return;
+    shown.before(field);
+    shown.hidden = true;
+    field.focus();
   };
-  const seek = (said) => {
-    const wanted = Number(said);
-    const known = numbers();
-    if (!said || !Number.isFinite(wanted) || !known.length) return;
-    const off = known.map((number) => Math.abs(number - wanted));
-    NS.send({ kind: "Seek", place: off.indexOf(Math.min(...off)) });
+  const close = (takes) => {
+    const said = field.value.trim();
+    const { numbers } = NS.root.querySelector("[data-numbers]").dataset;
+    const shown = controls.querySelector(".ax-frame b");
+    const closed = field;
+    field = null;
+    closed.remove();
+    shown.hidden = false;
+    if (!takes || !said || !Number.isFinite(Number(said))) return;
+    const off = JSON.parse(numbers).map((number) => Math.abs(number - Number(said)));
+    hold(off.indexOf(Math.min(...off)));
   };
-  NS.root.addEventListener("click", (event) => {
-    const shown = event.target.closest(".ax-frame b");
-    if (!shown || shown.parentElement.querySelector("input")) return;
-    const field = document.createElement("input");
+  controls.addEventListener("click", ({ target }) => {
+    const shown = target.closest(".ax-frame b");
+    if (!shown || field) return;
+    field = document.createElement("input");
     Object.assign(field, { type: "text", inputMode: "numeric", value: shown.textContent });
     field.setAttribute("aria-label", "Frame to show");
     field.dataset.testid = "frame-number";
     field.style.width = `${shown.textContent.length + 2}ch`;
-    shown.before(field);
-    shown.hidden = true;
-    field.select();
-    let isOpen = true;
-    const close = (takes) => {
-      if (!isOpen) return;
-      isOpen = false; // removing it takes the focus away, which closes it once more
-      shown.hidden = false;
-      field.remove();
-      if (takes) seek(field.value.trim());
-    };
-    field.addEventListener("keydown", (key) => {
-      key.stopPropagation();
-      if (key.key === "Enter" || key.key === "Escape") close(key.key === "Enter");
+    const own = field;
+    field.addEventListener("keydown", (event) => {
+      event.stopPropagation();
+      if (event.key === "Enter" || event.key === "Escape") close(event.key === "Enter");
     });
-    field.addEventListener("blur", () => close(false));
+    field.addEventListener("blur", () => whenLeft(own, () => { if (field === own) close(true); }));
+    attach();
+    field.select();
+    hold(shown.dataset.place);
   });
+  new MutationObserver(attach).observe(controls, { childList: true });
 })();
