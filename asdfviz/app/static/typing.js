@@ -6,7 +6,9 @@
   const NS = window.asdfviz;
   const hold = (place) => NS.send({ kind: "Hold", place: Number(place) });
   // An element that is renewed loses the focus as well; it is left only if it is still there.
-  const whenLeft = (field, act) => setTimeout(() => { if (field.isConnected) act(); }, 0);
+  const whenLeft = (field, act) => setTimeout(() => {
+    if (field.isConnected && document.activeElement !== field) act();
+  }, 0);
 
   // ---- a pose: what was changed is sent, as it was typed
   const GONE_MS = 1000;
@@ -36,7 +38,7 @@
     document.addEventListener(kind, ({ target }) => { if (isTyped(target) && editing) note(target); });
   }
   document.addEventListener("focusout", ({ target }) => {
-    if (isTyped(target)) whenLeft(target, () => { if (document.activeElement !== target) take(target); });
+    if (isTyped(target)) whenLeft(target, () => take(target));
   });
   document.addEventListener("keydown", (event) => {
     const { target, key } = event;
@@ -88,9 +90,11 @@
     const off = JSON.parse(numbers).map((number) => Math.abs(number - Number(said)));
     hold(off.indexOf(Math.min(...off)));
   };
-  controls.addEventListener("click", ({ target }) => {
-    const shown = target.closest(".ax-frame b");
+  // At the press, because the number may be renewed before the release.
+  controls.addEventListener("mousedown", (event) => {
+    const shown = event.target.closest(".ax-frame b");
     if (!shown || field) return;
+    event.preventDefault();
     field = document.createElement("input");
     Object.assign(field, { type: "text", inputMode: "numeric", value: shown.textContent });
     field.setAttribute("aria-label", "Frame to show");
