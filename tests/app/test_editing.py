@@ -251,6 +251,13 @@ def test_a_typed_figure_changes_that_one_alone(with_run: Workspace, do: Do) -> N
     assert turned[0, 3] == pytest.approx(0.0125)
 
 
+def test_figures_of_no_frame_change_nothing(with_run: Workspace, do: Do) -> None:
+    for place in (-1, 10**6):
+        with pytest.raises(AnnotationError, match="there is no frame at"):
+            do(act.TypePose("jaw", place, {"x": "1"}))
+    assert not with_run.store.history()
+
+
 @pytest.mark.parametrize(
     ("figure", "said", "told"),
     [
@@ -261,13 +268,6 @@ def test_a_typed_figure_changes_that_one_alone(with_run: Workspace, do: Do) -> N
         ("w", "1", "no w"),
     ],
 )
-def test_figures_of_no_frame_change_nothing(with_run: Workspace, do: Do) -> None:
-    for place in (-1, 10**6):
-        with pytest.raises(AnnotationError, match="there is no frame at"):
-            do(act.TypePose("jaw", place, {"x": "1"}))
-    assert not with_run.store.history()
-
-
 def test_figures_that_cannot_be_change_nothing(
     with_run: Workspace, do: Do, figure: str, said: str, told: str
 ) -> None:
