@@ -47,7 +47,6 @@ from asdfviz.methods.tolerances import TRACKED_PLACES
 from asdfviz.methods.track_memory import surely_placed
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.methods.unlike_twins import UnlikeTwins, UnlikeTwinsConfig
-from asdfviz.methods.witnesses import witnesses
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
@@ -201,11 +200,11 @@ class AsdfTrack:
                 seen = {n: pose for n, pose in poses.items() if not parts.tracks[n].unsure}
                 scene.places.see(poses[assembly.base].T_camera_part, seen)
         with timed("fuse"):
+            # What the state holds together cannot bear witness for the state.
+            free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
             first = proposed.poses.get(assembly.base)
-            told = witnesses(poses, parts.tracks, base=assembly.base)
-            free, loose = told.places, told.loose
             scene.state = scene.followed.step(
-                self._asdf.looks, told.trusted, shown, first=first, free=free, loose=loose
+                self._asdf.looks, poses, shown, first=first, free=free
             )
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)

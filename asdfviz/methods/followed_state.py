@@ -112,7 +112,6 @@ class FollowedState:
         *,
         first: PoseEstimate | None,
         free: Mapping[str, PoseEstimate] | None = None,
-        loose: Mapping[str, PoseEstimate] | None = None,
     ) -> StateEstimate | None:
         """Take one frame into the model; None before anything was ever seen.
 
@@ -122,7 +121,6 @@ class FollowedState:
             frame: that they are of.
             first: the base's pose by this frame alone.
             free: the poses that bear witness for states; None for all.
-            loose: those that tell what lies loose, and what no longer does; None for `free`.
         """
         ways, before = self._ways, self._states.belief
         witnesses = poses if free is None else free
@@ -130,9 +128,7 @@ class FollowedState:
         fits = self._fits.step(poses, before, frame, first=first)
         base = self._fits.base or poses.get(self._unfolded.base)
         stands = self._place_looks.step(base, poses, before, frame)
-        stands = agreed(
-            stands, self._loose.step(base, witnesses if loose is None else loose, frame)
-        )
+        stands = agreed(stands, self._loose.step(base, witnesses, frame))
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)
         if belief is None:
             return None

@@ -11,10 +11,6 @@ from asdfviz.methods.place_support import PlaceSupport
 
 FOUND = 1.0
 """Support of a place from which the detector is taken to have found the part there."""
-UNFOUND = 0.3
-"""What a tracker's confidence is worth where the detector hardly found the part: of 69 tracked poses
-with a support of 0.1 to 0.3 in twelve sequences a third were within 10 mm of the truth, of 317 with up
-to FOUND 80 %, of 9,409 others 99 %, and most of the 69 had a confidence above 0.8."""
 YOUNG = 5
 """Frames in which a part must have been sure before its pose has a start on others."""
 
@@ -70,11 +66,6 @@ class Track:
     def is_established(self) -> bool:
         """Whether it was sure often enough, where the detector had it, too."""
         return not self.is_new and self.support.own >= FOUND
-
-    @property
-    def trust(self) -> float:
-        """How much the tracker's confidence in the place is worth, 0 to 1, by what the detector says."""
-        return UNFOUND + (1.0 - UNFOUND) * min(self.support.own / FOUND, 1.0)
 
     def take(self, T_found: Transform) -> None:
         """Take in a pose of which the tracker is sure; what was turned at once goes on in no direction."""
