@@ -70,7 +70,7 @@ def run(
         MethodError: the method failed or said something impossible; with the frame.
     """
     assembly = _known_assembly(sequence)
-    wanted = _wanted(first, sequence)
+    wanted = frames_wanted(sequence, first)
     config = spec.config() if config is None else config
     method = build_method(spec, config)  # refuses a config of another class
     initial = _initial(sequence, assembly) if spec.initial == "first_frame_truth" else None
@@ -101,8 +101,12 @@ def run(
     return so_far()
 
 
-def _wanted(first: int | None, sequence: Sequence) -> int:
-    """How many frames to run on."""
+def frames_wanted(sequence: Sequence, first: int | None) -> int:
+    """How many frames to run on: the first so many, None for all.
+
+    Raises:
+        InputError: `first` is below 1.
+    """
     if first is not None and first < 1:
         raise InputError(f"{first} frames are nothing to run on: ask for 1 or more")
     return len(sequence) if first is None else min(first, len(sequence))

@@ -85,6 +85,11 @@ def number(value: float | None, *, decimals: int, unit: str = "") -> str:
     """A figure with fixed decimals; a dash where there is none, never NaN."""
     if value is None or value != value:
         return "\u2013"
-    # Adding zero turns a rounded -0.0 into 0.0.
-    shown = f"{round(value, decimals) + 0.0:.{decimals}f}".replace("-", "\u2212")
+    shown = fixed(value, decimals=decimals).replace("-", "\u2212")
     return f"{shown}<small> {text(unit)}</small>" if unit else shown
+
+
+def fixed(value: float, *, decimals: int) -> str:
+    """The same bare, as it may be typed."""
+    # Adding zero turns a rounded -0.0 into 0.0.
+    return f"{round(value, decimals) + 0.0:.{decimals}f}"

@@ -50,7 +50,7 @@ class RunMethod:
         from asdfviz.data.run_files import check_run_folder
         from asdfviz.data.sequences import open_sequence
         from asdfviz.methods.registry import find_method
-        from asdfviz.run import run
+        from asdfviz.run import frames_wanted, run
 
         spec, config = chosen or (find_method(self.method), None)
         assembly = load_assembly(self.assembly) if self.assembly else None
@@ -94,7 +94,7 @@ class RunMethod:
             raise Stopped("no frame was done, nothing is saved")
         folder, saved = _saved(result, sequence, out)
         print(folder)
-        if len(result.predictions) < min(self.first or len(sequence), len(sequence)):
+        if len(result.predictions) < frames_wanted(sequence, self.first):
             raise Stopped(saved)
 
 

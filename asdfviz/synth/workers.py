@@ -17,6 +17,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from multiprocessing.context import SpawnProcess
 from multiprocessing.synchronize import Event
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
@@ -168,7 +169,7 @@ def _with_processes(work: Work, numbers: Sequence[int], workers: int, stop: Stop
     count = min(workers, len(numbers))
     done = 0
     with ProcessPoolExecutor(count, context, _prepare, (event, count)) as pool:
-        with interrupts_held_back():
+        with _interrupts_held_back():
             pending = {pool.submit(_do, work, number) for number in numbers}
         try:
             while pending:
@@ -194,13 +195,44 @@ def _prepare(event: Event, workers: int) -> None:
     os.environ["OMP_NUM_THREADS"] = str(threads)
     # Too late for a variable where the script that began the job imports torch: it is read again
     # here, and threads in excess wait for each other ten times longer than they work.
+    _prepare_threads(threads)
+
+
+@contextmanager
+def spawned(
+    target: Callable[..., None], arguments: Sequence[tuple[Any, ...]]
+) -> Generator[list[SpawnProcess]]:
+    """Let processes run beside the body: one of `target` for each tuple of arguments, ended after it.
+
+    Each has one thread of torch and of OpenCV, and no life after this process's.
+    """
+    context = multiprocessing.get_context("spawn")
+    processes: list[SpawnProcess] = []
+    try:
+        with _interrupts_held_back():
+            for given in arguments:
+                process = context.Process(target=_beside, args=(target, *given), daemon=True)
+                process.start()
+                processes.append(process)
+        yield processes
+    finally:
+        for process in processes:
+            process.terminate()
+            process.join()
+
+
+def _beside(target: Callable[..., None], *given: Any) -> None:
+    _prepare_threads(1)
+    target(*given)
+
+
+def _prepare_threads(threads: int) -> None:
     torch.set_num_threads(threads)
     cv2.setNumThreads(threads)
-    threading.Thread(target=end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def end_with_parent() -> None:
-    """Wait for the process that spawned this one, and end when it does; for a thread."""
+def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -208,7 +240,7 @@ def end_with_parent() -> None:
 
 
 @contextmanager
-def interrupts_held_back() -> Generator[None]:
+def _interrupts_held_back() -> Generator[None]:
     """Processes that start within never see Ctrl+C: their parent hears it and ends them in order."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -228,7 +260,7 @@ def _with_joblib(
     with _cluster(backend, workers), joblib.parallel_config(backend=backend, n_jobs=workers):
         for first in range(0, len(numbers), batch):
             tasks = [joblib.delayed(_do)(work, n) for n in numbers[first : first + batch]]
-            with interrupts_held_back():
+            with _interrupts_held_back():
                 results = joblib.Parallel(return_as=kind)(tasks)
             for finished in results:
                 done += finished
@@ -251,7 +283,7 @@ def _cluster(backend: str, workers: int) -> Generator[None]:
     # Set by DASK_SCHEDULER_ADDRESS or a file of Dask's.
     named = dask.config.get("scheduler-address", None) is not None
     here = {} if named else {"n_workers": workers, "threads_per_worker": 1}
-    with interrupts_held_back():
+    with _interrupts_held_back():
         client = distributed.Client(**here)
     with client:
         yield

@@ -134,8 +134,8 @@ def check_config(config: TrainConfig) -> None:
         raise InputError(f"keypoint_gain is {config.keypoint_gain:g}, give 0 or more")
     if not 0 <= config.fresh_scenes <= 1:
         raise InputError(f"fresh_scenes is {config.fresh_scenes:g}, give a share from 0 to 1")
-    least = {"threads": 1, "image_size": 32, "keypoint_width": 0, "fresh": 0, "loaders": 1}
-    least["fresh_draws"] = 1
+    least = {"threads": 1, "image_size": 32, "keypoint_width": 0, "loaders": 1}
+    least |= {"fresh": 0, "fresh_draws": 1}
     for name, smallest in least.items():
         if getattr(config, name) < smallest:
             raise InputError(f"{name} is {getattr(config, name)}, use {smallest} or more")

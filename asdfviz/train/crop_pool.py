@@ -6,9 +6,7 @@ the oldest away. Shards on disk let a later sitting begin at once.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import signal
 import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
@@ -19,6 +17,7 @@ import torch
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.errors import InputError, Stopped
+from asdfviz.synth.workers import spawned
 from asdfviz.train.crop_data import CropMaker, Crops
 from asdfviz.train.crop_scenes import CropConfig
 
@@ -56,18 +55,18 @@ class CropPool:
 class ShardFolder:
     """Shards on disk, seen by the process that trains."""
 
-    def __init__(self, folder: Path, *, size: int) -> None:
-        self._folder, self._size = folder, size
+    def __init__(self, folder: Path, *, size: int, device: str = "cpu") -> None:
+        self._folder, self._size, self._device = folder, size, device
         self._known: set[Path] = set()
 
     def fresh(self, *, limit: int) -> list[Crops]:
-        """Load shards that came since the last call, oldest first; delete those beyond the size."""
+        """Load shards that came since the last call to the device, oldest first; delete those beyond the size."""
         paths = shards_in(self._folder)
         for path in paths[: -self._size]:
             path.unlink(missing_ok=True)
         news = [p for p in paths[-self._size :] if p not in self._known][:limit]
         self._known.update(news)
-        return [Crops.load(path) for path in news]
+        return [Crops.load(path).to(self._device) for path in news]
 
 
 def shards_in(folder: Path) -> list[Path]:
@@ -100,31 +99,11 @@ def generating(
         drawing: how crops are drawn.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    context = multiprocessing.get_context("spawn")
-    workers = [
-        context.Process(
-            target=fill_folder,
-            args=(
-                tuple(assemblies),
-                folder,
-                shard,
-                size,
-                [seed, number, time.time_ns()],
-                niceness,
-                drawing,
-            ),
-            daemon=True,
-        )
-        for number in range(processes)
-    ]
-    for worker in workers:
-        worker.start()
-    try:
+    names = tuple(assemblies)
+    seeds = [[seed, number, time.time_ns()] for number in range(processes)]
+    arguments = [(names, folder, shard, size, own, niceness, drawing) for own in seeds]
+    with spawned(fill_folder, arguments) as workers:
         yield lambda: any(worker.is_alive() for worker in workers)
-    finally:
-        for worker in workers:
-            worker.terminate()
-            worker.join()
 
 
 def fill_folder(
@@ -136,15 +115,11 @@ def fill_folder(
     niceness: int,
     drawing: CropConfig | None,
 ) -> None:
-    """Write shards as long as the parent process lives; wait while the folder is full."""
-    # Ctrl+C reaches the whole group: the parent asks for the end.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    torch.set_num_threads(1)
+    """Write shards until the parent process ends it; wait while the folder is full."""
     os.nice(niceness)
-    parent = os.getppid()
     rng = np.random.default_rng(list(seed))
     maker = CropMaker([load_assembly(name) for name in assemblies], config=drawing)
-    while os.getppid() == parent:
+    while True:
         if len(shards_in(folder)) >= size + SPARE:
             time.sleep(1.0)
             continue
@@ -158,9 +133,8 @@ def await_shards(
     count: int,
     alive: Callable[[], bool],
     stop: Callable[[], bool],
-    device: str = "cpu",
 ) -> None:
-    """Load shards, to a device, until the pool holds `count`, or those that there are if nobody makes more.
+    """Load shards until the pool holds `count`, or those that there are if nobody makes more.
 
     Raises:
         Stopped: `stop` said so.
@@ -168,7 +142,7 @@ def await_shards(
     """
     while len(pool) < count:
         for crops in folder.fresh(limit=1000):
-            pool.add(crops.to(device))
+            pool.add(crops)
         if stop():
             raise Stopped("nothing was trained yet")
         if not alive():

@@ -229,7 +229,7 @@ class CropSession(Sitting):
                     pool.add(self.maker.make(config.shard, rng=self.rng))
                 yield pool
         folder = config.output / "pool"
-        shards = ShardFolder(folder, size=config.pool)
+        shards = ShardFolder(folder, size=config.pool, device=config.device)
         with generating(
             config.assemblies,
             folder,
@@ -241,10 +241,10 @@ class CropSession(Sitting):
             drawing=self._drawing,
         ) as alive:
             wanted = min(config.first_shards, config.pool)
-            await_shards(shards, pool, count=wanted, alive=alive, stop=stop, device=config.device)
+            await_shards(shards, pool, count=wanted, alive=alive, stop=stop)
             while True:
                 for crops in shards.fresh(limit=1) if self.progress.step % 10 == 0 else ():
-                    pool.add(crops.to(config.device))
+                    pool.add(crops)
                 yield pool
 
     def checkpoint(self) -> None:

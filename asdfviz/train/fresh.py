@@ -9,7 +9,6 @@ from __future__ import annotations
 import itertools
 import pickle
 import queue
-import threading
 import time
 import traceback
 from collections import deque
@@ -20,9 +19,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-import torch
 import torch.multiprocessing as processes
 
 from asdfviz.data.assembly import load_assembly
@@ -36,7 +33,7 @@ from asdfviz.synth.images import draw_picture
 from asdfviz.synth.packs import PackConfig
 from asdfviz.synth.scene import SceneConfig
 from asdfviz.synth.sensor import photograph, random_rgb_sensor
-from asdfviz.synth.workers import end_with_parent, interrupts_held_back
+from asdfviz.synth.workers import spawned
 from asdfviz.train.dataset import LabelledImage, load_images
 from asdfviz.train.loader import AHEAD, Batch, Recipe, make_batch
 from asdfviz.train.packing import AugmentConfig, Packer
@@ -161,19 +158,20 @@ class Feeder:
         self._pool: deque[LabelledImage] = deque(maxlen=kept)
         self._first = min(FIRST, kept)
         self._packer: Packer | None = None
+        self._shows = False
         self._made = self._drawn = self._packed = 0
 
     @property
     def wants_pictures(self) -> bool:
         """Whether what there is was drawn from often enough, or shows nothing that is learnt."""
         is_used = self._drawn >= self._job.fresh.draws * self._made
-        shows = any(image.objects for image in (*self._stored, *self._pool))
-        return self._made < self._first or is_used or not shows
+        return self._made < self._first or is_used or not self._shows
 
     def paint(self) -> None:
         """Render one picture; the oldest goes."""
         number = (self._job.first + self._made) * self._job.processes + self._number
         self._pool.append(self._painter.draw(number))
+        self._shows = any(image.objects for image in (*self._stored, *self._pool))
         self._made += 1
 
     def batch(self, step: int, recipe: Recipe) -> Batch:
@@ -188,9 +186,6 @@ class Feeder:
 
 def feed(job: Feeding, number: int, requests: Any, batches: Any) -> None:
     """Answer requests with batches, and render meanwhile, until the parent process ends it."""
-    torch.set_num_threads(1)
-    cv2.setNumThreads(1)
-    threading.Thread(target=end_with_parent, daemon=True).start()
     try:
         feeder = Feeder(job, number)
         while True:
@@ -229,9 +224,9 @@ def fed(job: Feeding, recipe: Callable[[int], Recipe], *, first: int) -> Generat
     """
     context = processes.get_context("spawn")
     requests, batches = context.Queue(), context.Queue()
-    workers: list[SpawnProcess] = []
+    arguments = [(job, number, requests, batches) for number in range(job.processes)]
 
-    def take() -> Iterator[Batch]:
+    def take(workers: Sequence[SpawnProcess]) -> Iterator[Batch]:
         waiting = 0
         for step in itertools.count(first):
             requests.put((step, recipe(step)))
@@ -241,18 +236,9 @@ def fed(job: Feeding, recipe: Callable[[int], Recipe], *, first: int) -> Generat
                 waiting -= 1
 
     try:
-        with (
-            interrupts_held_back()
-        ):  # Ctrl+C reaches the whole group: this process asks for the end
-            for number in range(job.processes):
-                arguments = (job, number, requests, batches)
-                workers.append(context.Process(target=feed, args=arguments, daemon=True))
-                workers[-1].start()
-        yield take()
+        with spawned(feed, arguments) as workers:
+            yield take(workers)
     finally:
-        for worker in workers:
-            worker.terminate()
-            worker.join()
         for each in (requests, batches):
             each.close()
             each.cancel_join_thread()

@@ -4,8 +4,8 @@
         --total 30 --sitting 9 --device cuda --carried carried --out OUT
 
 Data are rendered there while it trains, on CPU cores unless told otherwise, so nothing but the
-assemblies travels, and weights to begin with. What comes back is small: the weights, the log, and the state of the run cut into pieces. The same line
-with `--carried` naming these pieces goes on.
+assemblies travels, and weights to begin with. What comes back is small: the weights, the log, and the
+state of the run cut into pieces. The same line with `--carried` naming these pieces goes on.
 """
 
 from __future__ import annotations

@@ -7,10 +7,8 @@ import os
 import queue
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-import torch
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.errors import AsdfvizError, SequenceError
@@ -100,11 +98,8 @@ def test_a_failing_renderer_tells_why(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(Painter, "draw", fail)
     monkeypatch.setattr(fresh, "LINGERS_S", 0.0)
-    threads = torch.get_num_threads(), cv2.getNumThreads()
     told: queue.Queue[Exception] = queue.Queue()
     feed(job(first=7), 0, queue.Queue(), told)
-    torch.set_num_threads(threads[0])
-    cv2.setNumThreads(threads[1])
     error = told.get()
     assert str(error) == "picture 7 cannot be drawn"
     assert "in fail" in error.__notes__[0]

@@ -7,7 +7,19 @@ import json
 from asdfviz.app import theme
 from asdfviz.app.history import range_in_words
 from asdfviz.app.items import ANNOTATION, Shown
-from asdfviz.app.markup import EYE, act, bar, button, chip, empty, heading, number, table, text
+from asdfviz.app.markup import (
+    EYE,
+    act,
+    bar,
+    button,
+    chip,
+    empty,
+    fixed,
+    heading,
+    number,
+    table,
+    text,
+)
 from asdfviz.app.panels import tracking, verdicts
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.typed_pose import FIGURES, figures_of
@@ -136,7 +148,7 @@ def _pose_table(name: str, shown: Shown, place: int) -> str:
 
 
 def _figure(name: str, value: float) -> str:
-    shown = f"{round(value, 1) + 0.0:.1f}"
+    shown = fixed(value, decimals=1)
     unit = "°" if name in FIGURES[3:] else "mm"
     return (
         f'<label><input type="text" inputmode="decimal" spellcheck="false" autocomplete="off" '
