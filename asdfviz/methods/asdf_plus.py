@@ -129,8 +129,14 @@ class AsdfPlus:
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
             poses = self._named_by_place(followed, scene)
-            first = proposed.poses.get(assembly.base)
-            state = scene.followed.step(self._asdf.looks, poses, frame, first=first)
+            scene.told.rest.see(poses, joined=set(scene.group.held) - {assembly.base})
+            state = scene.followed.step(
+                self._asdf.looks,
+                poses,
+                frame,
+                first=proposed.poses.get(assembly.base),
+                rest=scene.told.rest,
+            )
         if config.joined.enabled:
             with timed("group"):
                 told = scene.followed.unfolded

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.at_rest import AtRestConfig
 from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
@@ -42,8 +43,10 @@ class AsdfPlusConfig(AsdfConfig):
     """Off: contours settle poses here."""
     laid: OnTableConfig = LAID
     """How the table mends poses that are settled, as they are told; none goes on from there."""
+    at_rest: AtRestConfig = field(default_factory=AtRestConfig)
+    """What lies still is told as most frames have it;"""
     lying: LyingConfig = field(default_factory=LyingConfig)
-    """What lies on it is told as it looks most like what is seen,"""
+    """what lies on it is told as it looks most like what is seen,"""
     joint_turns: JointTurnsConfig = field(default_factory=JointTurnsConfig)
     """and so is what turns in its joint."""
     doubts: float = 0.2

@@ -10,7 +10,7 @@ that the state joins are tracked as one, with the freedoms of their joints. The 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,91 +27,22 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf
-from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.followed_state import FollowedState
-from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.looked_at import LookedAt
-from asdfviz.methods.loose_parts import LooseConfig
-from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.network import Detects
-from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
 from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.part_tracks import PartTracks
-from asdfviz.methods.refinding import RefindConfig
-from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
-from asdfviz.methods.still_there import StillThere, StillThereConfig
+from asdfviz.methods.still_there import StillThere
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.told_poses import ToldPoses
-from asdfviz.methods.tolerances import TRACKED_PLACES
 from asdfviz.methods.track_memory import surely_placed
-from asdfviz.methods.turn_checks import TurnConfig
-from asdfviz.methods.unlike_twins import UnlikeTwins, UnlikeTwinsConfig
-from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.methods.unlike_twins import UnlikeTwins
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
 from asdfviz.state.place_odds import JoinedOdds
-from asdfviz.state.relative_pose import RelativePoseConfig
-from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
-from asdfviz.track.presets import PROPOSED, TrackerConfig
-
-
-@dataclass(frozen=True)
-class JoinConfig:
-    """When parts are tracked as one."""
-
-    probability: float = 0.6
-    """Least probability of the state that joins them."""
-    distance: float = 0.012
-    """A part that can be seen joins only this near to its place, metres."""
-    angle_deg: float = 20.0
-    """And turned by less than this, degrees; symmetric poses count as the same."""
-    patience: int = 3
-    """A part that could not be seen for more frames than this joins wherever it was."""
-    settled: float = 0.98
-    """Probability of the state from which all of its parts join, wherever they were."""
-
-
-@dataclass(frozen=True)
-class AsdfTrackConfig(AsdfConfig):
-    """Options of ASDF, which proposes poses, of the tracker, and of the state that is followed."""
-
-    doubts: float = 0.2
-    """Of the network in the rotation of the frame before; the tracker holds what is right."""
-    on_table: OnTableConfig = NO_TABLE
-    """Off: contours settle poses here."""
-    laid: OnTableConfig = LAID
-    """How the table mends poses, as they are told; the tracker goes on from its own."""
-    lying: LyingConfig = field(default_factory=LyingConfig)
-    """What lies on it is told as it looks most like what is seen,"""
-    joint_turns: JointTurnsConfig = field(default_factory=JointTurnsConfig)
-    """and so is what turns in its joint."""
-    second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
-    """Where the detector looks again for parts that it missed."""
-    relative_pose: RelativePoseConfig = TRACKED_PLACES
-    """S_P: from part poses to probabilities; narrower than for detected poses."""
-    group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
-    """The hypothesis test over states."""
-    loose: LooseConfig = field(default_factory=LooseConfig)
-    """What lies loose, and what no longer does, as a witness for the state."""
-    smoothing: SmoothingConfig = FOLLOWED
-    """The hidden Markov model, online."""
-    tracker: TrackerConfig = PROPOSED
-    """What evidence the tracker uses, and how."""
-    refind: RefindConfig = field(default_factory=RefindConfig)
-    """From where parts are looked for."""
-    turns: TurnConfig = field(default_factory=TurnConfig)
-    """How it is told over time that a part is turned otherwise."""
-    still_there: StillThereConfig = field(default_factory=StillThereConfig)
-    """How a thing that lay there all along is told from a part that came to lie there."""
-    unlike_twins: UnlikeTwinsConfig = field(default_factory=UnlikeTwinsConfig)
-    """What looks quite unlike a part of the same kind is not the part."""
-    join: JoinConfig = field(default_factory=JoinConfig)
-    """When parts are tracked as one."""
-    least_score: float = 0.0
-    """Poses that score less are withheld: none, since what is lost is absent anyhow, and what is hidden
-    is mostly where it was."""
 
 
 @dataclass(slots=True, eq=False)
@@ -182,6 +113,9 @@ class AsdfTrack:
             frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
         with timed("refind"):
             mine, looks = self._proposals(frame, proposed.poses, scene)
+            expected = scene.told.rest.expected(mine)
+            for name, track in parts.tracks.items():
+                track.T_expected = expected.get(name)
             parts.refind(frame, mine, looks, scene.state)
             names = scene.twins.changes(parts.tracker.poses, held=parts.joined)
             parts.rename(frame, names)
@@ -193,6 +127,7 @@ class AsdfTrack:
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
             poses = self._without_strangers(frame, parts.settle(frame, joined), scene)
+            scene.told.rest.see(poses, joined=joined)
             sure = surely_placed(parts.tracks)
             scene.still.see(frame, sure)
             scene.unlike.see(frame, {n: parts.tracks[n].T_now for n in sure})
@@ -202,9 +137,13 @@ class AsdfTrack:
         with timed("fuse"):
             # What the state holds together cannot bear witness for the state.
             free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
-            first = proposed.poses.get(assembly.base)
             scene.state = scene.followed.step(
-                self._asdf.looks, poses, shown, first=first, free=free
+                self._asdf.looks,
+                poses,
+                shown,
+                first=proposed.poses.get(assembly.base),
+                free=free,
+                rest=scene.told.rest,
             )
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)

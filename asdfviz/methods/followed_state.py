@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Scores, Transform
+from asdfviz.methods.at_rest import AtRest
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.loose_parts import LooseConfig, LooseParts
 from asdfviz.methods.part_poses import PartShape
@@ -112,6 +113,7 @@ class FollowedState:
         *,
         first: PoseEstimate | None,
         free: Mapping[str, PoseEstimate] | None = None,
+        rest: AtRest,
     ) -> StateEstimate | None:
         """Take one frame into the model; None before anything was ever seen.
 
@@ -121,14 +123,19 @@ class FollowedState:
             frame: that they are of.
             first: the base's pose by this frame alone.
             free: the poses that bear witness for states; None for all.
+            rest: what lies still, and how the camera moves; it has seen this frame.
         """
         ways, before = self._ways, self._states.belief
         witnesses = poses if free is None else free
         places = relative_pose_probabilities(witnesses, self._unfolded, config=self._relative_pose)
         fits = self._fits.step(poses, before, frame, first=first)
+        if places is not None and fits is not None and rest.is_shaken:
+            places = places**self._relative_pose.shaken
+            places /= places.sum()
         base = self._fits.base or poses.get(self._unfolded.base)
         stands = self._place_looks.step(base, poses, before, frame)
-        stands = agreed(stands, self._loose.step(base, witnesses, frame))
+        loose = self._loose.step(base, witnesses, frame, T_camera_stage=rest.T_camera_stage)
+        stands = agreed(stands, loose)
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)
         if belief is None:
             return None

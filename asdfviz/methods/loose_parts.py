@@ -18,7 +18,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
-from asdfviz.geometry.transforms import apply_to_point
+from asdfviz.geometry.transforms import apply_to_point, inverse
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
 from asdfviz.state.joined_spots import JoinedSpots
@@ -69,7 +69,7 @@ class _Spot:
     """Where a part of some kind was found loose."""
 
     middle: Vector
-    """In the camera's frame, metres."""
+    """In the frame of what lies still, metres."""
     frames: int = 0
     """In which one was there."""
     is_seen: bool = False
@@ -100,13 +100,19 @@ class LooseParts:
     ) -> None:
         """Begin a sequence."""
         self._assembly, self._config = assembly, config
+        self._T_camera_stage = np.eye(4)
         self._corners = {name: shape.corners for name, shape in shapes.items()}
         groups = [tuple(n for n in names if n != assembly.base) for names in twin_groups(assembly)]
         self._spots = JoinedSpots(assembly)
         self._kinds = [_kind(assembly, names, self._spots) for names in groups if names]
 
     def step(
-        self, base: PoseEstimate | None, poses: Mapping[str, PoseEstimate], frame: Frame
+        self,
+        base: PoseEstimate | None,
+        poses: Mapping[str, PoseEstimate],
+        frame: Frame,
+        *,
+        T_camera_stage: Transform,
     ) -> Scores | None:
         """Probability of every state by what lies loose; None where that says nothing.
 
@@ -114,7 +120,9 @@ class LooseParts:
             base: where the base part is, None if that is not known.
             poses: of the parts.
             frame: with depth, or nothing is said.
+            T_camera_stage: where what lies still is (`AtRest`).
         """
+        self._T_camera_stage = T_camera_stage
         if not self._config.enabled or base is None or frame.depth is None:
             return None
         against = np.zeros(len(self._assembly.states))
@@ -142,8 +150,9 @@ class LooseParts:
     ) -> int:
         """Note which are loose; returns how many surely lie where they lay."""
         middle = self._assembly.parts[kind.names[0]].middle
+        T_stage_camera = inverse(self._T_camera_stage)
         loose = [
-            (apply_to_point(pose.T_camera_part, middle), pose.score)
+            (apply_to_point(T_stage_camera @ pose.T_camera_part, middle), pose.score)
             for pose in (poses[name] for name in kind.names if name in poses)
             if self._is_loose(pose, T_camera_base)
         ]
@@ -198,9 +207,10 @@ class LooseParts:
             [most[loose] + config.there * max(there - loose, 0) for loose in kind.loose]
         )
 
-    def _is_hidden(self, point: Vector, frame: Frame) -> bool:
+    def _is_hidden(self, point_stage: Vector, frame: Frame) -> bool:
         """Whether something stands in front of a point, or it is out of view."""
         assert frame.depth is not None
+        point = apply_to_point(self._T_camera_stage, point_stage)
         inside, row, column = nearest_pixels(point[None], frame.camera.K, frame.depth.shape)
         if not inside[0]:
             return True

@@ -123,6 +123,8 @@ def heading(T_before: Transform, T_now: Transform) -> Transform:
 def carried_on(track: Track, proposal: PoseEstimate | None, *, centre: Vector) -> list[Transform]:
     """Starts that carry on: at rest, moving on, and turned as before where the detector is."""
     starts = [track.T_now]
+    if track.T_expected is not None:
+        starts.append(track.T_expected)
     if track.T_before is not None:
         starts.append(heading(track.T_before, track.T_now))
     if proposal is not None:

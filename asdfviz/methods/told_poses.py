@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
+from asdfviz.methods.at_rest import AtRest, AtRestConfig
 from asdfviz.methods.joint_turns import JointTurns, JointTurnsConfig
 from asdfviz.methods.lying import Lying, LyingConfig
 from asdfviz.methods.on_table import OnTableConfig
@@ -15,6 +16,11 @@ from asdfviz.methods.part_poses import PartShape
 @runtime_checkable
 class TellsPoses(Protocol):
     """Options of a method that tells poses so."""
+
+    @property
+    def at_rest(self) -> AtRestConfig:
+        """What lies still."""
+        ...
 
     @property
     def laid(self) -> OnTableConfig:
@@ -38,6 +44,8 @@ class ToldPoses:
     def __init__(
         self, assembly: Assembly, shapes: Mapping[str, PartShape], config: TellsPoses
     ) -> None:
+        self.rest = AtRest(assembly, config=config.at_rest)
+        """Has to see a frame's poses before they are told."""
         self._lying = Lying(assembly, shapes, laid=config.laid, config=config.lying)
         self._joint_turns = JointTurns(assembly, shapes, config=config.joint_turns)
 
@@ -51,9 +59,11 @@ class ToldPoses:
             frame: that they are of; without depth nothing changes.
             state: that joins them, if one is known.
         """
-        return self._joint_turns.step(self._lying.step(poses, frame), frame, state)
+        lying = self._lying.step(self.rest.told(poses), frame)
+        return self._joint_turns.step(lying, frame, state)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
+        self.rest.rename(names)
         self._lying.rename(names)
         self._joint_turns.rename(names)

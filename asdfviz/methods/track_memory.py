@@ -46,6 +46,8 @@ class Track:
     """Those of them in a row in which nothing hid it."""
     age: int = 0
     """Frames in which it was sure."""
+    T_expected: Transform | None = None
+    """Where it is in the new frame if it lies still, as others tell how the camera moved."""
     rival: Rival | None = None
     """The pose that is watched."""
     explore: bool = True

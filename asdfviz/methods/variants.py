@@ -10,7 +10,8 @@ from asdfviz.datatypes import Assembly
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
-from asdfviz.methods.asdf_track import AsdfTrackConfig
+from asdfviz.methods.asdf_track_config import AsdfTrackConfig
+from asdfviz.methods.at_rest import AtRestConfig
 from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.contour_fits import BY_POINTS, ContourConfig
 from asdfviz.methods.disowned import DisownedConfig
@@ -224,6 +225,7 @@ def _common(config: Any) -> dict[str, Any]:
         "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
+        "camera not followed": replace(config, at_rest=AtRestConfig(enabled=False)),
         "not told as lying": replace(config, lying=LyingConfig(enabled=False)),
         "turned in joints as settled": replace(config, joint_turns=SETTLED),
         "told as settled": replace(

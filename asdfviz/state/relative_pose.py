@@ -113,6 +113,9 @@ class RelativePoseConfig:
     step adds several."""
     temperature: float = 1.5
     """Above 1 the parts are trusted less than independent witnesses."""
+    shaken: float = 0.15
+    """Of all this, 0 to 1, counts before a camera that moves, where drawn states speak besides
+    (`asdf_plus` and `asdf_track`): what is small in a blurred picture is often found at a wrong place."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where a tolerance is out of its range."""
@@ -121,7 +124,7 @@ class RelativePoseConfig:
                 raise MethodError(
                     f"relative_pose.{name} is {getattr(self, name):g}, use more than 0"
                 )
-        for name in ("outliers", "doubted", "wrong_rotations", "half_done"):
+        for name in ("outliers", "doubted", "wrong_rotations", "half_done", "shaken"):
             if not 0 <= getattr(self, name) <= 1:
                 raise MethodError(f"relative_pose.{name} is {getattr(self, name):g}, use 0 to 1")
 

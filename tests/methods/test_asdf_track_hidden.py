@@ -10,7 +10,8 @@ import pytest
 from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.asdf_track import AsdfTrack
+from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.still_there import StillThereConfig

@@ -9,11 +9,15 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, StateEstimate
 from asdfviz.geometry.symmetry import symmetric_angle
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.asdf_track import AsdfTrack
+from asdfviz.methods.asdf_track_config import AsdfTrackConfig
+from asdfviz.methods.at_rest import AtRest, AtRestConfig
 from asdfviz.methods.followed_state import FollowedState
+from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.part_poses import part_shapes
 
+REST = AtRest(load_assembly("geared_caliper"), config=AtRestConfig())
 IN_VIEW = transform_from(np.eye(3), np.array([0.0, 0.0, 0.5]))
 
 
@@ -45,7 +49,7 @@ def after(
     }
     said = None
     for _ in range(frames):
-        said = followed.step(None, poses, frame, first=None)
+        said = followed.step(None, poses, frame, first=None, rest=REST)
     assert said is not None
     assert said.probabilities.sum() == pytest.approx(1.0)
     assert len(said.probabilities) == len(caliper.states)
@@ -101,3 +105,29 @@ def test_the_tracker_tells_the_state_that_no_depth_was_measured(
     method.reset(toy.assembly, frame.camera, None)
     method.step(frame)
     assert [shown.depth for shown in seen] == [None]
+
+
+def test_before_a_shaken_camera_poses_count_less_where_drawn_states_speak(
+    caliper: Assembly, followed: FollowedState, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("carriage", "rule", "cover", "roller")
+    rest, poses = AtRest(caliper, config=AtRestConfig()), dict[str, PoseEstimate]()
+    for shift in (0.0, 0.03):
+        for k, name in enumerate(names):
+            T = transform_from(np.eye(3), np.array([0.2 * k + shift, 0.1 * (k % 2), 0.6]))
+            poses[name] = PoseEstimate(name, T, 0.9, "tracked")
+        rest.see(poses, joined=frozenset())
+    assert rest.is_shaken
+    still = FollowedState(
+        caliper, part_shapes(caliper, surface_points=100), None, AsdfTrackConfig()
+    )
+    alike = np.full(len(followed.assembly.states), 1.0)
+    monkeypatch.setattr(GroupFits, "step", lambda *_, **__: alike / alike.sum())
+    shaken = followed.step(None, poses, blank(), first=None, rest=rest)
+    calm = still.step(None, poses, blank(), first=None, rest=REST)
+    assert shaken is not None
+    assert calm is not None
+    power = AsdfTrackConfig().relative_pose.shaken
+    one, other = np.log(calm.terms["relative_pose"]), np.log(shaken.terms["relative_pose"])
+    assert other - other.max() == pytest.approx(power * (one - one.max()), abs=0.05)
+    assert np.ptp(one) > 1.0

@@ -50,7 +50,7 @@ def counted(pinned: Assembly, toy):
             if hand and len(pins) < 2 and frame.depth is not None:
                 frame = replace(frame, depth=np.full_like(frame.depth, 0.4))
             for _ in range(frames):
-                told = loose.step(base, poses, frame)
+                told = loose.step(base, poses, frame, T_camera_stage=np.eye(4))
         return told
 
     return make
@@ -104,12 +104,12 @@ def test_a_pin_that_moves_lies_nowhere(counted) -> None:
 def test_without_base_or_depth_nothing_is_said(pinned: Assembly, toy) -> None:
     loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=LooseConfig())
     base = PoseEstimate("base", BASE, 1.0, "refined")
-    assert loose.step(None, {}, toy.frame(0, {})) is None
-    assert loose.step(base, {}, toy.frame(0)) is None
+    assert loose.step(None, {}, toy.frame(0, {}), T_camera_stage=np.eye(4)) is None
+    assert loose.step(base, {}, toy.frame(0), T_camera_stage=np.eye(4)) is None
     off = LooseParts(
         pinned, part_shapes(pinned, surface_points=200), config=LooseConfig(enabled=False)
     )
-    assert off.step(base, {}, toy.frame(0, {})) is None
+    assert off.step(base, {}, toy.frame(0, {}), T_camera_stage=np.eye(4)) is None
 
 
 @pytest.mark.parametrize("wrong", [{"wait": 0}, {"enough": 0}, {"gain": -1.0}, {"there": -0.1}])

@@ -16,7 +16,8 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods import tracking
-from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig, JoinConfig
+from asdfviz.methods.asdf_track import AsdfTrack
+from asdfviz.methods.asdf_track_config import AsdfTrackConfig, JoinConfig
 from asdfviz.methods.contour_fits import ContourConfig, ContourFits
 from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.gbot import Gbot, GbotConfig

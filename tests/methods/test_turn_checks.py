@@ -15,7 +15,8 @@ from asdfviz.geometry.transforms import apply_to_point, transform_from
 from asdfviz.methods import tracking
 from asdfviz.methods.asdf_plus import AsdfPlus
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
-from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.asdf_track import AsdfTrack
+from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned

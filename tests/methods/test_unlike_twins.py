@@ -11,7 +11,8 @@ from asdfviz.datatypes import Assembly, Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.methods.asdf_track import AsdfTrack, AsdfTrackConfig
+from asdfviz.methods.asdf_track import AsdfTrack
+from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.unlike_twins import UnlikeTwins, UnlikeTwinsConfig
 
 HERE = transform_from(np.eye(3), np.array([-0.1, 0.0, 0.6]))

@@ -1,0 +1,81 @@
+"""Options of `asdf_track`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.at_rest import AtRestConfig
+from asdfviz.methods.joint_turns import JointTurnsConfig
+from asdfviz.methods.loose_parts import LooseConfig
+from asdfviz.methods.lying import LyingConfig
+from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
+from asdfviz.methods.refinding import RefindConfig
+from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.still_there import StillThereConfig
+from asdfviz.methods.tolerances import TRACKED_PLACES
+from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
+from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.relative_pose import RelativePoseConfig
+from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
+from asdfviz.track.presets import PROPOSED, TrackerConfig
+
+
+@dataclass(frozen=True)
+class JoinConfig:
+    """When parts are tracked as one."""
+
+    probability: float = 0.6
+    """Least probability of the state that joins them."""
+    distance: float = 0.012
+    """A part that can be seen joins only this near to its place, metres."""
+    angle_deg: float = 20.0
+    """And turned by less than this, degrees; symmetric poses count as the same."""
+    patience: int = 3
+    """A part that could not be seen for more frames than this joins wherever it was."""
+    settled: float = 0.98
+    """Probability of the state from which all of its parts join, wherever they were."""
+
+
+@dataclass(frozen=True)
+class AsdfTrackConfig(AsdfConfig):
+    """Options of ASDF, which proposes poses, of the tracker, and of the state that is followed."""
+
+    doubts: float = 0.2
+    """Of the network in the rotation of the frame before; the tracker holds what is right."""
+    on_table: OnTableConfig = NO_TABLE
+    """Off: contours settle poses here."""
+    laid: OnTableConfig = LAID
+    """How the table mends poses, as they are told; the tracker goes on from its own."""
+    at_rest: AtRestConfig = field(default_factory=AtRestConfig)
+    """What lies still is looked for where it was, and told as most frames have it;"""
+    lying: LyingConfig = field(default_factory=LyingConfig)
+    """what lies on it is told as it looks most like what is seen,"""
+    joint_turns: JointTurnsConfig = field(default_factory=JointTurnsConfig)
+    """and so is what turns in its joint."""
+    second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
+    """Where the detector looks again for parts that it missed."""
+    relative_pose: RelativePoseConfig = TRACKED_PLACES
+    """S_P: from part poses to probabilities; narrower than for detected poses."""
+    group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
+    """The hypothesis test over states."""
+    loose: LooseConfig = field(default_factory=LooseConfig)
+    """What lies loose, and what no longer does, as a witness for the state."""
+    smoothing: SmoothingConfig = FOLLOWED
+    """The hidden Markov model, online."""
+    tracker: TrackerConfig = PROPOSED
+    """What evidence the tracker uses, and how."""
+    refind: RefindConfig = field(default_factory=RefindConfig)
+    """From where parts are looked for."""
+    turns: TurnConfig = field(default_factory=TurnConfig)
+    """How it is told over time that a part is turned otherwise."""
+    still_there: StillThereConfig = field(default_factory=StillThereConfig)
+    """How a thing that lay there all along is told from a part that came to lie there."""
+    unlike_twins: UnlikeTwinsConfig = field(default_factory=UnlikeTwinsConfig)
+    """What looks quite unlike a part of the same kind is not the part."""
+    join: JoinConfig = field(default_factory=JoinConfig)
+    """When parts are tracked as one."""
+    least_score: float = 0.0
+    """Poses that score less are withheld: none, since what is lost is absent anyhow, and what is hidden
+    is mostly where it was."""

@@ -1,0 +1,285 @@
+"""What lies still, though the camera moves: its pose is known better from all frames than from one.
+
+Not in the paper. In a shaken, blurred picture a small part's rotation is off by something else in every
+frame, but parts on a table lie still to each other. So where most of what is found has moved as one, the
+camera has moved, and a part that moved with it is told where it lay, turned as most frames have it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asdfviz.datatypes import Assembly, Part, PoseEstimate
+from asdfviz.errors import MethodError
+from asdfviz.geometry.rigid_fit import agreement, rigid_fit, robust_fit
+from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.geometry.symmetry import nearest_symmetric
+from asdfviz.geometry.transforms import (
+    apply,
+    apply_to_point,
+    inverse,
+    orthonormalized,
+    point_distance,
+    rotation_angle,
+    transform_from,
+)
+from asdfviz.state.twins import renamed
+
+LEAST = 3
+"""Parts that must have moved as one: of fewer nobody knows whether the camera moved, or they."""
+MOST = 6
+"""Ways in which a part may be turned that are remembered."""
+
+
+@dataclass(frozen=True)
+class AtRestConfig:
+    """When a part lies still, and how it is told then."""
+
+    enabled: bool = True
+    """On or off."""
+    sure: float = 0.3
+    """Poses that score less are not asked."""
+    agree: float = 0.004
+    """Corners that are off by this speak half as much for a motion of the camera, metres;"""
+    unmoved: float = 0.93
+    """it stands still where that is this much as probable as the best motion."""
+    moved: float = 0.008
+    """A part whose middle is farther than this from where it lay has moved, metres,"""
+    turned: float = 0.011
+    """or farther than this if it is turned otherwise: the middle is not where it turns,"""
+    patience: int = 3
+    """once it has in so many frames in a row."""
+    same_deg: float = 12.0
+    """Rotations that differ by less are one;"""
+    fades: float = 0.98
+    """what a frame said of them counts so much less with every frame more."""
+    enough: int = 6
+    """Frames that must have found it there,"""
+    share: float = 0.35
+    """and this share of them as it is told, 0 to 1,"""
+    lately: int = 8
+    """one of the last so many, too: else it is turning in its place."""
+    otherwise_deg: float = 4.0
+    """It is told otherwise than it was found where that turns it by this,"""
+    otherwise: float = 0.003
+    """or moves it by this, metres, and only within"""
+    shaken: int = 10
+    """so many frames after the camera has moved: before a camera that stands still poses are steady, and
+    what turns one is a reason to do so."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if min(self.agree, self.moved, self.same_deg) <= 0 or min(self.patience, self.enough) < 1:
+            raise MethodError(
+                f"at_rest.agree is {self.agree:g}, moved {self.moved:g}, same_deg {self.same_deg:g}, "
+                f"patience {self.patience} and enough {self.enough}: patience and enough must be 1 or "
+                "more, the others above 0"
+            )
+
+
+@dataclass(slots=True, eq=False)
+class _Way:
+    """A pose in which a part was found again and again."""
+
+    T_stage_part: Transform
+    weight: float
+    unseen: int = 0
+    """Frames since it was."""
+
+
+@dataclass(slots=True, eq=False)
+class _Resting:
+    """Where a part lies; the stage is what rests as a whole."""
+
+    ways: list[_Way]
+    frames: int = 0
+    """That found it there."""
+    away: int = 0
+    """Frames in a row that found it elsewhere."""
+
+    @property
+    def told(self) -> _Way:
+        """As most frames have it."""
+        return max(self.ways, key=lambda way: way.weight)
+
+    @property
+    def T_stage_part(self) -> Transform:
+        """As most frames have it."""
+        return self.told.T_stage_part
+
+
+class AtRest:
+    """What lies still in one sequence."""
+
+    def __init__(self, assembly: Assembly, *, config: AtRestConfig) -> None:
+        """Begin a sequence: the stage is the first frame's camera."""
+        self._parts, self._config = assembly.parts, config
+        self._boxes = {name: _box(part) for name, part in assembly.parts.items()}
+        self._resting: dict[str, _Resting] = {}
+        self._there: frozenset[str] = frozenset()
+        """Those that the last frame found where they lay."""
+        self._T_camera_stage = np.eye(4)
+        self._still = config.shaken
+        """Frames since the camera moved."""
+
+    @property
+    def T_camera_stage(self) -> Transform:
+        """Where all that rests was in the last frame; the identity until the camera has moved."""
+        return self._T_camera_stage
+
+    @property
+    def is_shaken(self) -> bool:
+        """Whether the camera moved lately."""
+        return self._still < self._config.shaken
+
+    def see(self, poses: Mapping[str, PoseEstimate], *, joined: Collection[str]) -> None:
+        """Take in the poses of a frame, and which parts only move with the base part."""
+        if not self._config.enabled:
+            return
+        sure = {name: pose for name, pose in poses.items() if pose.score >= self._config.sure}
+        loose = {name: pose for name, pose in sure.items() if name not in joined}
+        self._resting = {n: resting for n, resting in self._resting.items() if n not in joined}
+        before, self._T_camera_stage = self._T_camera_stage, self._followed(loose)
+        self._still = self._still + 1 if self._T_camera_stage is before else 0
+        T_stage_camera = inverse(self._T_camera_stage)
+        for name, pose in loose.items():
+            self._see(name, T_stage_camera @ pose.T_camera_part, pose.score)
+        self._there = frozenset(name for name in loose if not self._resting[name].away)
+
+    def expected(self, found: Mapping[str, PoseEstimate]) -> dict[str, Transform]:
+        """Where parts at rest are in a new frame, T_camera_part, as first poses found have the camera moved."""
+        config = self._config
+        if not self.is_shaken:
+            return {}
+        sure = {name: pose for name, pose in found.items() if pose.score >= config.sure}
+        T_camera_stage = self._followed(sure)
+        return {
+            name: T_camera_stage @ resting.T_stage_part
+            for name, resting in self._resting.items()
+            if self._is_known(resting)
+        }
+
+    def told(self, poses: Mapping[str, PoseEstimate]) -> dict[str, PoseEstimate]:
+        """The poses of the frame that was seen last, those at rest as most frames have them."""
+        told = dict(poses)
+        if not self.is_shaken:
+            return told
+        for name in self._there & poses.keys():
+            resting = self._resting[name]
+            if not self._is_known(resting):
+                continue
+            T_found = poses[name].T_camera_part
+            T_rests = self._T_camera_stage @ resting.T_stage_part
+            if self._is_otherwise(self._parts[name], T_found, T_rests):
+                told[name] = replace(poses[name], T_camera_part=T_rests)
+        return told
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._resting = renamed(self._resting, names)
+
+    def _followed(self, poses: Mapping[str, PoseEstimate]) -> Transform:
+        """T_camera_stage by which most of what rested is where these poses have it."""
+        before = self._T_camera_stage
+        known = [name for name in poses if name in self._resting]
+        if len(known) < LEAST:
+            return before
+        stage, camera = list[Points](), list[Points]()
+        for name in known:
+            T_stage_part = self._resting[name].T_stage_part
+            T_found = poses[name].T_camera_part
+            T_near = nearest_symmetric(T_found, before @ T_stage_part, self._parts[name].symmetries)
+            stage.append(apply(T_stage_part, self._boxes[name]))
+            camera.append(apply(T_near, self._boxes[name]))
+        return self._fitted(stage, camera, [self._parts[name].diameter for name in known])
+
+    def _fitted(self, stage: list[Points], camera: list[Points], weights: list[float]) -> Transform:
+        """T_camera_stage from the corners of parts; each part counts by its weight."""
+        before, scale = self._T_camera_stage, self._config.agree
+        alike = np.ones(len(stage[0]))
+        starts = [before, *(rigid_fit(a, b, alike) for a, b in zip(stage, camera, strict=True))]
+        points = np.concatenate(stage), np.concatenate(camera), np.repeat(weights, len(alike))
+        T_moved, agrees = robust_fit(*points, np.stack(starts), scale=scale)
+        still = agreement(*points, before[None], scale=scale).item()
+        if still >= self._config.unmoved * agrees:
+            return before
+        middles = np.mean(stage, axis=1), np.mean(camera, axis=1)
+        off = np.linalg.norm(apply(T_moved, middles[0]) - middles[1], axis=1)
+        return T_moved if np.count_nonzero(off < self._config.moved) >= LEAST else before
+
+    def _see(self, name: str, T_stage_part: Transform, score: float) -> None:
+        """One more frame's pose of a part."""
+        config, part = self._config, self._parts[name]
+        resting = self._resting.get(name)
+        if resting is None or self._is_gone(part, resting, T_stage_part):
+            self._resting[name] = _Resting([_Way(T_stage_part, score)], frames=1)
+            return
+        if resting.away:
+            return
+        resting.frames += 1
+        for way in resting.ways:
+            way.weight, way.unseen = way.weight * config.fades, way.unseen + 1
+        way, T_near, turn = _nearest(resting, T_stage_part, part)
+        if turn < math.radians(config.same_deg):
+            way.weight, way.unseen = way.weight + score, 0
+            way.T_stage_part = _between(way.T_stage_part, T_near, score / way.weight, part)
+            return
+        resting.ways.append(_Way(T_stage_part, score))
+        resting.ways = sorted(resting.ways, key=lambda way: -way.weight)[:MOST]
+
+    def _is_gone(self, part: Part, resting: _Resting, T_stage_part: Transform) -> bool:
+        """Whether a part no longer lies where it lay; one that was only turned in its place does."""
+        config = self._config
+        way, _, turn = _nearest(resting, T_stage_part, part)
+        apart = point_distance(way.T_stage_part, T_stage_part, part.middle)
+        is_turned = turn >= math.radians(config.same_deg)
+        far = config.turned if is_turned else config.moved
+        resting.away = resting.away + 1 if apart > far else 0
+        return resting.away >= config.patience
+
+    def _is_known(self, resting: _Resting) -> bool:
+        """Whether it is known how a part lies."""
+        config, told = self._config, resting.told
+        share = told.weight / sum(way.weight for way in resting.ways)
+        is_enough = resting.frames >= config.enough and share >= config.share
+        return is_enough and told.unseen <= config.lately
+
+    def _is_otherwise(self, part: Part, T_found: Transform, T_rests: Transform) -> bool:
+        config = self._config
+        if point_distance(T_found, T_rests, part.middle) >= config.otherwise:
+            return True
+        T_near = nearest_symmetric(T_found, T_rests, part.symmetries)
+        turn = rotation_angle(T_near[:3, :3].T @ T_rests[:3, :3])
+        return turn >= math.radians(config.otherwise_deg)
+
+
+def _box(part: Part) -> Points:
+    """The corners of the part's box, in its frame."""
+    low, high = part.mesh.vertices.min(axis=0), part.mesh.vertices.max(axis=0)
+    corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), axis=-1)
+    return corners.reshape(8, 3)
+
+
+def _nearest(
+    resting: _Resting, T_stage_part: Transform, part: Part
+) -> tuple[_Way, Transform, float]:
+    """The way to which a pose is nearest, that pose as it looks the same there, and the turn between."""
+    found: list[tuple[_Way, Transform, float]] = []
+    for way in resting.ways:
+        T_near = nearest_symmetric(T_stage_part, way.T_stage_part, part.symmetries)
+        found.append((way, T_near, rotation_angle(way.T_stage_part[:3, :3].T @ T_near[:3, :3])))
+    return min(found, key=lambda way: way[2])
+
+
+def _between(T_from: Transform, T_to: Transform, share: float, part: Part) -> Transform:
+    """The pose that far on the way from one to another that is near."""
+    mixed = (1 - share) * T_from[:3, :3] + share * T_to[:3, :3]
+    R = orthonormalized(transform_from(mixed, np.zeros(3)))[:3, :3]
+    middle = (1 - share) * apply_to_point(T_from, part.middle) + share * apply_to_point(
+        T_to, part.middle
+    )
+    return transform_from(R, middle - R @ part.middle)
