@@ -136,6 +136,10 @@ class AtRest:
         """Whether the camera moved lately."""
         return self._still < self._config.shaken
 
+    def lies(self, name: str) -> bool:
+        """Whether the last frame found a part where it lay."""
+        return name in self._there
+
     def see(self, poses: Mapping[str, PoseEstimate], *, joined: Collection[str]) -> None:
         """Take in the poses of a frame, and which parts only move with the base part."""
         if not self._config.enabled:

@@ -134,7 +134,7 @@ class FollowedState:
             places /= places.sum()
         base = self._fits.base or poses.get(self._unfolded.base)
         stands = self._place_looks.step(base, poses, before, frame)
-        loose = self._loose.step(base, witnesses, frame, T_camera_stage=rest.T_camera_stage)
+        loose = self._loose.step(base, witnesses, frame, rest=rest)
         stands = agreed(stands, loose)
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)
         if belief is None:

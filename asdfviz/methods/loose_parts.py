@@ -19,6 +19,7 @@ from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply_to_point, inverse
+from asdfviz.methods.at_rest import AtRest
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
 from asdfviz.state.joined_spots import JoinedSpots
@@ -34,6 +35,9 @@ class LooseConfig:
     small_px: float = 10.0
     """A part that is gone counts as joined only if it is thinner in the picture than this where it would
     be, pixels: of larger ones that place shows more."""
+    blurred_px: float = 20.0
+    """The same before a camera that moves, whose pictures are blurred; there only what lies still is
+    loose (`AtRest`): what is small is found now here, now there."""
     found: float = 0.5
     """Score from which a part is found,"""
     sure: float = 0.8
@@ -100,7 +104,6 @@ class LooseParts:
     ) -> None:
         """Begin a sequence."""
         self._assembly, self._config = assembly, config
-        self._T_camera_stage = np.eye(4)
         self._corners = {name: shape.corners for name, shape in shapes.items()}
         groups = [tuple(n for n in names if n != assembly.base) for names in twin_groups(assembly)]
         self._spots = JoinedSpots(assembly)
@@ -112,7 +115,7 @@ class LooseParts:
         poses: Mapping[str, PoseEstimate],
         frame: Frame,
         *,
-        T_camera_stage: Transform,
+        rest: AtRest,
     ) -> Scores | None:
         """Probability of every state by what lies loose; None where that says nothing.
 
@@ -120,26 +123,26 @@ class LooseParts:
             base: where the base part is, None if that is not known.
             poses: of the parts.
             frame: with depth, or nothing is said.
-            T_camera_stage: where what lies still is (`AtRest`).
+            rest: what lies still, and how the camera moves; it has seen this frame.
         """
-        self._T_camera_stage = T_camera_stage
         if not self._config.enabled or base is None or frame.depth is None:
             return None
         against = np.zeros(len(self._assembly.states))
         for kind in self._kinds:
             if kind.places:
-                there = self._count(kind, base.T_camera_part, poses, frame)
-                against += self._against(kind, there, base.T_camera_part, frame)
+                there = self._count(kind, base.T_camera_part, poses, frame, rest)
+                against += self._against(kind, there, base.T_camera_part, frame, rest)
         if not against.any():
             return None
         scores = np.exp(against.min() - against)
         return scores / scores.sum()
 
-    def _is_small(self, kind: _Kind, T_camera_base: Transform, frame: Frame) -> bool:
+    def _is_small(self, kind: _Kind, T_camera_base: Transform, frame: Frame, rest: AtRest) -> bool:
         """Whether none of them shows where it is joined."""
+        small_px = self._config.blurred_px if rest.is_shaken else self._config.small_px
         corners = self._corners[kind.names[0]]
         boxes = (projected_box(T_camera_base @ T, corners, frame) for T in kind.places)
-        return all((box[2:] - box[:2]).min() < self._config.small_px for box in boxes)
+        return all((box[2:] - box[:2]).min() < small_px for box in boxes)
 
     def _count(
         self,
@@ -147,18 +150,19 @@ class LooseParts:
         T_camera_base: Transform,
         poses: Mapping[str, PoseEstimate],
         frame: Frame,
+        rest: AtRest,
     ) -> int:
         """Note which are loose; returns how many surely lie where they lay."""
         middle = self._assembly.parts[kind.names[0]].middle
-        T_stage_camera = inverse(self._T_camera_stage)
+        T_stage_camera = inverse(rest.T_camera_stage)
         loose = [
             (apply_to_point(T_stage_camera @ pose.T_camera_part, middle), pose.score)
             for pose in (poses[name] for name in kind.names if name in poses)
-            if self._is_loose(pose, T_camera_base)
+            if self._is_loose(pose, T_camera_base, rest)
         ]
         there = self._lying(kind, loose)
         is_hidden = any(
-            self._is_hidden(spot.middle, frame) for spot in kind.spots if not spot.is_seen
+            self._is_hidden(spot.middle, frame, rest) for spot in kind.spots if not spot.is_seen
         )
         for k in range(len(kind.names)):
             if len(loose) > k:
@@ -168,11 +172,12 @@ class LooseParts:
                 kind.gone[k] += 1
         return there
 
-    def _is_loose(self, pose: PoseEstimate, T_camera_base: Transform) -> bool:
+    def _is_loose(self, pose: PoseEstimate, T_camera_base: Transform, rest: AtRest) -> bool:
         config, T = self._config, pose.T_camera_part
         return (
             pose.score >= config.found
             and pose.stage != "group"
+            and (rest.lies(pose.part) or not rest.is_shaken)
             and self._spots.distance(pose.part, T, T_camera_base) > config.away
         )
 
@@ -194,23 +199,25 @@ class LooseParts:
         kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= config.enough]
         return there
 
-    def _against(self, kind: _Kind, there: int, T_camera_base: Transform, frame: Frame) -> Scores:
+    def _against(
+        self, kind: _Kind, there: int, T_camera_base: Transform, frame: Frame, rest: AtRest
+    ) -> Scores:
         """What speaks against each state, log odds; so many surely lie `there` where they lay."""
         config, most = self._config, [0.0]
         for found, gone in zip(kind.found, kind.gone, strict=True):
             told = min(config.gain * max(gone - config.wait, 0), config.most)
             # Where not even one is found, two are not either.
             most.append(max(told if found >= config.enough else 0.0, most[-1]))
-        if most[-1] > 0 and not self._is_small(kind, T_camera_base, frame):
+        if most[-1] > 0 and not self._is_small(kind, T_camera_base, frame, rest):
             most = [0.0] * len(most)
         return np.array(
             [most[loose] + config.there * max(there - loose, 0) for loose in kind.loose]
         )
 
-    def _is_hidden(self, point_stage: Vector, frame: Frame) -> bool:
+    def _is_hidden(self, point_stage: Vector, frame: Frame, rest: AtRest) -> bool:
         """Whether something stands in front of a point, or it is out of view."""
         assert frame.depth is not None
-        point = apply_to_point(self._T_camera_stage, point_stage)
+        point = apply_to_point(rest.T_camera_stage, point_stage)
         inside, row, column = nearest_pixels(point[None], frame.camera.K, frame.depth.shape)
         if not inside[0]:
             return True

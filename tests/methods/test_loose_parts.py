@@ -13,6 +13,7 @@ from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.at_rest import AtRest, AtRestConfig
 from asdfviz.methods.loose_parts import LooseConfig, LooseParts
 from asdfviz.methods.part_poses import part_shapes
 
@@ -20,6 +21,26 @@ BASE = transform_from(np.eye(3), np.array([0.0, 0.0, 0.55]))
 SPOTS = [transform_from(np.eye(3), np.array([x, 0.08, 0.7])) for x in (-0.1, 0.1)]
 HOLES = [transform_from(np.eye(3), np.array([x, 0.0, 0.03])) for x in (-0.02, 0.02)]
 PINS = ("pin", "pin-copy")
+
+
+class Shaken(AtRest):
+    """What lies still before a camera that moves, as it is told."""
+
+    def __init__(self, assembly: Assembly, lying: frozenset[str]) -> None:
+        super().__init__(assembly, config=AtRestConfig())
+        self.lying = lying
+
+    @property
+    def is_shaken(self) -> bool:
+        return True
+
+    def lies(self, name: str) -> bool:
+        return name in self.lying
+
+
+def rest_of(assembly: Assembly) -> AtRest:
+    """Before a camera that stands still."""
+    return AtRest(assembly, config=AtRestConfig())
 
 
 @pytest.fixture
@@ -35,8 +56,13 @@ def counted(pinned: Assembly, toy):
     """Make something that counts, shows it frames, and gives what it said of the last one."""
 
     def make(
-        *shown: tuple[Sequence[Transform], int], score: float = 0.9, hand: bool = False, **options
+        *shown: tuple[Sequence[Transform], int],
+        score: float = 0.9,
+        hand: bool = False,
+        rest: AtRest | None = None,
+        **options,
     ) -> np.ndarray | None:
+        rest = rest or rest_of(pinned)
         config = LooseConfig(**{"small_px": 50.0, "enough": 4, "wait": 3, **options})
         loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
         base = PoseEstimate("base", BASE, 1.0, "refined")
@@ -50,7 +76,7 @@ def counted(pinned: Assembly, toy):
             if hand and len(pins) < 2 and frame.depth is not None:
                 frame = replace(frame, depth=np.full_like(frame.depth, 0.4))
             for _ in range(frames):
-                told = loose.step(base, poses, frame, T_camera_stage=np.eye(4))
+                told = loose.step(base, poses, frame, rest=rest)
         return told
 
     return make
@@ -92,6 +118,28 @@ def test_what_is_gone_says_nothing_if(counted, options: dict, first: int) -> Non
     assert counted((SPOTS, first), ([], 50), **options) is None
 
 
+def test_before_a_camera_that_moves_only_what_lies_still_is_loose(
+    counted, pinned: Assembly
+) -> None:
+    lying = Shaken(pinned, frozenset(PINS))
+    assert counted((SPOTS, 5), rest=lying, there=2.0) == pytest.approx(
+        counted((SPOTS, 5), there=2.0)
+    )
+    lying.lying = frozenset()
+    assert counted((SPOTS, 50), rest=lying) is None
+
+
+def test_a_larger_one_that_is_gone_is_joined_where_pictures_are_blurred(
+    counted, pinned: Assembly
+) -> None:
+    gone = ((SPOTS, 5), ([], 9))
+    assert counted(*gone, small_px=1.0, blurred_px=50.0) is None
+    rest = Shaken(pinned, frozenset(PINS))
+    told = counted(*gone, rest=rest, small_px=1.0, blurred_px=50.0)
+    assert told[2] > told[0]
+    assert counted(*gone, rest=rest, small_px=50.0, blurred_px=1.0) is None
+
+
 def test_a_pin_in_its_hole_is_not_loose(counted) -> None:
     assert counted(([BASE @ T for T in HOLES], 9)) is None
 
@@ -104,12 +152,12 @@ def test_a_pin_that_moves_lies_nowhere(counted) -> None:
 def test_without_base_or_depth_nothing_is_said(pinned: Assembly, toy) -> None:
     loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=LooseConfig())
     base = PoseEstimate("base", BASE, 1.0, "refined")
-    assert loose.step(None, {}, toy.frame(0, {}), T_camera_stage=np.eye(4)) is None
-    assert loose.step(base, {}, toy.frame(0), T_camera_stage=np.eye(4)) is None
+    assert loose.step(None, {}, toy.frame(0, {}), rest=rest_of(pinned)) is None
+    assert loose.step(base, {}, toy.frame(0), rest=rest_of(pinned)) is None
     off = LooseParts(
         pinned, part_shapes(pinned, surface_points=200), config=LooseConfig(enabled=False)
     )
-    assert off.step(base, {}, toy.frame(0, {}), T_camera_stage=np.eye(4)) is None
+    assert off.step(base, {}, toy.frame(0, {}), rest=rest_of(pinned)) is None
 
 
 @pytest.mark.parametrize("wrong", [{"wait": 0}, {"enough": 0}, {"gain": -1.0}, {"there": -0.1}])
