@@ -130,9 +130,14 @@ class PartTracks:
         evidence = self.tracker.evidence(frame)
         sure = {name: self.tracker.judged(seen) for name, seen in evidence.items()}
         least = self.tracker.config.confidence.lost_below
+        shown = {name for name in sure if sure[name] >= least}
+        base = self._assembly.base
+        if joined & shown and evidence[base].visible < self._config.hidden_below:
+            # Parts that are seen in their places tell where a hidden base is, too.
+            sure[base] = max(sure[base], float(np.median([sure[n] for n in joined & shown])))
         said: dict[str, PoseEstimate] = {}
         back: dict[str, Transform] = {}
-        seen, poses = list[str](), self.tracker.poses
+        poses = self.tracker.poses
         intruders = self._one_place.intruders(poses, sure, joined=joined)
         for name, T_found in poses.items():
             if name in intruders:
@@ -143,7 +148,6 @@ class PartTracks:
             track.explore = not track.joined and visible >= self._config.seen
             if sure[name] >= least:
                 track.take(T_found)
-                seen.append(name)
             else:
                 track.T_before, track.unsure = None, track.unsure + 1
                 lost = visible >= self._config.hidden_below
@@ -156,7 +160,7 @@ class PartTracks:
                         continue
             stage = "group" if name in joined else "tracked"
             said[name] = PoseEstimate(name, track.T_now, sure[name], stage)
-        self.tracker.learn(frame, seen)
+        self.tracker.learn(frame, [name for name in said if name in shown])
         self.let_go(intruders)  # and all that were held move freely
         self.tracker.replace(frame, back)
         return said
@@ -288,13 +292,6 @@ class PartTracks:
         base = self.tracks.get(self._assembly.base)
         if base is None or not base.age or state is None:
             return []
-        two = np.argsort(-state.probabilities)[:2]
-        states: list[State] = [self._assembly.states[i] for i in two]
-        return places_in(
-            states,
-            name,
-            base.T_now,
-            track.T_now,
-            assembly=self._assembly,
-            centre=self.bodies[name].model.centre,
-        )
+        assembly, centre = self._assembly, self.bodies[name].model.centre
+        two: list[State] = [assembly.states[i] for i in np.argsort(-state.probabilities)[:2]]
+        return places_in(two, name, base.T_now, track.T_now, assembly=assembly, centre=centre)

@@ -8,6 +8,7 @@ from functools import partial
 from itertools import pairwise
 from typing import Any, ClassVar
 
+import cv2
 import numpy as np
 import pytest
 
@@ -23,6 +24,7 @@ from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.gbot import Gbot, GbotConfig
 from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
 from asdfviz.methods.group_contours import GroupContours
+from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig, turned
 from asdfviz.methods.registry import available_methods, build_method, find_method
 from asdfviz.methods.spec import MethodSpec
@@ -30,7 +32,7 @@ from asdfviz.methods.step_places import StepPlacesConfig
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.track import raster
-from asdfviz.track.presets import FINE, GBOT, RBOT_REGION, TrackerConfig
+from asdfviz.track.presets import FINE, GBOT, PROPOSED, RBOT_REGION, TrackerConfig
 
 COLORS = {"base": (30, 60, 200), "block": (220, 120, 20)}
 KNOBS = {"base": (-0.045, 0.025, 0.015), "block": (0.01, 0.02, 0.025)}
@@ -464,6 +466,48 @@ def test_a_part_that_no_box_shows_is_absent_until_the_state_joins_it(
     placed = said[-1].poses["block"]
     assert placed.stage == "group"
     assert scene.off_mm(said[-1], "block") < 5
+
+
+@pytest.mark.parametrize("joined", [frozenset({"block"}), frozenset[str]()])
+def test_a_hidden_base_is_where_a_joined_part_that_is_seen_has_it(
+    scene: Scene, joined: frozenset[str]
+) -> None:
+    shots = [board_over_base(scene) if i >= 6 else scene.frames[-1] for i in range(25)]
+    tracker = PartTracks(
+        scene.assembly, shots[0].camera, tracker=PROPOSED, refind=RefindConfig(), turns=TurnConfig()
+    )
+    proposed = {n: PoseEstimate(n, T, 0.8, "refined") for n, T in scene.truth[-1].items()}
+    said: dict[str, PoseEstimate] = {}
+    for i, frame in enumerate(shots):
+        tracker.refind(frame, proposed if i < 6 else {}, {}, None)
+        tracker.tracker.release()
+        if joined:
+            tracker.tracker.hold(scene.assembly.states[1], base="base")
+        tracker.tracker.move(frame)
+        said = tracker.settle(frame, joined)
+    assert ("base" in said) == bool(joined)
+    assert scene.off_mm(FramePrediction(FRAMES - 1, said, None), "block") < 5
+    if joined:
+        assert scene.off_mm(FramePrediction(FRAMES - 1, said, None), "base") < 8  # by a lever
+        assert said["base"].score == pytest.approx(said["block"].score)
+
+
+def board_over_base(scene: Scene) -> Frame:
+    """The last frame with a board over all of the base that shows, and around it."""
+    frame, index = scene.frames[-1], FRAMES - 1
+    block = {"block": scene.assembly.parts["block"]}
+    alone = scene.only(replace(scene.assembly, parts=block), index).depth
+    assert frame.depth is not None
+    assert alone is not None
+    is_block = alone < 0.88
+    is_base = (frame.depth < 0.88) & ~is_block
+    over = cv2.dilate(is_base.astype(np.uint8), np.ones((15, 15), np.uint8)) > 0
+    over &= ~is_block
+    return replace(
+        frame,
+        rgb=np.where(over[..., None], np.uint8(100), frame.rgb),
+        depth=np.where(over, np.float32(0.3), frame.depth),
+    )
 
 
 def test_a_part_that_is_not_there_is_absent(scene: Scene, toy, detector) -> None:
