@@ -39,9 +39,10 @@ def joined_poses(
         state: what is joined.
         rng: draws.
         spread: share of the travel that is used.
-        still: parts that stay in their nominal poses, and with them what moves as one with them.
+        still: parts that stay in their nominal poses, and with them what moves as one with them, or is
+            of one link with them.
     """
-    kept = {_key(state.joints[name]) for name in still if name in state.joints}
+    kept = {_held(state.joints[name]) for name in still if name in state.joints}
     motions: dict[tuple[object, ...], Transform] = {}
     travels: dict[tuple[object, ...], float] = {}
     poses: dict[str, Transform] = {}
@@ -53,7 +54,7 @@ def joined_poses(
         travel = travels.setdefault(_line(joint), rng.random())
         key = _key(joint)
         if key not in motions:
-            motions[key] = _motion(joint, travel, rng, 0.0 if key in kept else spread)
+            motions[key] = _motion(joint, travel, rng, 0.0 if _held(joint) in kept else spread)
         poses[name] = motions[key] @ T_base_part
     return poses
 
@@ -67,6 +68,11 @@ def _key(joint: Joint) -> tuple[object, ...]:
     """What joints that move as one have in common."""
     axle = (joint.axis.tobytes(), joint.origin.tobytes())
     return (joint.kind, *_line(joint), *axle, joint.slide, joint.turn)
+
+
+def _held(joint: Joint) -> tuple[object, ...]:
+    """What joints that stay together have in common: a screw does not stand still while its slider moves."""
+    return _line(joint) if joint.link else _key(joint)
 
 
 def _motion(joint: Joint, travel: float, rng: np.random.Generator, spread: float) -> Transform:

@@ -45,6 +45,18 @@ def test_a_linked_screw_follows_its_thread_and_an_unlinked_one_does_not() -> Non
         assert all(fits) == follows
 
 
+def test_what_is_of_one_link_with_a_still_part_is_still_too() -> None:
+    slider = Joint("prismatic", X, np.zeros(3), slide=(-0.01, 0.03), link="screw")
+    screw = Joint("cylindrical", X, AXLE, slide=(-0.01, 0.03), turn=(-9.0, 9.0), link="screw")
+    other = Joint("prismatic", X, np.zeros(3), slide=(-0.01, 0.03))
+    joints = {"slider": slider, "screw": screw, "other": other}
+    state = State(1, "s", {"base": np.eye(4), **dict.fromkeys(joints, np.eye(4))}, joints=joints)
+    found = joined_poses(state, np.random.default_rng(4), still=["screw"])
+    np.testing.assert_array_equal(found["screw"], np.eye(4))
+    np.testing.assert_array_equal(found["slider"], np.eye(4))
+    assert abs(found["other"][0, 3]) > 1e-3
+
+
 def test_equal_joints_move_as_one_and_links_apart_do_not() -> None:
     one = Joint("ball", X, AXLE, turn=(-0.4, 0.4))
     found = poses({"foot": one, "collar": one}, 3)
