@@ -110,6 +110,19 @@ def test_what_was_assembled_is_pushed_over_the_table_as_one(staged: Staged) -> N
     assert pushed > 1
 
 
+def test_joints_of_one_link_are_at_one_share_of_their_travel(staged: Staged) -> None:
+    done, last = staged.assembly.steps[-1], staged.moments[-1].T_world_part
+    shares: dict[str, list[float]] = {}
+    for name, joint in done.joints.items():
+        low, high = joint.slide
+        if joint.link and high > low:
+            T_base_part = inverse(last[staged.assembly.base]) @ last[name]
+            T_motion = T_base_part @ inverse(done.T_base_part[name])
+            along = (apply(T_motion, joint.origin[None])[0] - joint.origin) @ joint.axis
+            shares.setdefault(joint.link, []).append((along - low) / (high - low))
+    assert all(np.ptp(told) < 1e-6 for told in shares.values())
+
+
 def test_all_that_lies_on_the_table_is_in_view(staged: Staged) -> None:
     table = staged.play.table
     for name, T in staged.moments[0].T_world_part.items():
