@@ -36,7 +36,11 @@ from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.told_poses import ToldPoses
 from asdfviz.methods.tracking import load_bodies
 from asdfviz.pose.confidence import confidence_held
+from asdfviz.state.place_odds import JoinedOdds
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
+
+JOINED = 0.6
+"""Probability from which a part moves with the base."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +51,7 @@ class _Scene:
     hypotheses: dict[str, PartHypotheses]
     followed: FollowedState
     group: GroupPoses
+    odds: JoinedOdds
     twins: PlaceNames
     one_place: OnePlace
     told: ToldPoses
@@ -102,6 +107,7 @@ class AsdfPlus:
             },
             followed,
             GroupPoses(followed.assembly, shapes, config=config.joined),
+            JoinedOdds(followed.assembly),
             PlaceNames(assembly),
             OnePlace(assembly),
             ToldPoses(assembly, shapes, config),
@@ -129,7 +135,7 @@ class AsdfPlus:
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
             poses = self._named_by_place(followed, scene)
-            scene.told.rest.see(poses, joined=set(scene.group.held) - {assembly.base})
+            self._see_what_rests(poses, frame, scene)
             state = scene.followed.step(
                 self._asdf.looks,
                 poses,
@@ -148,6 +154,15 @@ class AsdfPlus:
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
+
+    def _see_what_rests(
+        self, poses: Mapping[str, PoseEstimate], frame: Frame, scene: _Scene
+    ) -> None:
+        """What is probably joined moves with the base; without depth poses are too rough."""
+        told = scene.followed.unfolded
+        odds = {} if told is None else scene.odds.of(told)
+        joined = {n for n, p in odds.items() if p >= JOINED and n != scene.assembly.base}
+        scene.told.rest.see({} if frame.depth is None else poses, joined=joined)
 
     def _without_others(
         self, proposed: FramePrediction, frame: Frame, scene: _Scene

@@ -127,7 +127,7 @@ class AsdfTrack:
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
             poses = self._without_strangers(frame, parts.settle(frame, joined), scene)
-            scene.told.rest.see(poses, joined=joined)
+            scene.told.rest.see({} if shown.depth is None else poses, joined=joined)
             sure = surely_placed(parts.tracks)
             scene.still.see(frame, sure)
             scene.unlike.see(frame, {n: parts.tracks[n].T_now for n in sure})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from asdfviz.methods.asdf_config import AsdfConfig
-from asdfviz.methods.at_rest import AtRestConfig
+from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Part, PoseEstimate
-from asdfviz.errors import MethodError
 from asdfviz.geometry.rigid_fit import agreement, rigid_fit, robust_fit
 from asdfviz.geometry.shapes import Points, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
@@ -27,58 +26,13 @@ from asdfviz.geometry.transforms import (
     rotation_angle,
     transform_from,
 )
+from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.state.twins import renamed
 
 LEAST = 3
 """Parts that must have moved as one: of fewer nobody knows whether the camera moved, or they."""
 MOST = 6
 """Ways in which a part may be turned that are remembered."""
-
-
-@dataclass(frozen=True)
-class AtRestConfig:
-    """When a part lies still, and how it is told then."""
-
-    enabled: bool = True
-    """On or off."""
-    sure: float = 0.3
-    """Poses that score less are not asked."""
-    agree: float = 0.004
-    """Corners that are off by this speak half as much for a motion of the camera, metres;"""
-    unmoved: float = 0.93
-    """it stands still where that is this much as probable as the best motion."""
-    moved: float = 0.008
-    """A part whose middle is farther than this from where it lay has moved, metres,"""
-    turned: float = 0.011
-    """or farther than this if it is turned otherwise: the middle is not where it turns,"""
-    patience: int = 3
-    """once it has in so many frames in a row."""
-    same_deg: float = 12.0
-    """Rotations that differ by less are one;"""
-    fades: float = 0.98
-    """what a frame said of them counts so much less with every frame more."""
-    enough: int = 6
-    """Frames that must have found it there,"""
-    share: float = 0.35
-    """and this share of them as it is told, 0 to 1,"""
-    lately: int = 8
-    """one of the last so many, too: else it is turning in its place."""
-    otherwise_deg: float = 4.0
-    """It is told otherwise than it was found where that turns it by this,"""
-    otherwise: float = 0.003
-    """or moves it by this, metres, and only within"""
-    shaken: int = 10
-    """so many frames after the camera has moved: before a camera that stands still poses are steady, and
-    what turns one is a reason to do so."""
-
-    def __post_init__(self) -> None:
-        """Raise a MethodError where an option is out of its range."""
-        if min(self.agree, self.moved, self.same_deg) <= 0 or min(self.patience, self.enough) < 1:
-            raise MethodError(
-                f"at_rest.agree is {self.agree:g}, moved {self.moved:g}, same_deg {self.same_deg:g}, "
-                f"patience {self.patience} and enough {self.enough}: patience and enough must be 1 or "
-                "more, the others above 0"
-            )
 
 
 @dataclass(slots=True, eq=False)
@@ -99,7 +53,9 @@ class _Resting:
     frames: int = 0
     """That found it there."""
     away: int = 0
-    """Frames in a row that found it elsewhere."""
+    """Frames in a row that found it elsewhere,"""
+    absent: int = 0
+    """or did not find it."""
 
     @property
     def told(self) -> _Way:
@@ -117,12 +73,14 @@ class AtRest:
 
     def __init__(self, assembly: Assembly, *, config: AtRestConfig) -> None:
         """Begin a sequence: the stage is the first frame's camera."""
-        self._parts, self._config = assembly.parts, config
+        self._parts, self._base, self._config = assembly.parts, assembly.base, config
         self._boxes = {name: _box(part) for name, part in assembly.parts.items()}
         self._resting: dict[str, _Resting] = {}
         self._there: frozenset[str] = frozenset()
         """Those that the last frame found where they lay."""
         self._T_camera_stage = np.eye(4)
+        self._is_followed = False
+        """Whether enough was seen to tell how the camera moved."""
         self._still = config.shaken
         """Frames since the camera moved."""
 
@@ -147,12 +105,20 @@ class AtRest:
         sure = {name: pose for name, pose in poses.items() if pose.score >= self._config.sure}
         loose = {name: pose for name, pose in sure.items() if name not in joined}
         self._resting = {n: resting for n, resting in self._resting.items() if n not in joined}
-        before, self._T_camera_stage = self._T_camera_stage, self._followed(loose)
-        self._still = self._still + 1 if self._T_camera_stage is before else 0
+        T_camera_stage = self._followed(loose)
+        self._is_followed = T_camera_stage is not None
+        if T_camera_stage is not None:
+            is_still = T_camera_stage is self._T_camera_stage
+            self._T_camera_stage, self._still = T_camera_stage, self._still + 1 if is_still else 0
+        for resting in self._resting.values():
+            resting.absent += 1
         T_stage_camera = inverse(self._T_camera_stage)
         for name, pose in loose.items():
             self._see(name, T_stage_camera @ pose.T_camera_part, pose.score)
-        self._there = frozenset(name for name in loose if not self._resting[name].away)
+        enough = self._config.enough
+        self._there = frozenset(
+            n for n in loose if not self._resting[n].away and self._resting[n].frames >= enough
+        )
 
     def expected(self, found: Mapping[str, PoseEstimate]) -> dict[str, Transform]:
         """Where parts at rest are in a new frame, T_camera_part, as first poses found have the camera moved."""
@@ -161,24 +127,31 @@ class AtRest:
             return {}
         sure = {name: pose for name, pose in found.items() if pose.score >= config.sure}
         T_camera_stage = self._followed(sure)
+        if T_camera_stage is None:
+            return {}
         return {
             name: T_camera_stage @ resting.T_stage_part
             for name, resting in self._resting.items()
-            if self._is_known(resting)
+            if self._is_known(resting) and resting.absent <= config.absent
         }
 
     def told(self, poses: Mapping[str, PoseEstimate]) -> dict[str, PoseEstimate]:
-        """The poses of the frame that was seen last, those at rest as most frames have them."""
+        """Poses of the frame that was seen last, those of loose parts at rest as most frames have them.
+
+        Parts of stage `group` stay where they are, and with them the base part.
+        """
         told = dict(poses)
-        if not self.is_shaken:
+        held = {name for name, pose in poses.items() if pose.stage == "group"}
+        if not self.is_shaken or not self._is_followed:
             return told
-        for name in self._there & poses.keys():
-            resting = self._resting[name]
-            if not self._is_known(resting):
-                continue
+        for name in self._there & poses.keys() - held - ({self._base} if held else set[str]()):
+            resting, part = self._resting[name], self._parts[name]
             T_found = poses[name].T_camera_part
             T_rests = self._T_camera_stage @ resting.T_stage_part
-            if self._is_otherwise(self._parts[name], T_found, T_rests):
+            apart = point_distance(T_found, T_rests, part.middle)
+            if not self._is_known(resting) or apart > self._config.turned:
+                continue
+            if self._is_otherwise(part, T_found, T_rests):
                 told[name] = replace(poses[name], T_camera_part=T_rests)
         return told
 
@@ -186,12 +159,12 @@ class AtRest:
         """From now on twins go by other names: from the old ones to the new."""
         self._resting = renamed(self._resting, names)
 
-    def _followed(self, poses: Mapping[str, PoseEstimate]) -> Transform:
-        """T_camera_stage by which most of what rested is where these poses have it."""
+    def _followed(self, poses: Mapping[str, PoseEstimate]) -> Transform | None:
+        """T_camera_stage by which most of what rested is where these poses have it; None: unknown."""
         before = self._T_camera_stage
         known = [name for name in poses if name in self._resting]
         if len(known) < LEAST:
-            return before
+            return None
         stage, camera = list[Points](), list[Points]()
         for name in known:
             T_stage_part = self._resting[name].T_stage_part
@@ -212,13 +185,21 @@ class AtRest:
         if still >= self._config.unmoved * agrees:
             return before
         middles = np.mean(stage, axis=1), np.mean(camera, axis=1)
-        off = np.linalg.norm(apply(T_moved, middles[0]) - middles[1], axis=1)
-        return T_moved if np.count_nonzero(off < self._config.moved) >= LEAST else before
+        off, was_off = (
+            np.linalg.norm(apply(T, middles[0]) - middles[1], axis=1) for T in (T_moved, before)
+        )
+        moved = np.count_nonzero((off < self._config.moved) & (off < was_off))
+        stayed = np.count_nonzero((was_off < self._config.moved) & (was_off < off))
+        shift = np.linalg.norm(apply(T_moved, middles[0]) - apply(before, middles[0]), axis=1)
+        is_motion = moved >= max(LEAST, stayed + 1) and np.median(shift) >= self._config.least
+        return T_moved if is_motion else before
 
     def _see(self, name: str, T_stage_part: Transform, score: float) -> None:
         """One more frame's pose of a part."""
         config, part = self._config, self._parts[name]
         resting = self._resting.get(name)
+        if resting is not None:
+            resting.absent = 0
         if resting is None or self._is_gone(part, resting, T_stage_part):
             self._resting[name] = _Resting([_Way(T_stage_part, score)], frames=1)
             return

@@ -60,11 +60,12 @@ class LooseConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if min(self.enough, self.wait) < 1 or min(self.gain, self.most, self.there) < 0:
+        least = min(self.gain, self.most, self.there, self.small_px, self.blurred_px)
+        if min(self.enough, self.wait) < 1 or least < 0:
             raise MethodError(
                 f"loose.enough is {self.enough}, wait {self.wait}, gain {self.gain:g}, most "
-                f"{self.most:g} and there {self.there:g}: enough and wait must be 1 or more, the others "
-                "0 or more"
+                f"{self.most:g}, there {self.there:g}, small_px {self.small_px:g} and blurred_px "
+                f"{self.blurred_px:g}: enough and wait must be 1 or more, the others 0 or more"
             )
 
 
@@ -155,10 +156,12 @@ class LooseParts:
         """Note which are loose; returns how many surely lie where they lay."""
         middle = self._assembly.parts[kind.names[0]].middle
         T_stage_camera = inverse(rest.T_camera_stage)
+        found = [poses[name] for name in kind.names if name in poses]
+        away = [pose for pose in found if self._is_away(pose, T_camera_base)]
         loose = [
             (apply_to_point(T_stage_camera @ pose.T_camera_part, middle), pose.score)
-            for pose in (poses[name] for name in kind.names if name in poses)
-            if self._is_loose(pose, T_camera_base, rest)
+            for pose in away
+            if rest.lies(pose.part) or not rest.is_shaken
         ]
         there = self._lying(kind, loose)
         is_hidden = any(
@@ -168,16 +171,15 @@ class LooseParts:
             if len(loose) > k:
                 kind.found[k] += 1
                 kind.gone[k] = 0
-            elif not is_hidden:
+            elif len(away) <= k and not is_hidden:
                 kind.gone[k] += 1
         return there
 
-    def _is_loose(self, pose: PoseEstimate, T_camera_base: Transform, rest: AtRest) -> bool:
+    def _is_away(self, pose: PoseEstimate, T_camera_base: Transform) -> bool:
         config, T = self._config, pose.T_camera_part
         return (
             pose.score >= config.found
             and pose.stage != "group"
-            and (rest.lies(pose.part) or not rest.is_shaken)
             and self._spots.distance(pose.part, T, T_camera_base) > config.away
         )
 

@@ -132,8 +132,7 @@ class PartTracks:
         least = self.tracker.config.confidence.lost_below
         shown = {name for name in sure if sure[name] >= least}
         base = self._assembly.base
-        is_hidden = base in sure and evidence[base].visible < self._config.hidden_below
-        if len(joined & shown) >= (1 if is_hidden else 2):
+        if len(joined & shown) >= 2:  # one alone may leave the base free to turn about it
             # Parts that are seen in their places tell where the base is, too.
             sure[base] = max(sure[base], float(np.median([sure[n] for n in joined & shown])))
         said: dict[str, PoseEstimate] = {}

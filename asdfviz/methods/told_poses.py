@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
-from asdfviz.methods.at_rest import AtRest, AtRestConfig
+from asdfviz.methods.at_rest import AtRest
+from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.joint_turns import JointTurns, JointTurnsConfig
 from asdfviz.methods.lying import Lying, LyingConfig
 from asdfviz.methods.on_table import OnTableConfig

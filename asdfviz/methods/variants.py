@@ -11,7 +11,7 @@ from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
-from asdfviz.methods.at_rest import AtRestConfig
+from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.contour_fits import BY_POINTS, ContourConfig
 from asdfviz.methods.disowned import DisownedConfig

@@ -39,8 +39,8 @@ def joined_poses(
         state: what is joined.
         rng: draws.
         spread: share of the travel that is used.
-        still: parts that stay in their nominal poses, and with them what moves as one with them, or is
-            of one link with them.
+        still: parts that stay in their nominal poses, and with them what moves as one with them, is of
+            one link with them, or slides along one line with them.
     """
     kept = {_held(state.joints[name]) for name in still if name in state.joints}
     motions: dict[tuple[object, ...], Transform] = {}
@@ -72,7 +72,7 @@ def _key(joint: Joint) -> tuple[object, ...]:
 
 def _held(joint: Joint) -> tuple[object, ...]:
     """What joints that stay together have in common: a screw does not stand still while its slider moves."""
-    return _line(joint) if joint.link else _key(joint)
+    return _line(joint) if joint.link or joint.slide[1] > joint.slide[0] else _key(joint)
 
 
 def _motion(joint: Joint, travel: float, rng: np.random.Generator, spread: float) -> Transform:

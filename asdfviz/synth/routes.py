@@ -149,7 +149,7 @@ def free_targets(
 
     The travel is narrowed until joined parts stand in one another no deeper than in their nominal
     poses, but for a fraction of a millimetre (threads that slide unturned). Joints of the parts in
-    `still` keep their nominal places.
+    `still` keep their nominal places, and so does what is linked with them.
     """
     nominal = _depths(assembly, solids, {s.index: s.T_base_part for s in assembly.states})
     for spread in (0.8, 0.5, 0.25, 0.1):

@@ -11,7 +11,8 @@ from asdfviz.geometry.symmetry import symmetric_angle
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.asdf_track import AsdfTrack
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
-from asdfviz.methods.at_rest import AtRest, AtRestConfig
+from asdfviz.methods.at_rest import AtRest
+from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses

@@ -13,7 +13,8 @@ from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.methods.at_rest import AtRest, AtRestConfig
+from asdfviz.methods.at_rest import AtRest
+from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.loose_parts import LooseConfig, LooseParts
 from asdfviz.methods.part_poses import part_shapes
 

@@ -55,6 +55,15 @@ def test_what_is_of_one_link_with_a_still_part_is_still_too() -> None:
     np.testing.assert_array_equal(found["screw"], np.eye(4))
     np.testing.assert_array_equal(found["slider"], np.eye(4))
     assert abs(found["other"][0, 3]) > 1e-3
+    bolt = Joint("cylindrical", X, AXLE, slide=(-0.01, 0.03), turn=(-9.0, 9.0))
+    state = State(
+        1,
+        "s",
+        {"base": np.eye(4), "jaw": np.eye(4), "bolt": np.eye(4)},
+        joints={"jaw": other, "bolt": bolt},
+    )
+    found = joined_poses(state, np.random.default_rng(4), still=["bolt"])
+    np.testing.assert_array_equal(found["jaw"], np.eye(4))
 
 
 def test_equal_joints_move_as_one_and_links_apart_do_not() -> None:
