@@ -209,6 +209,8 @@ class PartTracks:
     ) -> None:
         """Try all starts of one part and put it where it fits best."""
         config, track, tracker = self._config, self.tracks[name], self.tracker
+        if track.joined and not track.unsure:  # what the detector finds elsewhere is another thing
+            proposal = None
         centre, balance = self.bodies[name].model.centre, self.bodies[name].balance
         on = tracker.trials(frame, name, carried_on(track, proposal, centre=balance))
         best = carried = max(on, key=attrgetter("score"))

@@ -10,11 +10,13 @@ import pytest
 from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods import part_tracks
 from asdfviz.methods.asdf_track import AsdfTrack
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.still_there import StillThereConfig
+from asdfviz.methods.track_memory import Track
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.track.presets import PROPOSED
 
@@ -87,3 +89,25 @@ def test_what_the_detector_said_of_one_place_does_not_speak_for_the_next(toy) ->
     np.testing.assert_allclose(track.T_now[:3, 3], LIKE_IT[:3, 3], atol=5e-3)
     assert track.support.own == 0
     assert not track.is_established
+
+
+@pytest.mark.parametrize("joined", [True, False])
+def test_the_detector_moves_no_part_that_the_state_joins_and_the_tracker_is_sure_of(
+    toy, monkeypatch: pytest.MonkeyPatch, *, joined: bool
+) -> None:
+    shots = frames(toy)
+    parts = PartTracks(
+        toy.assembly, shots[0].camera, tracker=PROPOSED, refind=RefindConfig(), turns=TurnConfig()
+    )
+    parts.begin(shots[0], {"block": BLOCK})
+    parts.tracks["block"].joined, parts.tracks["block"].age = joined, 9
+    heard: list[PoseEstimate | None] = []
+
+    def listen(track: Track, proposal: PoseEstimate | None, **_: object) -> list[Transform]:
+        heard.append(proposal)
+        return [track.T_now]
+
+    monkeypatch.setattr(part_tracks, "carried_on", listen)
+    elsewhere = PoseEstimate("block", LIKE_IT, 0.9, "refined")
+    parts.refind(shots[0], {"block": elsewhere}, {}, None)
+    assert heard == [None if joined else elsewhere]
