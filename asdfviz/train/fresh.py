@@ -24,7 +24,7 @@ import torch.multiprocessing as processes
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
-from asdfviz.errors import AsdfvizError, Stopped
+from asdfviz.errors import AsdfvizError
 from asdfviz.pose.labels import Subject
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.frame_labels import picture_labels
@@ -214,17 +214,13 @@ def _sendable(error: Exception) -> Exception:
 
 
 @contextmanager
-def fed(
-    job: Feeding, recipe: Callable[[int], Recipe], *, first: int, stop: Callable[[], bool]
-) -> Generator[Iterator[Batch]]:
+def fed(job: Feeding, recipe: Callable[[int], Recipe], *, first: int) -> Generator[Iterator[Batch]]:
     """Give an endless iterator over the batches from step `first` on, while processes make them.
 
     Args:
         job: what they draw from.
         recipe: what a step's batch is made of; called some steps before.
         first: number of the first step.
-        stop: asked while the next batch is waited for, for which Stopped is raised: the first pictures
-            take their time.
     """
     context = processes.get_context("spawn")
     requests, batches = context.Queue(), context.Queue()
@@ -236,7 +232,7 @@ def fed(
             requests.put((step, recipe(step)))
             waiting += 1
             if waiting >= AHEAD + job.processes:
-                yield _next_of(batches, workers, stop)
+                yield _next_of(batches, workers)
                 waiting -= 1
 
     try:
@@ -248,11 +244,10 @@ def fed(
             each.cancel_join_thread()
 
 
-def _next_of(batches: Any, workers: Sequence[SpawnProcess], stop: Callable[[], bool]) -> Batch:
+def _next_of(batches: Any, workers: Sequence[SpawnProcess]) -> Batch:
     """Wait for the next batch.
 
     Raises:
-        Stopped: `stop` said so.
         AsdfvizError: a process was killed.
         Exception: what ended one of them.
     """
@@ -266,8 +261,6 @@ def _next_of(batches: Any, workers: Sequence[SpawnProcess], stop: Callable[[], b
                     f"a process that renders pictures ended (exit code {gone[0]}): with fewer "
                     "loaders it needs less memory, also in /dev/shm"
                 ) from None
-            if stop():
-                raise Stopped("stopped while waiting for pictures") from None
             continue
         if isinstance(found, Exception):
             raise found

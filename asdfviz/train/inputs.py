@@ -25,7 +25,6 @@ def input_stream(
     world: World,
     recipe: Callable[[int], Recipe],
     first: int,
-    stop: Callable[[], bool],
 ) -> Generator[Iterator[Batch]]:
     """Give an endless iterator over the batches from step `first` on.
 
@@ -36,7 +35,6 @@ def input_stream(
         world: every process draws its own.
         recipe: what a step's batch is made of.
         first: number of the first step.
-        stop: asked while pictures that are rendered meanwhile are waited for; then Stopped is raised.
     """
     seed = config.seed * world.size + world.rank
     size = min(max(s.width for s in config.stages), config.image_size)
@@ -60,7 +58,7 @@ def input_stream(
             scale=size / config.image_size,
             augment=config.augment,
         )
-        with fed(job, recipe, first=first, stop=stop) as stream:
+        with fed(job, recipe, first=first) as stream:
             yield stream
         return
     scale = size / max(images[0].rgb.shape[:2])

@@ -18,7 +18,6 @@ from asdfviz.detector.joint import joint_classes
 from asdfviz.detector.losses import pose_losses
 from asdfviz.detector.network import Network
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.errors import Stopped
 from asdfviz.train.budget import Sitting, descend
 from asdfviz.train.checkpoint import (
     Average,
@@ -116,18 +115,12 @@ class Session(Sitting):
             world=world,
             recipe=self.recipe,
             first=self.progress.step,
-            # Of several processes none stops alone.
-            stop=stop if world.size == 1 else lambda: False,
         ) as stream:
             while self.share < 1:
                 if world.agree(float(stop())):
                     self.checkpoint()
                     break
-                try:
-                    self.step(stream, meter)
-                except Stopped:
-                    self.checkpoint()
-                    break
+                self.step(stream, meter)
                 self._agreed = world.agree(self._budget.share(self.progress.step))
                 if not world.is_first:
                     continue

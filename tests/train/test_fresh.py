@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from asdfviz.data.assembly import load_assembly
-from asdfviz.errors import AsdfvizError, SequenceError, Stopped
+from asdfviz.errors import AsdfvizError, SequenceError
 from asdfviz.synth.assets import Assets
 from asdfviz.train import fresh
 from asdfviz.train.config import Stage
@@ -59,21 +59,8 @@ def test_each_picture_is_drawn_from_so_often_in_the_mean() -> None:
 
 def test_what_ends_a_process_ends_the_training(tmp_path: Path) -> None:
     with (
-        fed(job(data=(tmp_path,)), lambda _: RECIPE, first=0, stop=never) as stream,
+        fed(job(data=(tmp_path,)), lambda _: RECIPE, first=0) as stream,
         pytest.raises(SequenceError, match="rgb"),
-    ):
-        next(stream)
-
-
-def never() -> bool:
-    return False
-
-
-def test_waiting_for_the_first_pictures_can_be_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fresh, "PATIENCE_S", 0.05)
-    with (
-        fed(job(), lambda _: RECIPE, first=0, stop=lambda: True) as stream,
-        pytest.raises(Stopped, match="waiting for pictures"),
     ):
         next(stream)
 
@@ -82,7 +69,7 @@ def test_a_process_that_is_killed_ends_the_training(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(fresh, "PATIENCE_S", 0.05)
     monkeypatch.setattr(fresh, "feed", _killed)
     with (
-        fed(job(), lambda _: RECIPE, first=0, stop=never) as stream,
+        fed(job(), lambda _: RECIPE, first=0) as stream,
         pytest.raises(AsdfvizError, match=r"exit code 3\): with fewer loaders"),
     ):
         next(stream)
@@ -98,7 +85,7 @@ class _Gone:
 def test_what_a_killed_process_left_in_the_queue_does_not_hide_it() -> None:
     ended = multiprocessing.get_context("spawn").Process()  # never begun is not alive, too
     with pytest.raises(AsdfvizError, match="with fewer loaders"):
-        fresh._next_of(_Gone(), [ended], never)
+        fresh._next_of(_Gone(), [ended])
 
 
 def _killed(*_: object) -> None:
