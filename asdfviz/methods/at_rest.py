@@ -16,7 +16,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Part, PoseEstimate
 from asdfviz.geometry.rigid_fit import agreement, rigid_fit, robust_fit
 from asdfviz.geometry.shapes import Points, Transform
-from asdfviz.geometry.symmetry import nearest_symmetric
+from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
 from asdfviz.geometry.transforms import (
     apply,
     apply_to_point,
@@ -197,34 +197,30 @@ class AtRest:
     def _see(self, name: str, T_stage_part: Transform, score: float) -> None:
         """One more frame's pose of a part."""
         config, part = self._config, self._parts[name]
-        resting = self._resting.get(name)
-        if resting is not None:
-            resting.absent = 0
-        if resting is None or self._is_gone(part, resting, T_stage_part):
-            self._resting[name] = _Resting([_Way(T_stage_part, score)], frames=1)
+        begun = _Resting([_Way(T_stage_part, score)], frames=1)
+        resting = self._resting.setdefault(name, begun)
+        if resting is begun:
             return
-        if resting.away:
+        resting.absent = 0
+        way, T_near, turn = _nearest(resting, T_stage_part, part)
+        is_same = turn < math.radians(config.same_deg)
+        # What was only turned otherwise in its place still lies there.
+        far = config.moved if is_same else config.turned
+        is_away = point_distance(way.T_stage_part, T_stage_part, part.middle) > far
+        resting.away = resting.away + 1 if is_away else 0
+        if resting.away >= config.patience:
+            self._resting[name] = begun
+        if is_away:
             return
         resting.frames += 1
-        for way in resting.ways:
-            way.weight, way.unseen = way.weight * config.fades, way.unseen + 1
-        way, T_near, turn = _nearest(resting, T_stage_part, part)
-        if turn < math.radians(config.same_deg):
+        for each in resting.ways:
+            each.weight, each.unseen = each.weight * config.fades, each.unseen + 1
+        if is_same:
             way.weight, way.unseen = way.weight + score, 0
             way.T_stage_part = _between(way.T_stage_part, T_near, score / way.weight, part)
-            return
-        resting.ways.append(_Way(T_stage_part, score))
-        resting.ways = sorted(resting.ways, key=lambda way: -way.weight)[:MOST]
-
-    def _is_gone(self, part: Part, resting: _Resting, T_stage_part: Transform) -> bool:
-        """Whether a part no longer lies where it lay; one that was only turned in its place does."""
-        config = self._config
-        way, _, turn = _nearest(resting, T_stage_part, part)
-        apart = point_distance(way.T_stage_part, T_stage_part, part.middle)
-        is_turned = turn >= math.radians(config.same_deg)
-        far = config.turned if is_turned else config.moved
-        resting.away = resting.away + 1 if apart > far else 0
-        return resting.away >= config.patience
+        else:
+            ways = sorted([*resting.ways, *begun.ways], key=lambda way: -way.weight)
+            resting.ways = ways[:MOST]
 
     def _is_known(self, resting: _Resting) -> bool:
         """Whether it is known how a part lies."""
@@ -237,8 +233,7 @@ class AtRest:
         config = self._config
         if point_distance(T_found, T_rests, part.middle) >= config.otherwise:
             return True
-        T_near = nearest_symmetric(T_found, T_rests, part.symmetries)
-        turn = rotation_angle(T_near[:3, :3].T @ T_rests[:3, :3])
+        turn = symmetric_angle(T_found, T_rests, part.symmetries)
         return turn >= math.radians(config.otherwise_deg)
 
 

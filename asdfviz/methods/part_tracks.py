@@ -131,10 +131,9 @@ class PartTracks:
         sure = {name: self.tracker.judged(seen) for name, seen in evidence.items()}
         least = self.tracker.config.confidence.lost_below
         shown = {name for name in sure if sure[name] >= least}
-        base = self._assembly.base
-        if len(joined & shown) >= 2:  # one alone may leave the base free to turn about it
-            # Parts that are seen in their places tell where the base is, too.
-            sure[base] = max(sure[base], float(np.median([sure[n] for n in joined & shown])))
+        base, in_place = self._assembly.base, [sure[name] for name in joined & shown]
+        if len(in_place) >= 2:  # they tell where the base is; one alone may leave it free to turn
+            sure[base] = max(sure[base], float(np.median(in_place)))
         said: dict[str, PoseEstimate] = {}
         back: dict[str, Transform] = {}
         poses = self.tracker.poses

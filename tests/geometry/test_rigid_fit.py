@@ -51,9 +51,8 @@ def test_weights_decide_between_two_motions() -> None:
     there = apply(T_B_A, POINTS)
     there[:8] = POINTS[:8]
     starts = np.stack([np.eye(4), T_B_A])
-    light = np.where(np.arange(24) < 8, 1.0, 1.0)
     heavy = np.where(np.arange(24) < 8, 5.0, 1.0)
-    assert robust_fit(POINTS, there, light, starts, scale=0.004)[0] == pytest.approx(
+    assert robust_fit(POINTS, there, ALIKE, starts, scale=0.004)[0] == pytest.approx(
         T_B_A, abs=1e-3
     )
     stays, share = robust_fit(POINTS, there, heavy, starts, scale=0.004)
