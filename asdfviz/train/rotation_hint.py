@@ -7,6 +7,8 @@ that it needs are the ones the keypoints need. The head is dropped after trainin
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int64
@@ -49,21 +51,26 @@ class RotationHint(nn.Module):
         )
         image, anchor = assignment.positive.nonzero(as_tuple=True)
         row = assignment.objects[image, anchor]
-        wanted = rotations[image, row]
-        label = labels[image, row]
-        picked = features[image, :, anchor]
-        level = levels[anchor]
+        wanted, label = rotations[image, row], labels[image, row]
         is_part = wanted.abs().amax((1, 2)) > 0
-        total = picked.sum() * 0.0
-        count = is_part.sum().clamp(min=1)
-        for place in range(self.weight.shape[0]):
-            for kind in range(self.weight.shape[1]):
-                chosen = (is_part & (level == place) & (label == kind)).nonzero()[:, 0]
-                if len(chosen):
-                    logits = picked[chosen] @ self.weight[place, kind] + self.bias[kind]
-                    soft = self._soft_labels(wanted[chosen])
-                    total = total - (soft * logits.log_softmax(1)).sum()
-        return total / count
+        # Sorted by classifier, and none of them cut out of the tensor of all: a cut's gradient is
+        # as large as the whole, and asking each which anchors it has makes a GPU wait every time.
+        kinds = self.bias.shape[0]
+        group = (levels[anchor] * kinds + label)[is_part]
+        order = is_part.nonzero()[:, 0][group.argsort()]
+        wanted, picked = wanted[order], features[image, :, anchor][order]
+        found = group.bincount(minlength=self.weight.shape[0] * kinds)
+        ends = cast(list[int], found.cumsum(0).tolist())  # pyright: ignore[reportUnknownMemberType] - untyped in torch
+        biases = self.bias.unbind()
+        logits: list[Tensor] = []
+        for place, weight in enumerate(self.weight.flatten(0, 1).unbind()):
+            mine = picked[ends[place - 1] if place else 0 : ends[place]]
+            if len(mine):
+                logits.append(torch.addmm(biases[place % kinds], mine, weight))
+        if not logits:
+            return features.sum() * 0.0
+        soft = self._soft_labels(wanted)
+        return -(soft * torch.cat(logits).log_softmax(1)).sum() / len(wanted)
 
     def _soft_labels(self, rotations: Float[Tensor, "p 3 3"]) -> Float[Tensor, "p r"]:
         trace = torch.einsum("pij,rij->pr", rotations, self.grid)

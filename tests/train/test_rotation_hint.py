@@ -37,3 +37,37 @@ def test_the_hint_learns_to_tell_two_rotations_apart() -> None:
     assert losses[-1] < 0.6 * losses[0]
     nothing = hint(raw, assignment, labels, torch.zeros_like(rotations))
     assert float(nothing.detach()) == 0.0
+
+
+def test_each_anchor_is_asked_by_the_classifier_of_its_level_and_class() -> None:
+    torch.manual_seed(1)
+    hint = RotationHint(classes=3, width=8, levels=2, rotations=40)
+    torch.nn.init.normal_(hint.bias)
+    fine, coarse = torch.randn(2, 8, 2, 2), torch.randn(2, 8, 1, 1)
+    raw = RawOutput(
+        boxes=torch.zeros(2, 64, 5),
+        scores=torch.zeros(2, 3, 5),
+        keypoints=torch.zeros(2, 51, 5),
+        anchors=torch.zeros(5, 2),
+        strides=torch.ones(5),
+        features=(fine, coarse),
+    )
+    positive = torch.tensor([[1, 0, 1, 1, 1], [0, 1, 1, 0, 1]], dtype=torch.bool)
+    objects = torch.tensor([[0, 0, 1, 2, 1], [0, 2, 0, 0, 1]])
+    assignment = Assignment(positive=positive, objects=objects, scores=torch.ones(2, 5, 3))
+    labels = torch.tensor([[2, 0, 1], [0, 2, 2]])
+    rotations = hint.grid[torch.tensor([[3, 7, 11], [13, 17, 19]])].clone()
+    rotations[0, 2] = 0  # a state has no rotation
+
+    expected: list[torch.Tensor] = []
+    columns = torch.cat([fine.flatten(2), coarse.flatten(2)], 2)
+    for image, anchor in positive.nonzero().tolist():
+        row = int(objects[image, anchor])
+        if (image, row) == (0, 2):
+            continue
+        kind = int(labels[image, row])
+        logits = columns[image, :, anchor] @ hint.weight[int(anchor == 4), kind] + hint.bias[kind]
+        soft = hint._soft_labels(rotations[image, row][None])[0]
+        expected.append(-(soft * logits.log_softmax(0)).sum())
+    loss = hint(raw, assignment, labels, rotations)
+    torch.testing.assert_close(loss, torch.stack(expected).mean())
