@@ -128,9 +128,9 @@ class AsdfTrack:
             parts.tracker.move(frame)
             poses = self._without_strangers(frame, parts.settle(frame, joined), scene)
             scene.told.rest.see({} if shown.depth is None else poses, joined=joined)
-            sure = surely_placed(parts.tracks)
-            scene.still.see(frame, sure)
-            scene.unlike.see(frame, {n: parts.tracks[n].T_now for n in sure})
+            sure = {n: parts.tracks[n].T_now for n in surely_placed(parts.tracks)}
+            scene.still.see(frame, sure, held=parts.joined)
+            scene.unlike.see(frame, sure)
             if assembly.base in poses:
                 seen = {n: pose for n, pose in poses.items() if not parts.tracks[n].unsure}
                 scene.places.see(poses[assembly.base].T_camera_part, seen)
@@ -162,7 +162,7 @@ class AsdfTrack:
         """
         last = scene.parts.last
         found = {name: pose.T_camera_part for name, pose in poses.items()}
-        names = scene.twins.follows(found, last)
+        names = scene.twins.follows(found, last, held=scene.parts.joined)
         self._asdf.rename(names)
         others = scene.still.others(frame, renamed(found, names), last, scene.parts.out_of_sight)
         mine, looks = renamed_poses(poses, names), renamed(self._asdf.looked_at, names)

@@ -12,16 +12,14 @@ from collections.abc import Mapping
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import point_distance
-from asdfviz.methods.still_there import StillThere, StillThereConfig
+from asdfviz.methods.still_there import AWAY, StillThere, StillThereConfig
 from asdfviz.state.joined_spots import JoinedSpots
-from asdfviz.state.twins import renamed, twin_groups
+from asdfviz.state.twins import renamed
 
 SURE = 0.8
 """Score from which a part surely is where its pose has it."""
 LAIN = 8
 """A part surely lay somewhere that was there for so many frames; what is in a hand may be anything."""
-AWAY = 0.015
-"""Poses nearer than this to where a state has the part, or to where a twin was, are left alone, metres."""
 
 
 class Mistaken:
@@ -31,7 +29,6 @@ class Mistaken:
         """Begin a sequence."""
         self._base, self._parts = assembly.base, assembly.parts
         self._spots = JoinedSpots(assembly)
-        self._twins = {n: set(names) - {n} for names in twin_groups(assembly) for n in names}
         self._still = StillThere(assembly, config=config)
         self._last: dict[str, Transform] = {}
         """Where they surely lay,"""
@@ -51,9 +48,7 @@ class Mistaken:
         loose = {
             name: pose.T_camera_part
             for name, pose in proposed.items()
-            if name != self._base
-            and self._is_away(pose, T_camera_base)
-            and not self._is_a_twin(pose)
+            if name != self._base and self._is_away(pose, T_camera_base)
         }
         return self._still.others(frame, loose, self._last, lambda _, names: names)
 
@@ -77,14 +72,6 @@ class Mistaken:
         if before is None or point_distance(before, T_camera_part, middle) > AWAY:
             return 1
         return frames + 1
-
-    def _is_a_twin(self, pose: PoseEstimate) -> bool:
-        """Whether a twin of the part surely was there: which is which does not show."""
-        middle, T = self._parts[pose.part].middle, pose.T_camera_part
-        return any(
-            other in self._last and point_distance(self._last[other], T, middle) <= AWAY
-            for other in self._twins[pose.part]
-        )
 
     def _is_away(self, pose: PoseEstimate, T_camera_base: Transform | None) -> bool:
         if T_camera_base is None:

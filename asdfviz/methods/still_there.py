@@ -7,7 +7,7 @@ that; a part that was put there changes them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -19,7 +19,10 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply, point_distance
-from asdfviz.state.twins import renamed
+from asdfviz.state.twins import renamed, twin_groups
+
+AWAY = 0.015
+"""Poses nearer to each other than this are in one place, metres."""
 
 
 @dataclass(frozen=True)
@@ -60,20 +63,32 @@ class StillThere:
     def __init__(self, assembly: Assembly, *, config: StillThereConfig) -> None:
         """Start without frames."""
         self._parts = assembly.parts
+        self._twins = {n: set(names) - {n} for names in twin_groups(assembly) for n in names}
         self._config = config
         self._then: dict[str, tuple[Frame, int]] = {}
         """And the number of each."""
+        self._lay: dict[str, Transform] = {}
+        """Where parts surely were, T_camera_part, but not while they were held."""
         self._frames = 0
         """That were seen; numbers of files may leave out any."""
 
-    def see(self, frame: Frame, names: Iterable[str]) -> None:
-        """Keep a frame for parts that are surely where they are tracked in it; called for every frame."""
+    def see(
+        self, frame: Frame, sure: Mapping[str, Transform], *, held: Collection[str] = ()
+    ) -> None:
+        """Keep a frame for parts that surely are where they are in it; called for every frame.
+
+        Args:
+            frame: the picture.
+            sure: poses T_camera_part of those parts.
+            held: parts that a state joins: they lie nowhere.
+        """
         self._frames += 1
-        self._then |= dict.fromkeys(names, (frame, self._frames))
+        self._then |= dict.fromkeys(sure, (frame, self._frames))
+        self._lay |= {name: T for name, T in sure.items() if name not in held}
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
-        self._then = renamed(self._then, names)
+        self._then, self._lay = renamed(self._then, names), renamed(self._lay, names)
 
     def others(
         self,
@@ -84,6 +99,9 @@ class StillThere:
     ) -> frozenset[str]:
         """Parts out of sight that are proposed where something else stands.
 
+        Where a twin of the part lay it may be the part: which is which does not show, and the twin may
+        have gone on under either name.
+
         Args:
             frame: the new frame.
             proposed: poses T_camera_part in it.
@@ -92,9 +110,18 @@ class StillThere:
         """
         if not self._config.enabled:
             return frozenset()
-        known = [name for name in proposed if name in last and name in self._then]
+        known = [
+            name
+            for name, T in proposed.items()
+            if name in last and name in self._then and not self._is_a_twin(name, T)
+        ]
         suspect = {n for n in known if self._is_other(n, frame, proposed[n], last[n])}
         return hidden(frame, frozenset(suspect)) if suspect else frozenset()
+
+    def _is_a_twin(self, name: str, T_camera_part: Transform) -> bool:
+        middle = self._parts[name].middle
+        lay = [self._lay[other] for other in self._twins[name] if other in self._lay]
+        return any(point_distance(T, T_camera_part, middle) <= AWAY for T in lay)
 
     def _is_other(self, name: str, frame: Frame, T_new: Transform, T_last: Transform) -> bool:
         config, part = self._config, self._parts[name]

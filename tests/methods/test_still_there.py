@@ -36,7 +36,7 @@ def others(
 ) -> frozenset[str]:
     """What is said of a frame after one in which the block was seen on the right, a twin on the left."""
     still = StillThere(toy.assembly, config=config or StillThereConfig())
-    still.see(toy.photo(0, [RIGHT, LEFT]), ["block"])
+    still.see(toy.photo(0, [RIGHT, LEFT]), {"block": RIGHT})
     return still.others(frame, proposed, {"block": RIGHT}, hidden)
 
 
@@ -69,22 +69,36 @@ def test_nothing_is_said_of_what_is_in_sight_unknown_or_long_ago(toy) -> None:
 
 def test_frames_are_counted_whatever_their_files_are_called(toy) -> None:
     still = StillThere(toy.assembly, config=StillThereConfig(memory=3))
-    still.see(toy.photo(0, [RIGHT, LEFT]), ["block"])
+    still.see(toy.photo(0, [RIGHT, LEFT]), {"block": RIGHT})
     told: list[frozenset[str]] = []
     for i in range(1, 5):
         gone = replace(toy.photo(5, [LEFT]), index=1000 * i)
         told.append(still.others(gone, {"block": LEFT}, {"block": RIGHT}, all_hidden))
-        still.see(gone, [])
+        still.see(gone, {})
     assert told == [{"block"}] * 3 + [frozenset()]
 
 
 def test_pictures_go_by_the_new_names_of_twins(toy) -> None:
     still = StillThere(toy.assembly, config=StillThereConfig())
-    still.see(toy.photo(0, [RIGHT, LEFT]), ["pin"])
+    still.see(toy.photo(0, [RIGHT, LEFT]), {"pin": RIGHT})
     still.rename({"pin": "pin-copy", "pin-copy": "pin"})
     gone, last = toy.photo(3, [LEFT]), {"pin": RIGHT, "pin-copy": RIGHT}
     proposed = {"pin": LEFT, "pin-copy": LEFT}
     assert still.others(gone, proposed, last, all_hidden) == {"pin-copy"}
+
+
+def test_where_a_twin_lay_a_part_may_be(toy) -> None:
+    """The hand took one of two pins, and the other goes on under its name until it is in its place."""
+    still = StillThere(toy.assembly, config=StillThereConfig())
+    both = toy.photo(0, [RIGHT, LEFT])
+    still.see(both, {"pin": RIGHT, "pin-copy": LEFT})
+    gone, last = toy.photo(3, [LEFT]), {"pin": RIGHT, "pin-copy": BELOW}
+    assert still.others(gone, {"pin": LEFT}, last, all_hidden) == frozenset()
+    assert still.others(gone, {"pin-copy": LEFT}, last, all_hidden) == {"pin-copy"}
+    # A place that holds it is none where it lay.
+    held = StillThere(toy.assembly, config=StillThereConfig())
+    held.see(both, {"pin": RIGHT, "pin-copy": LEFT}, held={"pin-copy"})
+    assert held.others(gone, {"pin": LEFT}, last, all_hidden) == {"pin"}
 
 
 def test_a_place_outside_the_image_shows_nothing(toy) -> None:

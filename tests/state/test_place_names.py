@@ -79,6 +79,21 @@ def test_twins_are_followed_by_where_they_were(pair: Assembly) -> None:
     assert names.follows(seen(pair, lid=lost, lid_Copy=far), only) == {}
 
 
+def test_what_is_found_away_from_a_held_part_is_its_twin(pair: Assembly) -> None:
+    names = PlaceNames(pair)
+    swapped = {"lid": "lid-Copy", "lid-Copy": "lid"}
+    place = transform_from(np.eye(3), np.array([0.0, -0.1, 0.05]))
+    elsewhere = transform_from(np.eye(3), np.array([-0.2, 0.3, 0.0]))
+    known = seen(pair, lid=place, lid_Copy=AWAY)
+    found = seen(pair, lid=elsewhere)
+    assert names.follows(found, known) == {}
+    assert names.follows(found, known, held=("lid",)) == swapped
+    # Where it is held it is itself, and while the twin is found besides both keep their names.
+    assert names.follows(seen(pair, lid=place), known, held=("lid",)) == {}
+    both = seen(pair, lid=elsewhere, lid_Copy=AWAY)
+    assert names.follows(both, known, held=("lid",)) == {}
+
+
 def test_parts_that_differ_keep_their_names(assembly: Assembly) -> None:
     places = assembly.steps[-1].T_base_part
     crossed = {"base": T_CAMERA_BASE, "lid": T_CAMERA_BASE @ places["block"]}
