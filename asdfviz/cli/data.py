@@ -93,6 +93,8 @@ class Export:
     """folder, bop, gbot, asdf or asdf-rgbd. Default: recognised by content."""
     layout: Literal["bop", "yolo", "yolo-depth"] = "bop"
     """What to write; yolo-depth has the ASDF authors' images with depth in the fourth channel."""
+    ids: Literal["names", "numbers"] = "names"
+    """What obj_id is in a BOP scene: the parts' names (GBOT) or their numbers (BOP's own tools)."""
 
     def __call__(self) -> None:
         """Export what the annotation holds."""
@@ -108,7 +110,7 @@ class Export:
         truth = annotation_truth(sequence, annotations=self.annotations)
         with progress_bar("export") as report:
             export = (
-                export_bop
+                partial(export_bop, ids=self.ids)
                 if self.layout == "bop"
                 else partial(export_yolo, with_depth=self.layout == "yolo-depth")
             )

@@ -86,6 +86,7 @@ def load_assembly(name_or_path: str | Path) -> Assembly:
         name: _parse_part(str(name), Fields(raw, where=f"{file}: part '{name}'"), file, unit, i)
         for i, (name, raw) in enumerate(raw_parts.items())
     }
+    _check_numbers(parts, file)
     base = fields.text("base")
     if base not in parts:
         raise AssemblyError(f"{file}: base '{base}' is not a part; parts: {', '.join(parts)}")
@@ -106,6 +107,20 @@ def load_assembly(name_or_path: str | Path) -> Assembly:
         detector_classes=tuple(classes),
         path=str(file),
     )
+
+
+def _check_numbers(parts: Mapping[str, Part], file: Path) -> None:
+    """Refuse a number that two different parts have: datasets name parts by it."""
+    first: dict[int | None, Part] = {}
+    for part in parts.values():
+        other = first.setdefault(part.obj_id, part)
+        same = np.array_equal(other.mesh.vertices, part.mesh.vertices)
+        if not (same and np.array_equal(other.mesh.faces, part.mesh.faces)):
+            raise AssemblyError(
+                f"{file}: parts '{other.name}' and '{part.name}' both have obj_id {part.obj_id} "
+                "(without one, a part has its place in the list): give each its own; copies of one "
+                "mesh may share one"
+            )
 
 
 def _read_yaml(file: Path) -> Mapping[str, Any]:

@@ -9,6 +9,7 @@ R is 9 numbers row by row and t 3 numbers in millimetres, both with spaces betwe
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Sequence as Rows
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,13 +87,13 @@ def read_result_csv(
     known = _parts_by_id(assembly)
     wanted = _wanted_scene(path, lines[first:], scene, folder=Path(sequence.path).name)
     rows: list[_Row] = []
-    unknown = 0
+    unknown: Counter[str] = Counter()
     for number, cells in enumerate(lines[first:], start=first + 1):
         if cells[0].strip() != wanted:
             continue
         part = known.get(cells[2].strip())
         if part is None:
-            unknown += 1
+            unknown[cells[2].strip()] += 1
             continue
         where, time_unit = f"{path} line {number}", 1.0 if is_bop else 1e-3
         rows.append(_parse_row(cells, part, where=where, time_unit=time_unit))
@@ -100,7 +101,7 @@ def read_result_csv(
     is_started = predictions[0].frame_index != sequence.frame_indices[0]
     return Run(
         method=method or path.stem,
-        config={"file": str(path.resolve()), "scene": wanted, "rows_of_unknown_objects": unknown},
+        config={"file": str(path.resolve()), "scene": wanted, **_left_out(unknown)},
         sequence=sequence.path,
         assembly=assembly.path,
         version="unknown",
@@ -145,6 +146,10 @@ def _wanted_scene(path: Path, lines: Rows[Rows[str]], scene: str | None, *, fold
         asked = "say which scene is meant" if scene is None else f"it has no scene '{scene}'"
         raise RunError(f"{path}: {asked}; scenes: {', '.join(scenes) or 'none'}")
     return found[0]
+
+
+def _left_out(unknown: Counter[str]) -> dict[str, object]:
+    return {"rows_of_unknown_objects": unknown.total(), "unknown_objects": sorted(unknown)}
 
 
 def _parse_row(cells: Rows[str], part: str, *, where: str, time_unit: float) -> _Row:

@@ -19,6 +19,7 @@ from asdfviz.errors import SequenceError
 from asdfviz.evaluate.health_camera import (
     check_intrinsics,
     check_offsets,
+    check_origins,
     check_part_sizes,
     size_finding,
 )
@@ -80,6 +81,7 @@ def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> H
     findings += check_objects(source)
     if source.assembly is not None:
         findings += check_offsets(source.assembly)
+        findings += check_origins(source.assembly)
     if frames:
         findings += _check_frames(source, frames, tell)
     tell(len(places), len(places), "")

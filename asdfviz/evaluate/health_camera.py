@@ -19,6 +19,8 @@ NEAR_CENTER = 0.06
 """Largest such distance, as a share of half the size, of what counts as the centre."""
 SMALLEST_SHARE = 0.03
 """Size of the largest part as a share of what the camera sees across: below, it is a few pixels."""
+FARTHEST_ORIGIN = 10.0
+"""A part's origin lies no farther from its middle than so many diameters, unless by mistake."""
 SHORTEST_OFFSET, LEAST_PART = 0.5e-3, 10e-3
 """Metres: where parts are this large, no state has all of them nearer than this, but not in, their base."""
 RESIZES = (0.25, 1 / 3, 0.375, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
@@ -125,6 +127,21 @@ def check_offsets(assembly: Assembly) -> Iterator[Finding]:
             "Give them in the 'unit' of assembly.yaml.",
             apart,
         )
+
+
+def check_origins(assembly: Assembly) -> Iterator[Finding]:
+    """Look for parts whose poses are told of a point far from them."""
+    for part in assembly.parts.values():
+        away = float(np.linalg.norm(part.middle))
+        if away > FARTHEST_ORIGIN * part.diameter:
+            yield Finding(
+                "far_origin",
+                "warning",
+                f"The origin of part '{part.name}' lies {1e3 * away:.0f} mm from the middle of its "
+                f"mesh, which is {1e3 * part.diameter:.0f} mm across. Poses, and the places that "
+                "states have, are those of the origin: unless that is meant, move the mesh there.",
+                away,
+            )
 
 
 def _resize(camera: Camera) -> float | None:

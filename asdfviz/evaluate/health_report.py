@@ -15,6 +15,7 @@ Kind: TypeAlias = Literal[
     "size_mismatch",
     "missing_frames",
     "frame_step",
+    "far_origin",
     "broken_images",
     "missing_depth",
     "missing_assembly",

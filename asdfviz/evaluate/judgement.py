@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 
@@ -111,7 +112,11 @@ def _doubts(run: Run, frames: tuple[FrameTruth, ...]) -> list[str]:
     found: list[str] = []
     unknown = run.config.get("rows_of_unknown_objects")
     if isinstance(unknown, int) and unknown:
-        found.append(f"{unknown} rows are of objects that the assembly does not have, and left out")
+        names = [str(name) for name in cast(list[object], run.config.get("unknown_objects", []))]
+        listed = f" ({', '.join(names[:5])}{', ...' if len(names) > 5 else ''})" if names else ""
+        found.append(
+            f"{unknown} rows are of objects that the assembly does not have{listed}, and left out"
+        )
     said = [pose.T_camera_part[2, 3] for p in run.predictions for pose in p.poses.values()]
     true = [T[2, 3] for frame in frames for T in frame.T_camera_part.values()]
     if said and true and float(np.median(true)) > 0:

@@ -1,4 +1,4 @@
-"""Writes a sequence and its truth as a BOP scene folder, with states.json beside (GBOT's string ids).
+"""Writes a sequence and its truth as a BOP scene folder, with states.json beside.
 
     rgb/NNNNNN.*  depth/NNNNNN.png  camera.json  scene_camera.json  scene_gt.json
     scene_gt_info.json  states.json  models_info.json  sequence.json
@@ -25,6 +25,7 @@ from asdfviz.data.scene_files import RGB_SUFFIXES
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop_content import (
+    Ids,
     camera_content,
     models_info,
     scene_camera_entry,
@@ -43,6 +44,7 @@ def export_bop(
     truth: Mapping[int, FrameTruth],
     folder: Path,
     *,
+    ids: Ids = "names",
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[int, str]:
     """Write every frame of the sequence and the truth, by frame number, into a folder.
@@ -55,6 +57,7 @@ def export_bop(
         sequence: what to export; its own truth is not used.
         truth: poses and states by frame number; frames without an entry get none.
         folder: a new or empty folder, or an earlier export of this sequence.
+        ids: what obj_id is, in the truth and in models_info.json.
         progress: called with frames done and frames in all.
 
     Returns:
@@ -67,7 +70,7 @@ def export_bop(
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     folder = folder.expanduser().resolve()
     check_target(folder, source)
-    gt = scene_gt(truth, source)  # refuses what does not fit before anything is written
+    gt = scene_gt(truth, source, ids)  # refuses what does not fit before anything is written
     cameras: dict[str, object] = {}
     left_out: dict[int, str] = {}
     first: Camera | None = None
@@ -86,11 +89,11 @@ def export_bop(
     for index in left_out:
         gt.pop(str(index), None)
     _write_json(folder / "scene_gt.json", gt)
-    _write_truth({i: t for i, t in truth.items() if i not in left_out}, source, folder)
+    _write_truth({i: t for i, t in truth.items() if i not in left_out}, source, folder, ids)
     return left_out
 
 
-def _write_truth(truth: Mapping[int, FrameTruth], source: Sequence, folder: Path) -> None:
+def _write_truth(truth: Mapping[int, FrameTruth], source: Sequence, folder: Path, ids: Ids) -> None:
     """Write what else is known than poses."""
     info = scene_gt_info(truth)
     if info is None:
@@ -99,7 +102,7 @@ def _write_truth(truth: Mapping[int, FrameTruth], source: Sequence, folder: Path
         _write_json(folder / "scene_gt_info.json", info)
     _write_json(folder / "states.json", states(truth, source.assembly))
     if source.assembly is not None:
-        _write_json(folder / "models_info.json", models_info(source.assembly))
+        _write_json(folder / "models_info.json", models_info(source.assembly, ids))
 
 
 def remove_others(folder: Path, kept: Collection[str]) -> None:

@@ -1,8 +1,12 @@
-"""What stands in the JSON files of a BOP scene: millimetres, rotations row by row, names as obj_id."""
+"""What stands in the JSON files of a BOP scene: millimetres, rotations row by row.
+
+obj_id is a part's name, as in GBOT's files, or its number, as in BOP's.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -11,6 +15,9 @@ from asdfviz.errors import SequenceError
 from asdfviz.geometry.transforms import is_rigid
 
 _MM = 1e3
+
+Ids: TypeAlias = Literal["names", "numbers"]
+"""What obj_id is: the part's name or its number."""
 
 
 def camera_content(camera: Camera, depth_scale: float) -> dict[str, float]:
@@ -31,26 +38,31 @@ def scene_camera_entry(camera: Camera, depth_scale: float) -> dict[str, object]:
     return {"cam_K": camera.K.reshape(-1).tolist(), "depth_scale": depth_scale}
 
 
-def scene_gt(truth: Mapping[int, FrameTruth], sequence: Sequence) -> dict[str, object]:
+def scene_gt(
+    truth: Mapping[int, FrameTruth], sequence: Sequence, ids: Ids = "names"
+) -> dict[str, object]:
     """scene_gt.json, with every digit that the numbers have.
 
     Raises:
-        SequenceError: truth of a frame or part that does not exist, or a pose that is not rigid.
+        SequenceError: truth of a frame or part that does not exist, a pose that is not rigid, or
+            numbers of parts that no assembly tells.
     """
     frames = set(sequence.frame_indices)
+    if ids == "numbers" and sequence.assembly is None:
+        raise SequenceError(f"{sequence.name} names no assembly that has numbers: give one")
     content: dict[str, object] = {}
     for index, of_frame in sorted(truth.items()):
         if index not in frames:
             raise SequenceError(f"truth of frame {index}, which {sequence.name} does not have")
         content[str(index)] = [
-            _object(name, T_camera_part, index, sequence.assembly)
+            _object(name, T_camera_part, index, sequence.assembly, ids)
             for name, T_camera_part in of_frame.T_camera_part.items()
         ]
     return content
 
 
 def _object(
-    name: str, T_camera_part: np.ndarray, index: int, assembly: Assembly | None
+    name: str, T_camera_part: np.ndarray, index: int, assembly: Assembly | None, ids: Ids
 ) -> dict[str, object]:
     if assembly is not None and name not in assembly.parts:
         raise SequenceError(
@@ -60,7 +72,7 @@ def _object(
     if not is_rigid(T_camera_part):
         raise SequenceError(f"truth of frame {index}: the pose of '{name}' is no rigid transform")
     return {
-        "obj_id": name,
+        "obj_id": name if assembly is None else _id(assembly.parts[name], ids),
         "cam_R_m2c": T_camera_part[:3, :3].reshape(-1).tolist(),
         "cam_t_m2c": (T_camera_part[:3, 3] * _MM).tolist(),
     }
@@ -99,9 +111,17 @@ def states(truth: Mapping[int, FrameTruth], assembly: Assembly | None) -> list[d
     return entries
 
 
-def models_info(assembly: Assembly) -> dict[str, object]:
-    """models_info.json by part name: size, diameter and symmetries in mm."""
-    return {name: _model(part) for name, part in assembly.parts.items()}
+def models_info(assembly: Assembly, ids: Ids = "names") -> dict[str, object]:
+    """models_info.json by obj_id: size, diameter and symmetries in mm."""
+    return {str(_id(part, ids)): _model(part) for part in assembly.parts.values()}
+
+
+def _id(part: Part, ids: Ids) -> int | str:
+    if ids == "names":
+        return part.name
+    if part.obj_id is None:
+        raise SequenceError(f"part '{part.name}' has no obj_id: give it one, or export names")
+    return part.obj_id
 
 
 def _model(part: Part) -> dict[str, object]:

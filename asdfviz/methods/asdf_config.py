@@ -76,7 +76,7 @@ class AsdfConfig:
     """Pose2State, equations 3 to 5."""
     group: GroupConfig = field(default_factory=GroupConfig)
     """State helps pose: parts that the state joins."""
-    least_score: float = 0.2
+    least_score: float = 0.1
     """Poses from crops that score less are withheld, 0 to 1, unless a state places the part; 0 gives
     all. They still speak for states. Of 347 such poses of five development sequences 41 were right."""
 

@@ -272,6 +272,15 @@ def test_figures_that_are_stale_say_so(with_run: Workspace) -> None:
     )
 
 
+def test_what_makes_figures_doubtful_stands_beside_them(with_run: Workspace) -> None:
+    start_judging(with_run).join(60)
+    assert 'data-testid="doubt"' not in results.content(snapshot(with_run), ())
+    assert with_run.reports is not None
+    doubtful = {**with_run.reports[0], "warnings": ["in <another> unit?"]}
+    with_run.reports = (doubtful, *with_run.reports[1:])
+    assert "in &lt;another&gt; unit?" in results.content(snapshot(with_run), ())
+
+
 def test_a_worst_frame_is_gone_to_with_its_part(with_run: Workspace) -> None:
     html = results.content(snapshot(with_run), (WorstFrame(3, 103, "jaw", 12.34),))
     pressed = Pressed()

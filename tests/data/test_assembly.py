@@ -390,6 +390,17 @@ def test_a_number_beyond_all_bounds_is_refused(write: Callable[[dict[str, Any]],
         load_assembly(write(content))
 
 
+def test_two_parts_of_one_number_are_refused(write: Callable[[dict[str, Any]], Path]) -> None:
+    content = copy.deepcopy(GOOD)
+    content["parts"]["plate"]["obj_id"] = content["parts"]["pin"]["obj_id"] = 7
+    with pytest.raises(AssemblyError, match="'plate' and 'pin' both have obj_id 7"):
+        load_assembly(write(content))
+    # Copies of one mesh cannot be told apart anyway.
+    content["parts"]["pin"]["mesh"] = content["parts"]["plate"]["mesh"]
+    content["parts"]["pin"].pop("unit", None)
+    assert {p.obj_id for p in load_assembly(write(content)).parts.values()} >= {7}
+
+
 @pytest.mark.parametrize(
     ("place", "value", "said"),
     [

@@ -40,6 +40,7 @@ def test_the_gbot_evaluators_csv_reads_as_a_run(read: Read) -> None:
     )
     assert (run.method, run.initial) == ("GBOTnormal", "first_frame_truth")
     assert run.config["rows_of_unknown_objects"] == 1
+    assert run.config["unknown_objects"] == ["mug"]
     assert [p.frame_index for p in run.predictions] == [4, 7]
     first = run.predictions[0]
     # A zero translation says that the part was not found.

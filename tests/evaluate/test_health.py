@@ -298,6 +298,19 @@ def test_offsets_of_states_in_metres_are_named(make: Make, metres: float, said: 
         assert "look like metres" in message
 
 
+def test_a_mesh_far_from_its_origin_is_named(make: Make) -> None:
+    boxes = make_assembly()
+    block = boxes.parts["block"]
+    for diameters, said in ((2.0, False), (20.0, True)):
+        away = np.array([diameters * block.diameter, 0.0, 0.0])
+        mesh = replace(block.mesh, vertices=block.mesh.vertices + away)
+        parts = {**boxes.parts, "block": replace(block, mesh=mesh)}
+        report = check_sequence(make(assembly=replace(boxes, parts=parts)))
+        messages = [finding.message for finding in found(report, "far_origin")]
+        assert len(messages) == said
+        assert all("origin of part 'block' lies" in message for message in messages)
+
+
 def test_no_depth_at_all_is_said(make: Make) -> None:
     report = check_sequence(make(lambda frame: replace(frame, depth=None)))
     finding = only(report, "missing_depth")

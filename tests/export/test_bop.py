@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import copy
 import json
 from collections.abc import Mapping
 from dataclasses import replace
@@ -69,6 +70,25 @@ def test_what_is_exported_reads_back(
     assert_same_truth(found, truth)
     assert_same_frames(frames, memory)
     assert open_sequence(tmp_path / "out").format == "gbot"
+
+
+def test_parts_can_go_by_their_numbers(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    with pytest.raises(SequenceError, match="'base <1>' has no obj_id"):
+        scene_gt(truth, memory, "numbers")
+    parts = {name: replace(p, obj_id=i + 4) for i, (name, p) in enumerate(assembly.parts.items())}
+    numbered = replace(assembly, parts=parts)
+    recording = copy.copy(memory)
+    vars(recording)["assembly"] = numbered
+    export_bop(recording, truth, tmp_path / "out", ids="numbers")
+    _, found = read_back(tmp_path / "out", numbered)
+    assert_same_truth(found, truth)
+    assert open_sequence(tmp_path / "out", assembly=numbered).format == "bop"
+    assert set(json.loads((tmp_path / "out" / "models_info.json").read_text())) == {"4", "5"}
+    vars(recording)["assembly"] = None
+    with pytest.raises(SequenceError, match="no assembly that has numbers"):
+        scene_gt(truth, recording, "numbers")
 
 
 def test_an_exported_folder_exports_again_byte_by_byte(

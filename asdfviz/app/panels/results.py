@@ -72,8 +72,17 @@ def _tables(snap: Snapshot) -> str:
     rows += [_figures(label, "mean", key, unit, known) for label, key, unit in _POSE]
     rows += [_figures(label, "state", key, unit, known) for label, key, unit in _STATE]
     rows.append(_figures("time of a frame", "runtime_ms", "total_median", "ms", known))
-    report = f'{_stale(snap)}<div data-testid="report">{table(heads, rows)}</div>'
-    return report + "".join(_by_part(labels[report["run"]].label, report) for report in known)
+    judged = f'{_stale(snap)}<div data-testid="report">{table(heads, rows)}</div>'
+    judged += "".join(_doubts(labels[report["run"]].label, report) for report in known)
+    return judged + "".join(_by_part(labels[report["run"]].label, report) for report in known)
+
+
+def _doubts(label: str, report: Mapping[str, Any]) -> str:
+    """What hints at a run of something else, in another unit, or with frames missing."""
+    return "".join(
+        f'<p class="ax-stale" data-testid="doubt">{text(label)}: {text(warning)}</p>'
+        for warning in report.get("warnings", ())
+    )
 
 
 def _stale(snap: Snapshot) -> str:
