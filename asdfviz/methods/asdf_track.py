@@ -160,9 +160,11 @@ class AsdfTrack:
         The detector's twins are called as the tracker calls those that it follows, and it learns that:
         else one that is tracked would be proposed by the other's name for good, which so is never found.
         """
-        last = scene.parts.last
+        last, tracks = scene.parts.last, scene.parts.tracks
+        patience = self._config.refind.patience
+        sure = [n for n, track in tracks.items() if track.joined or track.unsure <= patience]
         found = {name: pose.T_camera_part for name, pose in poses.items()}
-        names = scene.twins.follows(found, last, held=scene.parts.joined)
+        names = scene.twins.follows(found, last, sure=sure)
         self._asdf.rename(names)
         others = scene.still.others(frame, renamed(found, names), last, scene.parts.out_of_sight)
         mine, looks = renamed_poses(poses, names), renamed(self._asdf.looked_at, names)

@@ -27,8 +27,8 @@ FOLLOWED = 0.05
 """One this near to where it was, metres, may be the same."""
 OWN_NAME = 0.003
 """Metres by which the name that a part has is preferred."""
-NOT_HELD = 0.01
-"""Metres by which any name is preferred to that of a part which the base holds somewhere else."""
+NOT_THERE = 0.01
+"""Metres by which any name is preferred to that of a part which surely is somewhere else."""
 
 _Value = TypeVar("_Value")
 
@@ -81,15 +81,15 @@ class PlaceNames:
         poses: Mapping[str, Transform],
         before: Mapping[str, Transform],
         *,
-        held: Collection[str] = (),
+        sure: Collection[str] = (),
     ) -> dict[str, str]:
         """From the names to be changed to those of the twins that were nearest: a permutation.
 
         Args:
             poses: T_camera_part of what was found, by the names they go by now.
             before: T_camera_part of what was known, by the right names.
-            held: by the base where they are known: what is found elsewhere is a twin of theirs, if
-                none is found besides.
+            sure: to be where they are known, or seen there lately: what is found elsewhere is a twin
+                that is not.
         """
         changed: dict[str, str] = {}
         for group in self._groups:
@@ -97,7 +97,7 @@ class PlaceNames:
             cost = np.full((len(group), len(group)), FOLLOWED)
             for (i, now), (j, then) in product(enumerate(group), repeat=2):
                 if now in poses and then in before:
-                    farthest = FOLLOWED + NOT_HELD if then in held else FOLLOWED
+                    farthest = FOLLOWED + NOT_THERE if then in sure else FOLLOWED
                     apart = point_distance(poses[now], before[then], middle)
                     cost[i, j] = apart if apart < FOLLOWED else farthest
             changed |= _cheapest(group, cost)

@@ -79,7 +79,7 @@ def test_twins_are_followed_by_where_they_were(pair: Assembly) -> None:
     assert names.follows(seen(pair, lid=lost, lid_Copy=far), only) == {}
 
 
-def test_what_is_found_away_from_a_held_part_is_its_twin(pair: Assembly) -> None:
+def test_what_is_found_away_from_a_sure_part_is_its_lost_twin(pair: Assembly) -> None:
     names = PlaceNames(pair)
     swapped = {"lid": "lid-Copy", "lid-Copy": "lid"}
     place = transform_from(np.eye(3), np.array([0.0, -0.1, 0.05]))
@@ -87,11 +87,12 @@ def test_what_is_found_away_from_a_held_part_is_its_twin(pair: Assembly) -> None
     known = seen(pair, lid=place, lid_Copy=AWAY)
     found = seen(pair, lid=elsewhere)
     assert names.follows(found, known) == {}
-    assert names.follows(found, known, held=("lid",)) == swapped
-    # Where it is held it is itself, and while the twin is found besides both keep their names.
-    assert names.follows(seen(pair, lid=place), known, held=("lid",)) == {}
+    assert names.follows(found, known, sure=("lid",)) == swapped
+    # Not if the twin is as sure, or found besides; and where it is known it is itself.
+    assert names.follows(found, known, sure=("lid", "lid-Copy")) == {}
     both = seen(pair, lid=elsewhere, lid_Copy=AWAY)
-    assert names.follows(both, known, held=("lid",)) == {}
+    assert names.follows(both, known, sure=("lid",)) == {}
+    assert names.follows(seen(pair, lid=place), known, sure=("lid",)) == {}
 
 
 def test_parts_that_differ_keep_their_names(assembly: Assembly) -> None:
