@@ -16,6 +16,8 @@ Every message says what is wrong, where (file, frame, part) and what would be ri
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class AsdfvizError(Exception):
     """Base of every error that this package raises on purpose."""
@@ -55,3 +57,9 @@ class RenderError(AsdfvizError):
 
 class Stopped(AsdfvizError):
     """The user asked a long job to stop; what was done so far is kept."""
+
+
+def some(values: Iterable[object], most: int = 6) -> str:
+    """The first of some values for a message, and how many more there are."""
+    shown = [str(value) for value in values]
+    return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")

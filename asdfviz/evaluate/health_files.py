@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from collections.abc import Sequence as Rows
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +12,7 @@ from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.images import ImageSizeError
 from asdfviz.data.scene_objects import objects_beside
 from asdfviz.datatypes import Sequence
-from asdfviz.errors import SequenceError
+from asdfviz.errors import SequenceError, some
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.evaluate.numbering import usual_step
 
@@ -41,7 +41,7 @@ def check_numbering(indices: Rows[int]) -> Iterator[Finding]:
             "missing_frames",
             "warning",
             f"{len(missing)} frame(s) are missing between {indices[0]} and {indices[-1]}: "
-            f"{_some(missing)}. Copy them again, or know that time jumps there.",
+            f"{some(missing)}. Copy them again, or know that time jumps there.",
             float(len(missing)),
         )
 
@@ -55,7 +55,7 @@ def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
             "missing_frames",
             "warning",
             f"{count} of {len(files.rgb)} colour images have no depth image of their number: "
-            f"{_some(files.rgb_without_depth)}. Poses there rest on colour alone.",
+            f"{some(files.rgb_without_depth)}. Poses there rest on colour alone.",
             float(count),
         )
     if files.depth_without_rgb:
@@ -64,7 +64,7 @@ def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
             "missing_frames",
             "warning",
             f"{count} depth image(s) have no colour image of their number and are not shown: "
-            f"{_some(files.depth_without_rgb)}. Are both numbered from the same start?",
+            f"{some(files.depth_without_rgb)}. Are both numbered from the same start?",
             float(count),
         )
     if files.ignored:
@@ -72,7 +72,7 @@ def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
             "missing_frames",
             "info",
             f"{len(files.ignored)} image(s) are not used because their names are not numbers: "
-            f"{_some(files.ignored)}. Name them like 000000.png.",
+            f"{some(files.ignored)}. Name them like 000000.png.",
             float(len(files.ignored)),
         )
 
@@ -86,7 +86,7 @@ def check_unread(unread: Rows[SequenceError], sequence: Sequence) -> Iterator[Fi
     """
     cut = _cut_off(sequence) if isinstance(sequence, FolderSequence) else []
     if cut:
-        names = _some(f"{file.parent.name}/{file.name}" for file in cut)
+        names = some(f"{file.parent.name}/{file.name}" for file in cut)
         yield Finding(
             "broken_images",
             "error",
@@ -141,7 +141,7 @@ def check_objects(sequence: Sequence) -> Iterator[Finding]:
             "distractors",
             "info",
             f"{len(strangers)} object(s) of the truth are no parts of {assembly.name} and count as "
-            f"distractors ({total} entries): {_some(strangers)}.",
+            f"distractors ({total} entries): {some(strangers)}.",
             float(len(strangers)),
         )
     if repeats:
@@ -150,11 +150,6 @@ def check_objects(sequence: Sequence) -> Iterator[Finding]:
             "distractors",
             "info",
             f"{total} entries of the truth repeat a part within a frame and are not used: "
-            f"{_some(repeats)}. Give repeated pieces names of their own in the assembly.",
+            f"{some(repeats)}. Give repeated pieces names of their own in the assembly.",
             float(total),
         )
-
-
-def _some(values: Iterable[object], most: int = 6) -> str:
-    shown = [str(value) for value in values]
-    return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")

@@ -9,6 +9,7 @@ from typing import cast
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
+from asdfviz.errors import some
 from asdfviz.evaluate.records import Comparison, compare_poses, predictions_by_frame
 from asdfviz.evaluate.state_scores import StateRecord, state_records
 from asdfviz.evaluate.visibility import visible_shares
@@ -112,8 +113,8 @@ def _doubts(run: Run, frames: tuple[FrameTruth, ...]) -> list[str]:
     found: list[str] = []
     unknown = run.config.get("rows_of_unknown_objects")
     if isinstance(unknown, int) and unknown:
-        names = [str(name) for name in cast(list[object], run.config.get("unknown_objects", []))]
-        listed = f" ({', '.join(names[:5])}{', ...' if len(names) > 5 else ''})" if names else ""
+        names = cast(list[object], run.config.get("unknown_objects", []))
+        listed = f" ({some(names)})" if names else ""
         found.append(
             f"{unknown} rows are of objects that the assembly does not have{listed}, and left out"
         )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from collections.abc import Sequence as Places
 
 from asdfviz.datatypes import Frame, Sequence
-from asdfviz.errors import SequenceError
+from asdfviz.errors import SequenceError, some
 
 _MOST = 10
 """So many frames are told by number."""
@@ -40,10 +40,8 @@ def readable_frames(
 
 def told_left_out(left_out: Mapping[int, str]) -> str:
     """Say which frames an export lacks, and why the first of them."""
-    numbers = [str(index) for index in left_out]
-    more = f" and {len(numbers) - _MOST} more" if len(numbers) > _MOST else ""
     why = next(iter(left_out.values()))
     return (
-        f"{len(numbers)} frame{'s' * (len(numbers) > 1)} left out with images that cannot be read: "
-        f"{', '.join(numbers[:_MOST])}{more} ({why})"
+        f"{len(left_out)} frame{'s' * (len(left_out) > 1)} left out with images that cannot be read: "
+        f"{some(left_out, most=_MOST)} ({why})"
     )

@@ -30,10 +30,8 @@ class Mistaken:
         self._base, self._parts = assembly.base, assembly.parts
         self._spots = JoinedSpots(assembly)
         self._still = StillThere(assembly, config=config)
-        self._last: dict[str, Transform] = {}
-        """Where they surely lay,"""
         self._now: dict[str, tuple[Transform, int]] = {}
-        """and where they surely were in the last frame, for so many frames."""
+        """Where parts surely were in the last frame, for so many frames."""
 
     def found(
         self, frame: Frame, proposed: Mapping[str, PoseEstimate], T_camera_base: Transform | None
@@ -50,19 +48,18 @@ class Mistaken:
             for name, pose in proposed.items()
             if name != self._base and self._is_away(pose, T_camera_base)
         }
-        return self._still.others(frame, loose, self._last, lambda _, names: names)
+        return self._still.others(frame, loose, self._still.lay, lambda _, names: names)
 
     def see(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> None:
         """What the frame's poses are in the end."""
         sure = {n: p.T_camera_part for n, p in poses.items() if p.score >= SURE}
         self._now = {name: (T, self._frames_at(name, T)) for name, T in sure.items()}
         lying = {name: T for name, (T, frames) in self._now.items() if frames >= LAIN}
-        self._last |= lying
         self._still.see(frame, lying)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
-        self._last, self._now = renamed(self._last, names), renamed(self._now, names)
+        self._now = renamed(self._now, names)
         self._still.rename(names)
 
     def _frames_at(self, name: str, T_camera_part: Transform) -> int:

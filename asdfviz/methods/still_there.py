@@ -67,7 +67,7 @@ class StillThere:
         self._config = config
         self._then: dict[str, tuple[Frame, int]] = {}
         """And the number of each."""
-        self._lay: dict[str, Transform] = {}
+        self.lay: dict[str, Transform] = {}
         """Where parts surely were, T_camera_part, but not while they were held."""
         self._frames = 0
         """That were seen; numbers of files may leave out any."""
@@ -84,11 +84,11 @@ class StillThere:
         """
         self._frames += 1
         self._then |= dict.fromkeys(sure, (frame, self._frames))
-        self._lay |= {name: T for name, T in sure.items() if name not in held}
+        self.lay |= {name: T for name, T in sure.items() if name not in held}
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
-        self._then, self._lay = renamed(self._then, names), renamed(self._lay, names)
+        self._then, self.lay = renamed(self._then, names), renamed(self.lay, names)
 
     def others(
         self,
@@ -120,7 +120,7 @@ class StillThere:
 
     def _is_a_twin(self, name: str, T_camera_part: Transform) -> bool:
         middle = self._parts[name].middle
-        lay = [self._lay[other] for other in self._twins[name] if other in self._lay]
+        lay = [self.lay[other] for other in self._twins[name] if other in self.lay]
         return any(point_distance(T, T_camera_part, middle) <= AWAY for T in lay)
 
     def _is_other(self, name: str, frame: Frame, T_new: Transform, T_last: Transform) -> bool:

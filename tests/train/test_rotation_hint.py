@@ -7,18 +7,24 @@ from asdfviz.detector.head import RawOutput
 from asdfviz.train.rotation_hint import RotationHint
 
 
+def output(*features: torch.Tensor, classes: int) -> RawOutput:
+    """A head's output that says nothing but its features, of two pictures."""
+    anchors = sum(f.shape[-2] * f.shape[-1] for f in features)
+    return RawOutput(
+        boxes=torch.zeros(2, 64, anchors),
+        scores=torch.zeros(2, classes, anchors),
+        keypoints=torch.zeros(2, 51, anchors),
+        anchors=torch.zeros(anchors, 2),
+        strides=torch.ones(anchors),
+        features=features,
+    )
+
+
 def test_the_hint_learns_to_tell_two_rotations_apart() -> None:
     torch.manual_seed(0)
     hint = RotationHint(classes=2, width=8, levels=1, rotations=60)
     features = torch.randn(2, 8, 1, 1)
-    raw = RawOutput(
-        boxes=torch.zeros(2, 64, 1),
-        scores=torch.zeros(2, 2, 1),
-        keypoints=torch.zeros(2, 51, 1),
-        anchors=torch.zeros(1, 2),
-        strides=torch.ones(1),
-        features=(features,),
-    )
+    raw = output(features, classes=2)
     assignment = Assignment(
         positive=torch.ones(2, 1, dtype=torch.bool),
         objects=torch.zeros(2, 1, dtype=torch.long),
@@ -44,14 +50,7 @@ def test_each_anchor_is_asked_by_the_classifier_of_its_level_and_class() -> None
     hint = RotationHint(classes=3, width=8, levels=2, rotations=40)
     torch.nn.init.normal_(hint.bias)
     fine, coarse = torch.randn(2, 8, 2, 2), torch.randn(2, 8, 1, 1)
-    raw = RawOutput(
-        boxes=torch.zeros(2, 64, 5),
-        scores=torch.zeros(2, 3, 5),
-        keypoints=torch.zeros(2, 51, 5),
-        anchors=torch.zeros(5, 2),
-        strides=torch.ones(5),
-        features=(fine, coarse),
-    )
+    raw = output(fine, coarse, classes=3)
     positive = torch.tensor([[1, 0, 1, 1, 1], [0, 1, 1, 0, 1]], dtype=torch.bool)
     objects = torch.tensor([[0, 0, 1, 2, 1], [0, 2, 0, 0, 1]])
     assignment = Assignment(positive=positive, objects=objects, scores=torch.ones(2, 5, 3))
