@@ -22,7 +22,11 @@ EditKind: TypeAlias = Literal[
 SeedKind: TypeAlias = Literal["none", "truth", "run"]
 
 TRACKED = "tracked"
-"""Provenance of a pose that a tracker carried from annotated frames; all others are a person's."""
+"""Provenance of a pose that a tracker carried from annotated frames."""
+BY_STATE = "state"
+"""Of one that follows from where the base is and how the state joins the part to it."""
+DERIVED = frozenset({TRACKED, BY_STATE})
+"""Such poses give way to what is derived anew; all others are a person's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

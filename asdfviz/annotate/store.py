@@ -178,12 +178,13 @@ class AnnotationStore:
             if edit.frame is not None and edit.part is not None and edit.kind != "drop_pose"
         }
 
-    def verdicts(self) -> dict[tuple[int, str], bool]:
-        """By frame and part: True where a pose was verified, False where a part is not there."""
+    def said(self) -> dict[tuple[int, str], tuple[EditKind, str]]:
+        """By frame and part, the kind of what was last said and its provenance, without the poses."""
         latest = f"SELECT max(id) FROM edits WHERE {edit_file.POSE_KINDS} GROUP BY frame, part"
-        said = f"id IN ({latest}) AND kind IN ('verify', 'remove_pose') ORDER BY frame, part"
-        rows = self._query(f"SELECT frame, part, kind = 'verify' FROM edits WHERE {said}", ())
-        return {(frame, part): bool(verified) for frame, part, verified in rows}
+        columns = "frame, part, kind, json_extract(payload, '$.provenance')"
+        said = f"id IN ({latest}) AND kind <> 'drop_pose' ORDER BY frame, part"
+        rows = self._query(f"SELECT {columns} FROM edits WHERE {said}", ())
+        return {(frame, part): (kind, provenance) for frame, part, kind, provenance in rows}
 
     def state(self, frame: int) -> StateLabel | None:
         """The state that was last set for a frame; None where nobody set one."""

@@ -22,7 +22,7 @@ from asdfviz.app.label_actions import (
     SetRange,
     SetState,
 )
-from asdfviz.app.pose_actions import Hold, MovePart, TypePose
+from asdfviz.app.pose_actions import Hold, MovePart, PlaceJoined, PlacePart, ToGap, TypePose
 
 Tab = Literal["sequence", "methods", "annotate", "results"]
 Mode = Literal["ar", "3d"]
@@ -198,14 +198,6 @@ class CopyPrevious:
 
 
 @dataclass(frozen=True, slots=True)
-class PlacePart:
-    """Put the selected part into the frame: where a pixel says, or in the middle of the view."""
-
-    u: float | None = None
-    v: float | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class RevertPart:
     """Drop the selected part's correction in this frame."""
 
@@ -277,9 +269,9 @@ class Changed:
 
 
 Action: TypeAlias = (
-    Seek | Hold | Resume | Step | ToBoundary | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
+    Seek | Hold | Resume | Step | ToBoundary | ToGap | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
-    | CycleStep | MovePart | TypePose | CopyPrevious | PlacePart | RevertPart | RemovePart | VerifyPart | Cancel
+    | CycleStep | MovePart | TypePose | CopyPrevious | PlacePart | PlaceJoined | RevertPart | RemovePart | VerifyPart | Cancel
     | SetState | NextState | RepeatState | ClearState | SetRange | MarkRange
     | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | StopTracking | ToggleKeys | DismissWelcome
     | ByKey | Resized | Drifted | Changed

@@ -44,6 +44,8 @@ KINDS: Mapping[str, type] = {
         actions.TypePose,
         actions.CopyPrevious,
         actions.PlacePart,
+        actions.PlaceJoined,
+        actions.ToGap,
         actions.RevertPart,
         actions.RemovePart,
         actions.VerifyPart,

@@ -12,15 +12,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asdfviz.annotate.records import TRACKED
+from asdfviz.annotate.records import DERIVED, TRACKED
 from asdfviz.app.background_job import BackgroundJob
 from asdfviz.app.desk import carried
+from asdfviz.app.history import NAMED, range_in_words
 from asdfviz.app.items import JobStatus, Message
 from asdfviz.app.job_actions import Direction
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame
-from asdfviz.errors import AnnotationError, Stopped
+from asdfviz.errors import AnnotationError, Stopped, some
 from asdfviz.evaluate.health_shift import spread
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.tracking import load_bodies
@@ -97,7 +98,7 @@ def _set_by_hand(workspace: Workspace) -> dict[tuple[int, str], Transform | None
     return {
         key: pose.T_camera_part
         for key, pose in workspace.store.poses().items()
-        if pose.provenance != TRACKED or pose.verified
+        if pose.provenance not in DERIVED or pose.verified
     }
 
 
@@ -118,10 +119,11 @@ class CarryJob(BackgroundJob):
             if self._stopped.is_set():
                 raise Stopped("cancelled")
             count = self._keep(found)
+            gaps = self._lost_in()
         except Stopped:
             self._set(JobStatus(carry.label, "stopped", total=total))
         else:
-            self._set(JobStatus(carry.label, "done", done=count, total=total))
+            self._set(JobStatus(carry.label, "done", done=count, total=total, message=gaps))
 
     def _fail(self, message: str) -> None:
         carry = self._carry
@@ -185,6 +187,13 @@ class CarryJob(BackgroundJob):
         ordered = {frame: Ts_by_frame[frame] for frame in sorted(Ts_by_frame)}
         workspace.store.set_frames(ordered, provenance=TRACKED, group=group)
         return sum(carry.part in poses for poses in ordered.values())
+
+    def _lost_in(self) -> str:
+        """Where the selected part has no pose after all, in words; empty if there is no such frame."""
+        carry, indices = self._carry, self._workspace.indices
+        gaps = self._workspace.lane(carry.part, carry.base).gaps(carry.first, carry.last)
+        told = [range_in_words(indices[first], indices[last]) for first, last in gaps]
+        return f"lost in {some(told, most=NAMED)}" if gaps else ""
 
     def _tell(self, done: int, total: int, *, preparing: bool) -> None:
         now = time.monotonic()

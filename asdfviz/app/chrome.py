@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from asdfviz.app import theme, timeline
+from asdfviz.app import lanes, theme, timeline
 from asdfviz.app.actions import TABS
 from asdfviz.app.hotkeys import sheet
 from asdfviz.app.items import JobStatus
@@ -86,7 +86,8 @@ def controls(snap: Snapshot) -> str:
 def timeline_rows(snap: Snapshot) -> str:
     """The strips, and the frames' numbers for the page's script."""
     steps = len(snap.workspace.assembly.steps)
-    rows = timeline.build(snap.rows, count=snap.facts.count, steps=steps)
+    lane = lanes.build(snap.lane, count=snap.facts.count)
+    rows = lane + timeline.build(snap.rows, count=snap.facts.count, steps=steps)
     return f'<div data-numbers="{text(json.dumps(snap.workspace.indices))}">{rows}</div>'
 
 

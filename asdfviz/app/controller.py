@@ -7,7 +7,6 @@ empties it, so nothing here needs a lock, and no click is lost while something w
 from __future__ import annotations
 
 import contextlib
-import queue
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -19,7 +18,8 @@ from asdfviz.app import camera
 from asdfviz.app.carrying import plan
 from asdfviz.app.desk import Burst, dragged
 from asdfviz.app.display import Display
-from asdfviz.app.editing import Edits, NothingLeft, apply_edit
+from asdfviz.app.editing import Edits, NothingLeft, apply_edit, gap_beside
+from asdfviz.app.inbox import Inbox
 from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
 from asdfviz.app.places import edited
@@ -62,7 +62,7 @@ class Controller:
         self._workspace = workspace
         self._background = background
         self._methods = methods
-        self._queue: queue.SimpleQueue[act.Action | None] = queue.SimpleQueue()
+        self._inbox = Inbox()
         self.view = View()
         self._burst = Burst()
         self._pace = Pace()
@@ -88,13 +88,13 @@ class Controller:
 
     def emit(self, action: act.Action) -> None:
         """Ask for something, from any thread."""
-        self._queue.put(action)
+        self._inbox.put(action)
 
     def close(self) -> None:
         """The browser tab has gone."""
         self._is_closed = True
         self._end()
-        self._queue.put(None)
+        self._inbox.wake()
 
     def wait(self, seconds: float) -> None:
         """Wait for the thread to end."""
@@ -124,9 +124,8 @@ class Controller:
 
     def _keep_what_is_left(self) -> None:
         """The tab may go while edits still wait; they are kept, and nobody is there to be told."""
-        while not self._queue.empty():
-            received = self._queue.get()
-            action = None if received is None else asked_for(self.view, received)
+        for received in self._inbox.take(0.0):
+            action = asked_for(self.view, received)
             if action is None:
                 continue
             self.view = update(self.view, action, self._workspace.facts())
@@ -163,21 +162,13 @@ class Controller:
     def _next_actions(self) -> list[act.Action]:
         """Wait for actions, or while playing for the next frame's time; take all that are there."""
         wait = self._pace.wait_seconds(time.monotonic()) if self.view.playing else None
-        taken: list[act.Action] = []
-        try:
-            first = self._queue.get(timeout=wait) if wait != 0.0 else self._queue.get_nowait()
-            while True:
-                if first is not None:
-                    taken.append(first)
-                first = self._queue.get_nowait()
-        except queue.Empty:
-            return taken
+        return self._inbox.take(wait)
 
     def _handle(self, action: act.Action) -> None:
         try:
             self._act(action)
         except NothingLeft as end:
-            self._display.tell("Undo, redo", str(end), color="gray")
+            self._display.tell("Nothing left", str(end), color="gray")
         except AsdfvizError as error:
             self._display.tell("That did not work", str(error), color="red")
 
@@ -196,6 +187,8 @@ class Controller:
                 remember_visit(self.client)
             case act.UseRun():
                 self._use_run()
+            case act.ToGap():
+                self._to_gap(action)
             case _:
                 if isinstance(action, Edits):
                     self._edit(action)
@@ -242,6 +235,11 @@ class Controller:
         self._follow_seed()
         self._workspace.changed()
 
+    def _to_gap(self, action: act.ToGap) -> None:
+        """Go where a pose is missing."""
+        place = gap_beside(self.view, self._workspace, action.direction)
+        self.view = update(self.view, act.Hold(place), self._workspace.facts())
+
     def _use_run(self) -> None:
         """Corrections that were begun go on from the new base."""
         if self._workspace.store.seed().kind != "none":
@@ -265,7 +263,8 @@ class Controller:
         self._heard = len(messages)
         carrying = self._workspace.carrying
         if carrying is not None and carrying is not self._carrying and carrying.state == "done":
-            self._status = f"{carrying.method} tracked to {carrying.done} frames, saved"
+            lost = f"; {carrying.message}" if carrying.message else ""
+            self._status = f"{carrying.method} tracked to {carrying.done} frames, saved{lost}"
         self._carrying = carrying
 
     def _play(self) -> None:

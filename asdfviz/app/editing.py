@@ -12,19 +12,14 @@ import numpy as np
 
 from asdfviz.annotate.edits import nudged, rotated
 from asdfviz.app import actions as act
-from asdfviz.app import labels, verdicts
-from asdfviz.app.ar import look_direction
+from asdfviz.app import labels, placing, verdicts
 from asdfviz.app.desk import Burst, Desk, Done
 from asdfviz.app.history import frames_of, in_words, place_to_show
 from asdfviz.app.typed_pose import typed_pose
-from asdfviz.app.view import STEPS_MM, View, centre_of
+from asdfviz.app.view import STEPS_MM, View
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
-from asdfviz.geometry.shapes import Depth, Rotation
-from asdfviz.geometry.transforms import transform_from
 
-FALLBACK_DEPTH = 0.5
-"""Metres at which a part is put where nothing was measured."""
 Edits = (
     act.Nudge
     | act.Turn
@@ -32,6 +27,7 @@ Edits = (
     | act.TypePose
     | act.CopyPrevious
     | act.PlacePart
+    | act.PlaceJoined
     | act.RevertPart
     | act.RemovePart
     | act.VerifyPart
@@ -45,7 +41,7 @@ Edits = (
 
 
 class NothingLeft(AnnotationError):
-    """There is nothing to undo or redo: no fault, only the end."""
+    """There is nothing more to undo, to redo or to go to: no fault, only the end."""
 
 
 def apply_edit(
@@ -67,6 +63,22 @@ def apply_edit(
     return replace(done, burst=burst)
 
 
+def gap_beside(view: View, workspace: Workspace, direction: int) -> int:
+    """The place of the next (1) or previous (-1) frame in which a pose is missing.
+
+    Raises:
+        NothingLeft: there is none that way.
+    """
+    place = workspace.lane(view.selected, view.base).gap(view.place, direction)
+    if place is None:
+        who = "every part has" if view.selected is None else f"{view.selected} has"
+        which = "after" if direction > 0 else "before"
+        raise NothingLeft(
+            f"{who} a pose, or is said not to be there, in all frames {which} this one"
+        )
+    return place
+
+
 def _dispatch(action: Edits, desk: Desk) -> Done:
     match action:
         case act.Undo() | act.Redo():
@@ -79,10 +91,8 @@ def _dispatch(action: Edits, desk: Desk) -> Done:
             return _type(action, desk)
         case act.Nudge() | act.Turn():
             return _move(action, desk)
-        case act.CopyPrevious():
-            return _copy(desk)
-        case act.PlacePart():
-            return _place(action, desk)
+        case act.CopyPrevious() | act.PlacePart() | act.PlaceJoined():
+            return placing.give(action, desk)
         case act.RevertPart():
             return _revert(desk)
         case act.RemovePart() | act.VerifyPart():
@@ -115,59 +125,6 @@ def _move(action: act.Nudge | act.Turn, desk: Desk) -> Done:
         angle = float(np.radians(step))
         T_moved = rotated(T_camera_part, axis, angle, centre_part=desk.centre())
     return desk.move(desk.part, T_moved, "keys")
-
-
-def _copy(desk: Desk) -> Done:
-    before = desk.earlier()
-    if before is None:
-        raise AnnotationError(
-            f"{desk.part} has no pose in any of the frames before {desk.frame}: place it"
-        )
-    frame, T_camera_part = before
-    done = desk.keep(T_camera_part, "copied")
-    return replace(done, message=f"{desk.part} copied from frame {frame}")
-
-
-def _place(action: act.PlacePart, desk: Desk) -> Done:
-    """Put the part's middle where a pixel's depth says, turned as it was last."""
-    frame = desk.workspace.frames[desk.view.place]
-    pixel = _pixel_of(action, desk)
-    depth = _depth_near(frame.depth, pixel) or FALLBACK_DEPTH
-    ray = look_direction(frame.camera.K, pixel)
-    R = _last_rotation(desk)
-    T_camera_part = transform_from(R, ray / ray[2] * depth - R @ desk.centre())
-    return desk.keep(T_camera_part, "placed")
-
-
-def _pixel_of(action: act.PlacePart, desk: Desk) -> tuple[float, float]:
-    facts = desk.workspace.facts()
-    if action.u is None or action.v is None:
-        return centre_of(desk.view, facts)
-    width, height = facts.size_wh
-    if not (-0.5 <= action.u <= width - 0.5 and -0.5 <= action.v <= height - 0.5):
-        raise AnnotationError(
-            f"{desk.part} was not placed: the click lies beside the picture; click into it"
-        )
-    return action.u, action.v
-
-
-def _depth_near(depth: Depth | None, pixel: tuple[float, float]) -> float | None:
-    """Median depth in a small window, metres; None where nothing was measured."""
-    if depth is None:
-        return None
-    u, v = round(pixel[0]), round(pixel[1])
-    near = depth[max(v - 4, 0) : v + 5, max(u - 4, 0) : u + 5]
-    known = near[near > 0]
-    return float(np.median(known)) if known.size else None
-
-
-def _last_rotation(desk: Desk) -> Rotation:
-    """The rotation in this frame or the nearest before that has the part; upright CAD axes otherwise."""
-    now = desk.workspace.poses(desk.view.place, desk.view.base).get(desk.part)
-    if now is not None:
-        return now.T_camera_part[:3, :3]
-    before = desk.earlier()
-    return np.diag([1.0, -1.0, -1.0]) if before is None else before[1][:3, :3]
 
 
 def _revert(desk: Desk) -> Done:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from asdfviz.annotate.records import TRACKED, Edit
+from asdfviz.annotate.records import BY_STATE, TRACKED, Edit
 
 _VERBS = {
     "pose": "moved",
@@ -12,6 +12,7 @@ _VERBS = {
     "verify": "verified",
     "drop_pose": "drop of the correction of",
 }
+_DERIVATIONS = {TRACKED: "tracking", BY_STATE: "placing by the state"}
 NAMED = 2
 """Parts that a step calls by name; of more it says how many."""
 
@@ -28,8 +29,8 @@ def in_words(step: Sequence[Edit]) -> str:
         return f"state label taken from {where}" if name is None else f"state {name} in {where}"
     parts = list(dict.fromkeys(str(edit.part) for edit in told))
     who = " and ".join(parts) if len(parts) <= NAMED else f"{len(parts)} parts"
-    if last.kind == "pose" and last.payload.get("provenance") == TRACKED:
-        return f"tracking of {who} in {where}"
+    if last.kind == "pose" and (deed := _DERIVATIONS.get(last.payload["provenance"])):
+        return f"{deed} of {who} in {where}"
     return f"{_VERBS[last.kind]} {who} in {where}"
 
 

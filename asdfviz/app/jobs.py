@@ -14,6 +14,7 @@ from asdfviz.errors import AsdfvizError, MethodError
 from asdfviz.evaluate.evaluate import evaluate_run
 from asdfviz.evaluate.health import Finding, check_sequence
 from asdfviz.export.bop import export_bop
+from asdfviz.export.gaps import told_gaps
 from asdfviz.export.readable import told_left_out
 from asdfviz.methods.spec import MethodSpec
 
@@ -142,7 +143,9 @@ def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
     def work() -> None:
         truth = exported_truth(workspace, base)
         left_out = export_bop(workspace.frames.source, truth, workspace.export_folder)
-        workspace.say(Message("Exported", str(workspace.export_folder)))
+        gaps = told_gaps(truth, workspace.indices, workspace.assembly.parts)
+        body = "\n".join(filter(None, [str(workspace.export_folder), gaps]))
+        workspace.say(Message("Exported", body))
         if left_out:
             workspace.say(Message("Not all exported", told_left_out(left_out), is_problem=True))
 

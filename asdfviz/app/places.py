@@ -7,7 +7,14 @@ from dataclasses import replace
 from asdfviz.app import actions as act
 from asdfviz.app.view import Facts, View
 
-_STATEMENTS = act.SetState | act.RepeatState | act.ClearState | act.RemovePart | act.VerifyPart
+_STATEMENTS = (
+    act.SetState
+    | act.RepeatState
+    | act.ClearState
+    | act.RemovePart
+    | act.VerifyPart
+    | act.PlaceJoined
+)
 """Edits that use a marked range up."""
 
 

@@ -1,4 +1,4 @@
-"""What a person can ask of the selected part's pose with a drag or by typing."""
+"""What a person can ask of poses: dragged, typed, placed, by the state; and where one is missing."""
 
 from __future__ import annotations
 
@@ -35,3 +35,25 @@ class TypePose:
     """Of the frame whose pose they stood in."""
     options: Mapping[str, str]
     """What was changed, as it was typed, by the names in `typed_pose.FIGURES`."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlacePart:
+    """Put the selected part into the frame: where a pixel says, else where the state joins it, else
+    in the middle of the view.
+    """
+
+    u: float | None = None
+    v: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceJoined:
+    """Put every joined part without a pose where the state has it, in the frame or the marked range."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToGap:
+    """Go to the next (1) or previous (-1) frame in which the selected part, or any, has no pose."""
+
+    direction: int

@@ -46,6 +46,9 @@ _HEAD = (
 )
 LAST_PORT = 65535
 _LOOPBACK = ("127.0.0.1", "localhost", "::1")
+_EVERYWHERE = ("0.0.0.0", "::")
+_ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
+"""Addresses that are nobody's, kept for documents."""
 _Handler = Callable[[ServerConnection, Request], Response | None]
 
 
@@ -122,9 +125,22 @@ def start_server(host: str, port: int, *, token: str | None = None) -> tuple[Any
     if port not in (0, bound):
         stop_server(server)
         raise _busy(port)
-    shown = "127.0.0.1" if host in ("0.0.0.0", "::") else host
+    shown = "127.0.0.1" if host in _EVERYWHERE else host
     shown = f"[{shown}]" if ":" in shown else shown
     return server, f"http://{shown}:{bound}/" + (f"?token={token}" if token else "")
+
+
+def outside_url(url: str, host: str) -> str | None:
+    """The address that other machines open where the app listens on all of this one's; else None."""
+    if host not in _EVERYWHERE:
+        return None
+    family = socket.AF_INET if host == "0.0.0.0" else socket.AF_INET6
+    with contextlib.suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
+        # Nothing is sent: this only asks which of the machine's addresses would be used.
+        probe.connect((_ELSEWHERE[family], 9))
+        own = str(probe.getsockname()[0])
+        return url.replace("127.0.0.1", f"[{own}]" if ":" in own else own, 1)
+    return None
 
 
 def stop_server(server: viser.ViserServer) -> None:

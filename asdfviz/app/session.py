@@ -250,6 +250,8 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.TypePose: _pause,
     act.RemovePart: _pause,
     act.VerifyPart: _pause,
+    act.PlaceJoined: _pause,
+    act.PlacePart: _pause,
     act.NextState: _pause,
     act.RepeatState: _pause,
     act.TrackPart: _pause,

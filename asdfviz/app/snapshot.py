@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from asdfviz.annotate.records import PoseAnnotation
 from asdfviz.app import theme, timeline
 from asdfviz.app.items import ANNOTATION, Shown
+from asdfviz.app.lanes import Lane
 from asdfviz.app.view import Facts, View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame, FramePrediction
@@ -28,6 +29,8 @@ class Snapshot:
     rows: tuple[timeline.Row, ...]
     said: Mapping[str, PoseAnnotation]
     """What was said by hand of parts in this frame."""
+    lane: Lane
+    """Where the selected part, or any, has a pose."""
     status: str = ""
     """What the last edit did."""
 
@@ -66,6 +69,7 @@ def take(workspace: Workspace, view: View, *, frame: Frame | None, status: str =
         poses=workspace.poses(view.place, view.base),
         prediction=run.by_place[view.place] if run else None,
         rows=workspace.rows(),
+        lane=workspace.lane(view.selected, view.base),
         said={part: said for (_, part), said in workspace.store.poses(index).items()},
         status=status,
     )

@@ -28,9 +28,9 @@ def annotation_row(
                 unlabelled[place] = mark is None and (unlabelled[place] or marks[place] is not None)
                 marks[place] = mark
     said: dict[int, dict[str, bool]] = {}
-    for (index, part), is_verified in store.verdicts().items():
-        if part in assembly.parts:
-            said.setdefault(index, {})[part] = is_verified
+    for (index, part), (kind, _) in store.said().items():
+        if part in assembly.parts and kind != "pose":
+            said.setdefault(index, {})[part] = kind == "verify"
     verdicts = tuple(
         _verdict(said.get(index, {}), unlabelled=taken)
         for index, taken in zip(indices, unlabelled, strict=True)

@@ -117,7 +117,7 @@ def mark_of_prediction(assembly: Assembly, prediction: FramePrediction | None) -
 
 def segments(marks: Sequence[Mark | None]) -> tuple[Segment, ...]:
     """Join equal neighbours."""
-    return tuple(Segment(*stretch) for stretch in _stretches(marks))
+    return tuple(Segment(*stretch) for stretch in stretches(marks))
 
 
 def boundaries(rows: Sequence[Row]) -> tuple[int, ...]:
@@ -148,8 +148,8 @@ def build(rows: Sequence[Row], *, count: int, steps: int) -> str:
 
 
 def _row(row: Row, count: int, steps: int) -> str:
-    inner = "".join(_segment(Segment(*piece), count, steps) for piece in _light(row.marks))
-    inner += "".join(_verdict(*piece, count) for piece in _light(row.verdicts))
+    inner = "".join(_segment(Segment(*piece), count, steps) for piece in light(row.marks))
+    inner += "".join(_verdict(*piece, count) for piece in light(row.verdicts))
     percents = [None if p is None else round(100 * p) for p in row.probabilities]
     data = f' data-p="{text(json.dumps(percents))}"' if percents else ""
     return (
@@ -161,12 +161,12 @@ def _row(row: Row, count: int, steps: int) -> str:
     )
 
 
-def _light(values: Sequence[_T]) -> list[tuple[int, int, _T]]:
+def light(values: Sequence[_T]) -> list[tuple[int, int, _T]]:
     """First and last place of equal neighbours, and their value; thinned where they are too many.
 
     Then every n-th frame speaks for its neighbours, so that the strip stays light.
     """
-    joined = _stretches(values)
+    joined = stretches(values)
     if len(joined) <= MAX_SEGMENTS:
         return joined
     stride = -(-len(values) // MAX_SEGMENTS)
@@ -176,7 +176,8 @@ def _light(values: Sequence[_T]) -> list[tuple[int, int, _T]]:
     ]
 
 
-def _stretches(values: Sequence[_T]) -> list[tuple[int, int, _T]]:
+def stretches(values: Sequence[_T]) -> list[tuple[int, int, _T]]:
+    """First and last place of equal neighbours, and their value."""
     joined: list[tuple[int, int, _T]] = []
     for place, value in enumerate(values):
         if joined and joined[-1][2] == value:
@@ -187,7 +188,7 @@ def _stretches(values: Sequence[_T]) -> list[tuple[int, int, _T]]:
 
 
 def _segment(piece: Segment, count: int, steps: int) -> str:
-    place = _place(piece.first, piece.last, count)
+    place = span_style(piece.first, piece.last, count)
     if piece.mark is None:
         return f'<i class="tl-none" style="{place}" data-say="no state"></i>'
     mark = piece.mark
@@ -214,11 +215,12 @@ def _verdict(first: int, last: int, verdict: Verdict | None, count: int) -> str:
     classes = " ".join(name for name, is_said in kinds.items() if is_said)
     return (
         f'<i class="tl-verdict {classes}" data-first="{first}" data-last="{last}" '
-        f'data-also="{text(verdict.words)}" style="{_place(first, last, count)}"></i>'
+        f'data-also="{text(verdict.words)}" style="{span_style(first, last, count)}"></i>'
     )
 
 
-def _place(first: int, last: int, count: int) -> str:
+def span_style(first: int, last: int, count: int) -> str:
+    """Where frames first to last lie on the strip, as CSS."""
     return f"left:{100 * first / count:.4f}%;width:{100 * (last + 1 - first) / count:.4f}%"
 
 

@@ -13,19 +13,23 @@ from pathlib import Path
 from typing import Any
 
 from asdfviz.annotate.corrected import run_of_seed
-from asdfviz.annotate.records import TRACKED, Seed
+from asdfviz.annotate.records import BY_STATE, TRACKED, Seed
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import strips, theme, timeline
 from asdfviz.app.items import ANNOTATION, JobStatus, LoadedRun, Message, Shown
+from asdfviz.app.lanes import Lane, lane_of
 from asdfviz.app.view import TRUTH, Facts
 from asdfviz.data.prefetch import Prefetcher
-from asdfviz.datatypes import Assembly, Run
+from asdfviz.datatypes import Assembly, Run, Stage, State
 from asdfviz.datatypes import Sequence as FrameSequence
 from asdfviz.evaluate.health import Finding
 from asdfviz.geometry.shapes import Transform
 
 FIRST_METHOD = "asdf"
 """Its run is drawn first; it is run by itself where a sequence has no run yet."""
+
+_STAGES: Mapping[str, Stage] = {TRACKED: "tracked", BY_STATE: "group"}
+"""Of corrected poses that were derived."""
 
 
 class Workspace:
@@ -68,6 +72,7 @@ class Workspace:
         self._changes = 0
         self._lock = threading.RLock()
         self._listeners: list[Callable[[], None]] = []
+        self._lane: tuple[object, Lane] | None = None
         self._rows: tuple[object, tuple[timeline.Row, ...], tuple[int, ...], bool] | None = None
 
     @property
@@ -122,7 +127,7 @@ class Workspace:
             if pose.T_camera_part is None:
                 shown.pop(name, None)
             elif name in self.assembly.parts:
-                stage = "tracked" if pose.provenance == TRACKED else "annotated"
+                stage = _STAGES.get(pose.provenance, "annotated")
                 shown[name] = Shown(pose.T_camera_part, ANNOTATION, stage)
         return shown
 
@@ -189,9 +194,36 @@ class Workspace:
 
     def attached(self, place: int, base: str | None) -> tuple[str, ...]:
         """The parts that are joined in the state at a place; none where the state is not known."""
+        state = self.state(place, base)
+        return () if state is None else state.attached
+
+    def state(self, place: int, base: str | None) -> State | None:
+        """The state of the assembly at a place; None where it is not known, or is an unknown error."""
         mark, _ = self.mark(place, base)
-        named = [state for state in self.assembly.states if mark and state.name == mark.name]
-        return named[0].attached if named else ()
+        named = (state for state in self.assembly.states if mark and state.name == mark.name)
+        return next(named, None)
+
+    def lane(self, part: str | None, base: str | None) -> Lane:
+        """Where a part, or any, has a pose; made anew only when a run or the annotation changed."""
+        with self._lock:
+            stamp = (self.version(), part, base)
+            if self._lane is None or self._lane[0] != stamp:
+                run = self.run(base)
+                places = range(len(self.indices))
+                lane = lane_of(
+                    part,
+                    self.indices,
+                    self.assembly.parts,
+                    said=self.store.said(),
+                    held=[self.layer(place, base) if base else () for place in places],
+                    source=(run.label, run.color) if run else ("the truth", theme.TRUTH),
+                )
+                self._lane = (stamp, lane)
+            return self._lane[1]
+
+    def version(self) -> tuple[int, int]:
+        """Another whenever a run or the annotation changed."""
+        return self.store.version(), self._changes
 
     def _rows_and_what_follows(self) -> tuple[tuple[timeline.Row, ...], tuple[int, ...], bool]:
         """With the boundaries, and whether anything was corrected, which takes longer the more there is.
@@ -199,7 +231,7 @@ class Workspace:
         Made anew only when a run or the annotation changed.
         """
         with self._lock:
-            stamp = (self.store.version(), self._changes)
+            stamp = self.version()
             if self._rows is None or self._rows[0] != stamp:
                 rows = self._build_rows()
                 is_corrected = self.store.corrections() > 0

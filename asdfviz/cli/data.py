@@ -102,6 +102,7 @@ class Export:
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
         from asdfviz.export.bop import export_bop
+        from asdfviz.export.gaps import told_gaps
         from asdfviz.export.readable import told_left_out
         from asdfviz.export.yolo import export_yolo
 
@@ -119,4 +120,7 @@ class Export:
             )
         if left_out:
             print(f"warning: {told_left_out(left_out)}", file=sys.stderr)
+        parts = () if sequence.assembly is None else tuple(sequence.assembly.parts)
+        if gaps := told_gaps(truth, sequence.frame_indices, parts):
+            print(f"note: {gaps}", file=sys.stderr)
         print(self.out)

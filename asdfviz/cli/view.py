@@ -38,9 +38,12 @@ class View:
     def __call__(self) -> None:
         """Open the app, print its address and serve until Ctrl+C."""
         from asdfviz.app.main import ViewConfig, open_app
+        from asdfviz.app.server import outside_url
 
         app = open_app(ViewConfig(**vars(self)))
         print(f"asdfviz is at {app.url}  (Ctrl+C ends it)", flush=True)
+        if outside := outside_url(app.url, self.host):
+            print(f"other machines open {outside}", flush=True)
         try:
             app.wait()
         finally:

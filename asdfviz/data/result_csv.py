@@ -116,6 +116,8 @@ def _read_lines(path: Path) -> list[list[str]]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             lines = [cells for cells in csv.reader(file) if cells]
+    except FileNotFoundError as error:
+        raise RunError(f"there is no file {path}") from error
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise RunError(f"{path} cannot be read as csv: {error}") from error
     if not lines:

@@ -14,6 +14,7 @@ from asdfviz.annotate.records import TRACKED
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import carrying
 from asdfviz.app.carrying import Carry, plan
+from asdfviz.app.editing import gap_beside
 from asdfviz.app.jobs import Background
 from asdfviz.app.panels import tracking
 from asdfviz.app.snapshot import take
@@ -41,7 +42,9 @@ class Moving:
         *,
         with_depth: bool = True,
         without_depth: tuple[int, ...] = (),
+        gone_from: int = COUNT,
     ) -> None:
+        self._gone_from = gone_from
         self.assembly = assembly
         self.name = "moving"
         self.path = str(folder)
@@ -61,9 +64,8 @@ class Moving:
         rng = np.random.default_rng(place)
         inverse_depth, ids = raster.new_buffers(CAMERA.width, CAMERA.height)
         T = pose_of(self.assembly, place)
-        raster.draw(
-            part.mesh, T, K=CAMERA.K, inverse_depth=inverse_depth, ids=ids, number=0
-        )  # fmt: skip
+        if place < self._gone_from:
+            raster.draw(part.mesh, T, K=CAMERA.K, inverse_depth=inverse_depth, ids=ids, number=0)
         rgb = rng.integers(90, 170, (240, 320, 3)).astype(np.float64)
         rgb[ids == 0] = np.array([210, 60, 30]) + rng.normal(0, 6, ((ids == 0).sum(), 3))
         depth = np.where(inverse_depth > 0, 1 / np.maximum(inverse_depth, 1e-6), 0.7)
@@ -97,12 +99,12 @@ Open = Callable[..., Workspace]
 def opened(clamp: Assembly, tmp_path: Path) -> Iterator[Open]:
     spaces: list[Workspace] = []
 
-    def made(*, with_depth: bool = True, without_depth: tuple[int, ...] = ()) -> Workspace:
+    def made(**options: Any) -> Workspace:
         store = AnnotationStore(
             tmp_path / "moving.db", sequence_name="moving", assembly_name=clamp.name
         )
         space = Workspace(
-            Moving(clamp, tmp_path, with_depth=with_depth, without_depth=without_depth),
+            Moving(clamp, tmp_path, **options),
             clamp,
             store=store,
             runs_folder=tmp_path / "runs",
@@ -167,6 +169,18 @@ def test_frames_without_depth_among_others_are_tracked_too(
     status = tracked(workspace, plan(workspace, View(place=3, selected="jaw"), "forward"))
     assert (status.state, status.done) == ("done", COUNT - 4)
     assert max(off_mm(workspace, place) for place in range(3, COUNT)) < 5
+
+
+def test_where_a_part_was_lost_is_told(opened: Open) -> None:
+    workspace = opened(gone_from=5)
+    annotate(workspace, 2)
+    view = View(place=2, selected="jaw", tab="annotate")
+    status = tracked(workspace, plan(workspace, view, "both"))
+    assert (status.state, status.done) == ("done", 4)
+    assert status.message == f"lost in frames {FIRST + 5} to {FIRST + 7}"
+    html = tracking.content(take(workspace, view, frame=None))
+    assert f"tracked to 4 frames, {status.message} (Shift Page ↓ goes there)" in html
+    assert gap_beside(view, workspace, 1) == 5
 
 
 def test_what_a_person_set_stays_and_is_started_from(opened: Open) -> None:

@@ -152,7 +152,7 @@ def test_a_restart_without_the_run_that_was_corrected_says_so(scene: Path, clamp
         ({"assembly": "no_such"}, "no assembly at 'no_such'"),
         ({"format": "gbot", "sequence": "/no/such/folder"}, "no scene folder"),
         ({"runs": (Path("/no/such/run"),)}, "/no/such/run"),
-        ({"runs": (Path("/no/such.csv"),)}, r"/no/such\.csv cannot be read as csv"),
+        ({"runs": (Path("/no/such.csv"),)}, r"there is no file /no/such\.csv"),
     ],
 )
 def test_what_cannot_be_opened_says_why(
@@ -171,6 +171,7 @@ def test_an_export_in_the_app_says_which_frames_it_lacks(scene: Path, clamp: Ass
         start_export(workspace, None).join(60)
         done, lacking = workspace.messages
         assert (done.title, done.is_problem) == ("Exported", False)
+        assert "without a pose, so exported as not there" in done.body
         assert lacking.is_problem
         assert "cannot be read: 0 (" in lacking.body
 

@@ -11,7 +11,8 @@ from websockets.datastructures import Headers
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from asdfviz.app.server import Gate, is_loopback, start_server, stop_server
+from asdfviz.app import server
+from asdfviz.app.server import Gate, is_loopback, outside_url, start_server, stop_server
 from asdfviz.errors import InputError
 
 OPEN = Gate(frozenset({"127.0.0.1", "localhost"}), None)
@@ -120,3 +121,13 @@ def test_beyond_this_machine_there_is_a_token() -> None:
 def _get(url: str, **headers: str) -> str:
     with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=10) as page:
         return page.read().decode()
+
+
+def test_the_address_for_other_machines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "_ELSEWHERE", dict.fromkeys(server._ELSEWHERE, "127.0.0.2"))
+    url = "http://127.0.0.1:8080/?token=x"
+    assert outside_url(url, "127.0.0.1") is None
+    found = outside_url(url, "0.0.0.0")
+    assert found is not None
+    assert found.startswith("http://127.0.0.")
+    assert found.endswith(":8080/?token=x")

@@ -460,13 +460,31 @@ def test_the_timeline_tells_verdicts_where_the_hand_is(page: Page, app: App) -> 
     )
     assert cut == ""
     overflow = """(timeline) => {
-        timeline.querySelectorAll(".tl-row:not(:first-child)").forEach((row) => { row.hidden = true; });
+        timeline.querySelectorAll(`.tl-row:not([data-testid="tl-annotation"])`).forEach((row) => { row.hidden = true; });
         return timeline.scrollHeight - timeline.clientHeight;
     }"""
     assert page.get_by_test_id("timeline").evaluate(overflow) == 0
     store.undo()
     app.workspace.changed()
     expect(row.locator(".tl-verified")).to_have_count(0)
+
+
+def test_the_state_places_what_it_joins(page: Page) -> None:
+    lane = page.get_by_test_id("tl-poses")
+    page.get_by_test_id("tab-annotate").click()
+    page.evaluate("() => window.asdfviz.send({kind: 'Seek', place: 2})")
+    page.get_by_test_id("part-jaw").click()
+    expect(lane).to_have_attribute("data-row", "poses of jaw")
+    page.get_by_test_id("state-2").click()
+    page.keyboard.press("Shift+Enter")
+    expect(page.get_by_test_id("status")).to_contain_text("jaw placed by the state in frame 2")
+    expect(page.get_by_test_id("part-jaw")).to_contain_text("by the state")
+    expect(lane.locator(".tl-pose-state")).to_have_attribute("data-first", "2")
+    for _ in range(2):
+        page.keyboard.press("Control+z")
+    expect(lane.locator(".tl-pose-state")).to_have_count(0)
+    page.keyboard.press("Escape")
+    expect(lane).to_have_attribute("data-row", "poses")
 
 
 def test_keys_are_on_a_sheet(page: Page) -> None:

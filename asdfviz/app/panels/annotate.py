@@ -20,7 +20,7 @@ from asdfviz.app.markup import (
     table,
     text,
 )
-from asdfviz.app.panels import tracking, verdicts
+from asdfviz.app.panels import placing, tracking, verdicts
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.typed_pose import FIGURES, figures_of
 from asdfviz.app.view import STEP_NAMES, STEPS_MM, View
@@ -39,6 +39,8 @@ STAGES = {
     "truth": "truth",
 }
 """How a pose came about, in words."""
+_DERIVED = {"tracked": "tracked", "group": "by the state"}
+"""The same of corrected poses that no hand has set."""
 
 
 def content(snap: Snapshot) -> str:
@@ -62,7 +64,8 @@ def _parts(snap: Snapshot) -> str:
     items = "".join(_part(name, snap) for name in snap.facts.parts)
     dense = " ax-dense" if len(snap.facts.parts) > ROOMY else ""
     found = f"<small>{len(snap.poses)} of {len(snap.facts.parts)} have a pose</small>"
-    return heading("Parts", found) + f'<ul class="ax-list{dense}" data-testid="parts">{items}</ul>'
+    listed = f'<ul class="ax-list{dense}" data-testid="parts">{items}</ul>'
+    return heading("Parts", found) + listed + placing.joined(snap)
 
 
 def _part(name: str, snap: Snapshot) -> str:
@@ -94,8 +97,10 @@ def _provenance(name: str, snap: Snapshot) -> str:
         return "not found<i> in this frame</i>"
     dot = chip(snap.source_color(shown.source), shape="dot")
     if shown.source == ANNOTATION:
-        how = "<i>, tracked</i>" if shown.stage == "tracked" else ""
-        return f"{dot}{'verified' if said is not None and said.verified else 'corrected'}{how}"
+        how = _DERIVED.get(shown.stage)
+        if said is None or not said.verified:
+            return f"{dot}{how or 'corrected'}"
+        return f"{dot}verified" + (f"<i>, {how}</i>" if how else "")
     stage = STAGES[shown.stage]
     source = snap.source_name(shown.source)
     return f"{dot}{text(source)}" + (f"<i>, {stage}</i>" if stage != source else "")
@@ -113,19 +118,12 @@ def _selected(snap: Snapshot) -> str:
         return heading("Pose") + empty("Click a part in the picture or in the list, or press N.")
     shown = snap.poses.get(name)
     if shown is None:
-        place = button(
-            "Place here",
-            act("PlacePart"),
-            title="Put it into the middle of the view",
-            key="Shift Enter",
-            classes="ax-primary",
-            testid="place",
-        )
         found = "is marked as not in" if name in snap.said else "was not found in"
         return (
             heading(f"Pose of {name}")
             + f'<p class="ax-empty">{text(name)} {found} this frame.</p>'
-            + f'<div class="ax-row">{place}{_copy_button()}</div>'
+            + f'<div class="ax-row">{placing.button_for(snap, name)}{_copy_button()}</div>'
+            + placing.HINT
             + verdicts.content(snap, name)
         )
     return (

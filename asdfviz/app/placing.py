@@ -1,0 +1,90 @@
+"""Puts parts somewhere: at a pixel, where they were before, or where the state joins them. No viser in here."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from asdfviz.app import actions as act
+from asdfviz.app import by_state
+from asdfviz.app.ar import look_direction
+from asdfviz.app.desk import Desk, Done
+from asdfviz.app.view import centre_of
+from asdfviz.errors import AnnotationError
+from asdfviz.geometry.shapes import Depth, Rotation
+from asdfviz.geometry.transforms import transform_from
+
+FALLBACK_DEPTH = 0.5
+"""Metres at which a part is put where nothing was measured."""
+
+
+def give(action: act.CopyPrevious | act.PlacePart | act.PlaceJoined, desk: Desk) -> Done:
+    """Keep the poses.
+
+    Raises:
+        AnnotationError: nothing tells where a part is to be put; the message says why.
+    """
+    match action:
+        case act.CopyPrevious():
+            return _copy(desk)
+        case act.PlacePart():
+            return _place(action, desk)
+        case act.PlaceJoined():
+            return by_state.place_joined(desk)
+
+
+def _copy(desk: Desk) -> Done:
+    before = desk.earlier()
+    if before is None:
+        raise AnnotationError(
+            f"{desk.part} has no pose in any of the frames before {desk.frame}: place it"
+        )
+    frame, T_camera_part = before
+    done = desk.keep(T_camera_part, "copied")
+    return replace(done, message=f"{desk.part} copied from frame {frame}")
+
+
+def _place(action: act.PlacePart, desk: Desk) -> Done:
+    """Put the part's middle where a pixel's depth says, turned as it was last."""
+    joined = by_state.place_one(desk) if action.u is None else None
+    if joined is not None:
+        return joined
+    frame = desk.workspace.frames[desk.view.place]
+    pixel = _pixel_of(action, desk)
+    depth = _depth_near(frame.depth, pixel) or FALLBACK_DEPTH
+    ray = look_direction(frame.camera.K, pixel)
+    R = _last_rotation(desk)
+    T_camera_part = transform_from(R, ray / ray[2] * depth - R @ desk.centre())
+    return desk.keep(T_camera_part, "placed")
+
+
+def _pixel_of(action: act.PlacePart, desk: Desk) -> tuple[float, float]:
+    facts = desk.workspace.facts()
+    if action.u is None or action.v is None:
+        return centre_of(desk.view, facts)
+    width, height = facts.size_wh
+    if not (-0.5 <= action.u <= width - 0.5 and -0.5 <= action.v <= height - 0.5):
+        raise AnnotationError(
+            f"{desk.part} was not placed: the click lies beside the picture; click into it"
+        )
+    return action.u, action.v
+
+
+def _depth_near(depth: Depth | None, pixel: tuple[float, float]) -> float | None:
+    """Median depth in a small window, metres; None where nothing was measured."""
+    if depth is None:
+        return None
+    u, v = round(pixel[0]), round(pixel[1])
+    near = depth[max(v - 4, 0) : v + 5, max(u - 4, 0) : u + 5]
+    known = near[near > 0]
+    return float(np.median(known)) if known.size else None
+
+
+def _last_rotation(desk: Desk) -> Rotation:
+    """The rotation in this frame or the nearest before that has the part; upright CAD axes otherwise."""
+    now = desk.workspace.poses(desk.view.place, desk.view.base).get(desk.part)
+    if now is not None:
+        return now.T_camera_part[:3, :3]
+    before = desk.earlier()
+    return np.diag([1.0, -1.0, -1.0]) if before is None else before[1][:3, :3]

@@ -1,0 +1,32 @@
+"""What an export says of missing poses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import FrameTruth
+from asdfviz.export.gaps import told_gaps
+
+
+def truth_of(*frames: str) -> dict[int, FrameTruth]:
+    """Frames 5, 6, ... in which the parts of the letters have poses."""
+    return {
+        5 + place: FrameTruth(5 + place, dict.fromkeys(letters, np.eye(4)), None)
+        for place, letters in enumerate(frames)
+    }
+
+
+@pytest.mark.parametrize(
+    ("frames", "told"),
+    [
+        (("ab", "ab", "ab"), ""),
+        (("ab", "a", "a"), "without a pose, so exported as not there: b in 2 of 3 frames"),
+        (
+            ("a", "a"),
+            "without a pose, so exported as not there: a in 1 of 3 frames, b in all frames",
+        ),
+    ],
+)
+def test_parts_without_poses_are_named(frames: tuple[str, ...], told: str) -> None:
+    assert told_gaps(truth_of(*frames), (5, 6, 7), ("a", "b")) == told
