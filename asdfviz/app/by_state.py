@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from asdfviz.annotate.records import BY_STATE
 from asdfviz.app.desk import Desk, Done
-from asdfviz.app.history import NAMED
+from asdfviz.app.history import NAMED, range_in_words
 from asdfviz.app.truths import drawn_truth
 from asdfviz.datatypes import Assembly, PoseEstimate, State
 from asdfviz.errors import AnnotationError
@@ -59,24 +59,28 @@ def place_one(desk: Desk) -> Done | None:
 
 
 def place_joined(desk: Desk) -> Done:
-    """Put every joined part without a pose where the state has it, in the frame or the marked range.
+    """Put every joined part without a pose where the state has it.
+
+    In the frame shown, in the marked range, or in the one that the state was just set for.
 
     Raises:
         AnnotationError: there is none to put anywhere; the message says why.
     """
     said = desk.workspace.store.said()
-    group = _Group.at(desk, desk.view.frames)
+    span = desk.view.joined
+    group = _Group.at(desk, span)
 
     def is_free(frame: int, name: str) -> bool:
         is_gone = said.get((frame, name), ("", ""))[0] == "remove_pose"
         return not is_gone and name not in group.poses.get(frame, {})
 
-    found = group.placed(desk.view.frames, is_free)
+    found = group.placed(span, is_free)
+    where = range_in_words(*(desk.workspace.indices[place] for place in span))
     if not found:
-        raise AnnotationError(_why_none(desk))
+        raise AnnotationError(_why_none(desk, where))
     names = list(dict.fromkeys(name for poses in found.values() for name in poses))
     who = " and ".join(names) if len(names) <= NAMED else f"{len(names)} joined parts"
-    return _kept(desk, found, who, desk.where)
+    return _kept(desk, found, who, where)
 
 
 def _kept(desk: Desk, found: Mapping[int, Poses], who: str, where: str) -> Done:
@@ -87,7 +91,7 @@ def _kept(desk: Desk, found: Mapping[int, Poses], who: str, where: str) -> Done:
     return Done(f"{who} placed by the state in {where}", desk.view.place)
 
 
-def _why_none(desk: Desk) -> str:
+def _why_none(desk: Desk, where: str) -> str:
     assembly, view = desk.workspace.assembly, desk.view
     state = desk.workspace.state(view.place, view.base)
     if state is None:
@@ -102,7 +106,7 @@ def _why_none(desk: Desk) -> str:
         return (
             f"no pose tells where the others are in frame {desk.frame}: place {assembly.base} first"
         )
-    return f"every part that is joined in {desk.where} has a pose, or is said not to be there"
+    return f"every part that is joined in {where} has a pose, or is said not to be there"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

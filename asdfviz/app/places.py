@@ -26,6 +26,8 @@ def edited(
     Keys that go through the states are pressed until the right one is there: all of them are for the
     same frames. `state` is the one that was set.
     """
+    if isinstance(action, act.SetState | act.RepeatState):
+        view = replace(view, labelled=view.range_here)
     if isinstance(action, act.NextState):
         view = replace(view, marking=None, served=True)
     elif isinstance(action, _STATEMENTS):
@@ -37,6 +39,7 @@ def at(view: View, place: int, facts: Facts) -> View:
     """The view at a place; a range that is being marked comes along, one that was used up ends."""
     place = min(max(place, 0), facts.count - 1)
     marked = view.marked
+    view = view if place == view.place else replace(view, labelled=None)
     if view.served and place != view.place:
         return replace(view, place=place, marked=None, served=False)
     if view.marking is not None:

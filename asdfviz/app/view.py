@@ -79,6 +79,8 @@ class View:
     """Where a range was begun by key."""
     served: bool = False
     """Whether the keys go through states for the marked range, which ends with the next frame."""
+    labelled: tuple[int, int] | None = None
+    """The marked range that a state was just set for, until another frame is shown."""
     state: int | None = None
     """The state (an index of the assembly) that was set last."""
     tab: act.Tab = "sequence"
@@ -96,6 +98,11 @@ class View:
         """The marked range while the frame shown is in it: elsewhere nobody thinks of it."""
         inside = self.marked is not None and self.marked[0] <= self.place <= self.marked[1]
         return self.marked if inside else None
+
+    @property
+    def joined(self) -> tuple[int, int]:
+        """First and last place in which joined parts would be placed."""
+        return self.range_here or self.labelled or (self.place, self.place)
 
     @property
     def frames(self) -> tuple[int, int]:

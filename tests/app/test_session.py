@@ -262,3 +262,12 @@ def test_what_is_no_matter_of_the_view_leaves_it(action: Any) -> None:
 def test_a_range_beyond_the_sequence_is_cut_to_it() -> None:
     assert after(View(), act.SetRange(5000, 6000)).marked == (9, 9)
     assert after(View(), act.SetRange(-8, -3)).marked == (0, 0)
+
+
+def test_joined_parts_may_follow_a_state_that_was_set_for_a_range() -> None:
+    view = edited(View(place=4, marked=(2, 6)), act.SetState(1), 4, FACTS, state=1)
+    assert (view.marked, view.joined) == (None, (2, 6))
+    assert after(view, act.Step(1)).joined == (5, 5)
+    assert after(view, act.Step(1), act.Step(-1)).joined == (4, 4)
+    again = edited(view, act.SetState(2), 4, FACTS, state=2)  # of this frame alone
+    assert again.joined == (4, 4)

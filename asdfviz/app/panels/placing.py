@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from asdfviz.app.by_state import can_place
+from asdfviz.app.history import range_in_words
 from asdfviz.app.markup import act, button
 from asdfviz.app.snapshot import Snapshot
 
@@ -38,8 +39,9 @@ def joined(snap: Snapshot) -> str:
     if not missing:
         return ""
     count = f"{len(missing)} joined part{'s' * (len(missing) > 1)}"
+    first, last = (snap.workspace.indices[place] for place in view.joined)
     place = button(
-        "Place them" if view.range_here is None else "Place in the range",
+        "Place them" if first == last else f"Place in {range_in_words(first, last)}",
         act("PlaceJoined"),
         title="Put every joined part without a pose where the state has it",
         key="Shift G",

@@ -103,7 +103,8 @@
     const own = field;
     field.addEventListener("keydown", (event) => {
       event.stopPropagation();
-      if (event.key === "Enter" || event.key === "Escape") close(event.key === "Enter");
+      // Tab, too: a field that is renewed just then would not be told that it was left.
+      if (["Enter", "Tab", "Escape"].includes(event.key)) close(event.key !== "Escape");
     });
     field.addEventListener("blur", () => whenLeft(own, () => { if (field === own) close(true); }));
     attach();
