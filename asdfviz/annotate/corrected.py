@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from asdfviz.annotate.identity import open_annotation, own_annotation_file
-from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, label_of
+from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, gone_of, label_of
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.data.result_csv import load_run_or_csv
 from asdfviz.data.run_files import RUNS
@@ -124,6 +124,12 @@ def annotation_truth(
     if not any(frame.T_camera_part or frame.state is not None for frame in truth.values()):
         raise _nothing_annotated(sequence, f"{file} has neither poses nor states")
     return truth
+
+
+def removed_poses(sequence: Sequence, *, annotations: Path | None = None) -> set[tuple[int, str]]:
+    """Frame numbers and parts that a person said are not there, of the file that `annotation_truth` reads."""
+    with open_annotation(sequence, _known(sequence.assembly), folder=annotations) as store:
+        return gone_of(store.said())
 
 
 def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, FrameTruth]:

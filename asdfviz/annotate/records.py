@@ -90,6 +90,11 @@ class Seed:
         return f"method:{self.method}" if self.kind == "run" else self.kind
 
 
+def gone_of(said: Mapping[tuple[int, str], tuple[str, str]]) -> set[tuple[int, str]]:
+    """Frame numbers and parts that were said not to be there, of what `AnnotationStore.said` returns."""
+    return {key for key, (kind, _) in said.items() if kind == "remove_pose"}
+
+
 def label_of(state: State) -> StateLabel:
     """Return the label that a state of the assembly stands for."""
     return StateLabel(state.completed, state.is_error, state.name, state.attached)

@@ -18,6 +18,7 @@ from asdfviz.app.desk import carried
 from asdfviz.app.history import NAMED, range_in_words
 from asdfviz.app.items import JobStatus, Message
 from asdfviz.app.job_actions import Direction
+from asdfviz.app.timeline import stretches
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame
@@ -119,11 +120,11 @@ class CarryJob(BackgroundJob):
             if self._stopped.is_set():
                 raise Stopped("cancelled")
             count = self._keep(found)
-            gaps = self._lost_in()
+            lost = self._lost_in(found)
         except Stopped:
             self._set(JobStatus(carry.label, "stopped", total=total))
         else:
-            self._set(JobStatus(carry.label, "done", done=count, total=total, message=gaps))
+            self._set(JobStatus(carry.label, "done", done=count, total=total, message=lost))
 
     def _fail(self, message: str) -> None:
         carry = self._carry
@@ -188,12 +189,20 @@ class CarryJob(BackgroundJob):
         workspace.store.set_frames(ordered, provenance=TRACKED, group=group)
         return sum(carry.part in poses for poses in ordered.values())
 
-    def _lost_in(self) -> str:
-        """Where the selected part has no pose after all, in words; empty if there is no such frame."""
+    def _lost_in(self, found: Mapping[str, Mapping[int, CarriedPose]]) -> str:
+        """Where the selected part was not found, in words; empty if there is no such frame."""
         carry, indices = self._carry, self._workspace.indices
-        gaps = self._workspace.lane(carry.part, carry.base).gaps(carry.first, carry.last)
-        told = [range_in_words(indices[first], indices[last]) for first, last in gaps]
-        return f"lost in {some(told, most=NAMED)}" if gaps else ""
+        by_hand = _set_by_hand(self._workspace)
+        is_lost = [
+            place not in found.get(carry.part, {}) and (indices[place], carry.part) not in by_hand
+            for place in range(carry.first, carry.last + 1)
+        ]
+        told = [
+            range_in_words(indices[carry.first + start], indices[carry.first + end])
+            for start, end, lost in stretches(is_lost)
+            if lost
+        ]
+        return f"lost in {some(told, most=NAMED)}" if told else ""
 
     def _tell(self, done: int, total: int, *, preparing: bool) -> None:
         now = time.monotonic()

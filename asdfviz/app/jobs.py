@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
+from asdfviz.annotate.records import gone_of
 from asdfviz.app.carrying import Carry, CarryJob
 from asdfviz.app.items import Message
 from asdfviz.app.method_job import MethodJob
@@ -143,9 +144,11 @@ def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
     def work() -> None:
         truth = exported_truth(workspace, base)
         left_out = export_bop(workspace.frames.source, truth, workspace.export_folder)
-        gaps = told_gaps(truth, workspace.indices, workspace.assembly.parts)
-        body = "\n".join(filter(None, [str(workspace.export_folder), gaps]))
-        workspace.say(Message("Exported", body))
+        workspace.say(Message("Exported", str(workspace.export_folder)))
+        gone = gone_of(workspace.said())
+        parts = workspace.assembly.parts
+        if gaps := told_gaps(truth, workspace.indices, parts, gone=gone):
+            workspace.say(Message("Some poses are missing", gaps))
         if left_out:
             workspace.say(Message("Not all exported", told_left_out(left_out), is_problem=True))
 

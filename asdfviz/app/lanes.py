@@ -9,10 +9,10 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from asdfviz.annotate.records import BY_STATE, TRACKED
+from asdfviz.annotate.records import BY_STATE, TRACKED, gone_of
 from asdfviz.app import theme
 from asdfviz.app.markup import text
-from asdfviz.app.timeline import light, span_style, stretches
+from asdfviz.app.timeline import light, span_style
 
 Kind = Literal["verified", "hand", "tracked", "state", "base", "gone", "none", "some"]
 
@@ -53,11 +53,6 @@ class Lane:
         ahead = range(place + 1, len(self.cells)) if direction > 0 else range(place - 1, -1, -1)
         return next((at for at in ahead if self.cells[at].is_gap), None)
 
-    def gaps(self, first: int, last: int) -> list[tuple[int, int]]:
-        """The stretches between two places, both included, in which a pose is missing."""
-        missing = stretches([cell.is_gap for cell in self.cells[first : last + 1]])
-        return [(first + start, first + end) for start, end, is_gap in missing if is_gap]
-
 
 def lane_of(
     part: str | None,
@@ -85,7 +80,7 @@ def lane_of(
             for index, has in zip(indices, held, strict=True)
         )
         return Lane(part, cells, color)
-    gone = {key for key, (kind, _) in said.items() if kind == "remove_pose"}
+    gone = gone_of(said)
     sums = [
         (
             sum((i, p) not in gone and ((i, p) in said or p in has) for p in parts),

@@ -28,6 +28,8 @@ def edited(
     """
     if isinstance(action, act.SetState | act.RepeatState):
         view = replace(view, labelled=view.range_here)
+    elif not isinstance(action, act.PlaceJoined):
+        view = replace(view, labelled=None)
     if isinstance(action, act.NextState):
         view = replace(view, marking=None, served=True)
     elif isinstance(action, _STATEMENTS):
@@ -79,7 +81,13 @@ def set_range(view: View, action: act.SetRange, facts: Facts) -> View:
     first, last = (min(max(place, 0), facts.count - 1) for place in (first, last))
     place = min(max(view.place, first), last)
     return replace(
-        view, place=place, marked=(first, last), marking=None, served=False, tab="annotate"
+        view,
+        place=place,
+        marked=(first, last),
+        marking=None,
+        labelled=None,
+        served=False,
+        tab="annotate",
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import theme, timeline
@@ -16,9 +16,12 @@ _LEGEND = (
 
 
 def annotation_row(
-    assembly: Assembly, store: AnnotationStore, indices: Sequence[int]
+    assembly: Assembly,
+    store: AnnotationStore,
+    indices: Sequence[int],
+    spoken: Mapping[tuple[int, str], tuple[str, str]],
 ) -> timeline.Row:
-    """States and verdicts that people gave; `indices` are the numbers of the frames."""
+    """States and verdicts that people gave; `indices` are frame numbers, `spoken` is `store.said()`."""
     marks: list[timeline.Mark | None] = [None] * len(indices)
     unlabelled = [False] * len(indices)
     for first, last, label in store.state_ranges():
@@ -28,7 +31,7 @@ def annotation_row(
                 unlabelled[place] = mark is None and (unlabelled[place] or marks[place] is not None)
                 marks[place] = mark
     said: dict[int, dict[str, bool]] = {}
-    for (index, part), (kind, _) in store.said().items():
+    for (index, part), (kind, _) in spoken.items():
         if part in assembly.parts and kind != "pose":
             said.setdefault(index, {})[part] = kind == "verify"
     verdicts = tuple(

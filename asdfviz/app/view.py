@@ -102,7 +102,9 @@ class View:
     @property
     def joined(self) -> tuple[int, int]:
         """First and last place in which joined parts would be placed."""
-        return self.range_here or self.labelled or (self.place, self.place)
+        kept = self.labelled
+        is_inside = kept is not None and kept[0] <= self.place <= kept[1]
+        return self.range_here or (kept if is_inside and kept else (self.place, self.place))
 
     @property
     def frames(self) -> tuple[int, int]:

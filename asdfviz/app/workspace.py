@@ -72,7 +72,8 @@ class Workspace:
         self._changes = 0
         self._lock = threading.RLock()
         self._listeners: list[Callable[[], None]] = []
-        self._lane: tuple[object, Lane] | None = None
+        self._said: tuple[int, Mapping[tuple[int, str], tuple[str, str]]] | None = None
+        self._lanes: dict[tuple[str | None, str | None], tuple[object, object, Lane]] = {}
         self._rows: tuple[object, tuple[timeline.Row, ...], tuple[int, ...], bool] | None = None
 
     @property
@@ -88,8 +89,7 @@ class Workspace:
     @property
     def runs(self) -> tuple[LoadedRun, ...]:
         """All runs, in the order of their numbers."""
-        with self._lock:
-            return self._runs
+        return self._runs  # no lock: who writes to the store asks for it while holding that
 
     def run(self, run_id: str | None) -> LoadedRun | None:
         """The run of an id."""
@@ -203,27 +203,29 @@ class Workspace:
         named = (state for state in self.assembly.states if mark and state.name == mark.name)
         return next(named, None)
 
-    def lane(self, part: str | None, base: str | None) -> Lane:
-        """Where a part, or any, has a pose; made anew only when a run or the annotation changed."""
-        with self._lock:
-            stamp = (self.version(), part, base)
-            if self._lane is None or self._lane[0] != stamp:
-                run = self.run(base)
-                places = range(len(self.indices))
-                lane = lane_of(
-                    part,
-                    self.indices,
-                    self.assembly.parts,
-                    said=self.store.said(),
-                    held=[self.layer(place, base) if base else () for place in places],
-                    source=(run.label, run.color) if run else ("the truth", theme.TRUTH),
-                )
-                self._lane = (stamp, lane)
-            return self._lane[1]
+    def said(self) -> Mapping[tuple[int, str], tuple[str, str]]:
+        """What the store has said, asked again only when the annotation changed."""
+        version = self.store.version()
+        if self._said is None or self._said[0] != version:
+            self._said = (version, self.store.said())
+        return self._said[1]
 
-    def version(self) -> tuple[int, int]:
-        """Another whenever a run or the annotation changed."""
-        return self.store.version(), self._changes
+    def lane(self, part: str | None, base: str | None) -> Lane:
+        """Where a part, or any, has a pose; made anew when the annotation, or the base's run, changed."""
+        run, said = self.run(base), self.said()
+        known = self._lanes.get((part, base))
+        if known is None or known[0] is not said or known[1] is not run:
+            places = range(len(self.indices))
+            lane = lane_of(
+                part,
+                self.indices,
+                self.assembly.parts,
+                said=said,
+                held=[self.layer(place, base) if base else () for place in places],
+                source=(run.label, run.color) if run else ("the truth", theme.TRUTH),
+            )
+            known = self._lanes[part, base] = (said, run, lane)
+        return known[2]
 
     def _rows_and_what_follows(self) -> tuple[tuple[timeline.Row, ...], tuple[int, ...], bool]:
         """With the boundaries, and whether anything was corrected, which takes longer the more there is.
@@ -231,7 +233,7 @@ class Workspace:
         Made anew only when a run or the annotation changed.
         """
         with self._lock:
-            stamp = self.version()
+            stamp = (self.store.version(), self._changes)
             if self._rows is None or self._rows[0] != stamp:
                 rows = self._build_rows()
                 is_corrected = self.store.corrections() > 0
@@ -287,7 +289,7 @@ class Workspace:
         self.store.close()
 
     def _build_rows(self) -> tuple[timeline.Row, ...]:
-        rows = [strips.annotation_row(self.assembly, self.store, self.indices)]
+        rows = [strips.annotation_row(self.assembly, self.store, self.indices, self.said())]
         true = tuple(timeline.mark_of_truth(self.assembly, truth) for truth in self.truths)
         if any(mark is not None for mark in true):
             rows.append(timeline.Row(TRUTH, "truth", theme.TRUTH, true))

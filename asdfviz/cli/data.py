@@ -98,7 +98,7 @@ class Export:
 
     def __call__(self) -> None:
         """Export what the annotation holds."""
-        from asdfviz.annotate.corrected import annotation_truth
+        from asdfviz.annotate.corrected import annotation_truth, removed_poses
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
         from asdfviz.export.bop import export_bop
@@ -120,7 +120,8 @@ class Export:
             )
         if left_out:
             print(f"warning: {told_left_out(left_out)}", file=sys.stderr)
+        gone = removed_poses(sequence, annotations=self.annotations)
         parts = () if sequence.assembly is None else tuple(sequence.assembly.parts)
-        if gaps := told_gaps(truth, sequence.frame_indices, parts):
+        if gaps := told_gaps(truth, sequence.frame_indices, parts, gone=gone):
             print(f"note: {gaps}", file=sys.stderr)
         print(self.out)

@@ -12,17 +12,25 @@ _MOST = 5
 
 
 def told_gaps(
-    truth: Mapping[int, FrameTruth], frames: Collection[int], parts: Collection[str]
+    truth: Mapping[int, FrameTruth],
+    frames: Collection[int],
+    parts: Collection[str],
+    *,
+    gone: Collection[tuple[int, str]] = (),
 ) -> str:
-    """Say of which parts there is no pose in how many frames; empty where there are all.
+    """Say of which parts there is no pose in how many frames; empty where nobody misses one.
 
     Args:
         truth: what is exported, by frame number.
         frames: numbers of all frames.
         parts: names of the assembly's parts.
+        gone: frame numbers and parts that a person said are not there.
     """
-    known = [set(truth[i].T_camera_part) if i in truth else set[str]() for i in frames]
-    lacking = {part: sum(part not in here for here in known) for part in parts}
+    known = {i: set(truth[i].T_camera_part) if i in truth else set[str]() for i in frames}
+    lacking = {
+        part: sum(part not in here and (i, part) not in gone for i, here in known.items())
+        for part in parts
+    }
     told = [
         f"{part} in {count} of {len(known)} frames"
         if count < len(known)

@@ -171,15 +171,18 @@ def test_frames_without_depth_among_others_are_tracked_too(
     assert max(off_mm(workspace, place) for place in range(3, COUNT)) < 5
 
 
-def test_where_a_part_was_lost_is_told(opened: Open) -> None:
+@pytest.mark.parametrize("otherwise", ["nothing", "tracked before"])
+def test_where_a_part_was_lost_is_told(opened: Open, otherwise: str) -> None:
     workspace = opened(gone_from=5)
     annotate(workspace, 2)
+    if otherwise == "tracked before":
+        annotate(workspace, 6, provenance=TRACKED)
     view = View(place=2, selected="jaw", tab="annotate")
     status = tracked(workspace, plan(workspace, view, "both"))
     assert (status.state, status.done) == ("done", 4)
     assert status.message == f"lost in frames {FIRST + 5} to {FIRST + 7}"
     html = tracking.content(take(workspace, view, frame=None))
-    assert f"tracked to 4 frames, {status.message} (Shift Page ↓ goes there)" in html
+    assert f"tracked to 4 frames, {status.message}" in html
     assert gap_beside(view, workspace, 1) == 5
 
 

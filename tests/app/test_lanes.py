@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tiny_sequence import make_run
 
 from asdfviz.annotate.records import BY_STATE, TRACKED
 from asdfviz.app import lanes
@@ -33,10 +34,9 @@ def test_it_says_where_poses_are_from(with_run: Workspace) -> None:
     kinds = [cell.kind for cell in lane.cells]
     assert kinds == ["none", "tracked", "hand", "state", "verified", "gone", "base", "base"]
     assert lane.cells[7].say == "from asdf"
-    assert lane.gaps(0, 7) == [(0, 0)]
-    alone = with_run.lane("jaw", None)
-    assert alone.gaps(0, 7) == [(0, 0), (6, 7)]
-    assert alone.gaps(1, 6) == [(6, 6)]
+    assert [place for place, cell in enumerate(lane.cells) if cell.is_gap] == [0]
+    alone = with_run.lane("jaw", None).cells
+    assert [place for place, cell in enumerate(alone) if cell.is_gap] == [0, 6, 7]
 
 
 def test_of_all_parts_it_says_how_many(with_run: Workspace) -> None:
@@ -63,8 +63,13 @@ def test_the_next_gap_is_found_both_ways(with_run: Workspace) -> None:
 
 
 def test_it_is_made_anew_only_when_something_changed(with_run: Workspace) -> None:
-    lane = with_run.lane("jaw", "first")
+    lane, other = with_run.lane("jaw", "first"), with_run.lane(None, "first")  # of two tabs
+    with_run.put_run(make_run(with_run.assembly), "second")
     assert with_run.lane("jaw", "first") is lane
+    assert with_run.lane(None, "first") is other
+    with_run.put_run(make_run(with_run.assembly), "first")
+    assert with_run.lane("jaw", "first") is not lane
+    lane = with_run.lane("jaw", "first")
     annotate(with_run)
     assert with_run.lane("jaw", "first") is not lane
 

@@ -169,9 +169,9 @@ def test_an_export_in_the_app_says_which_frames_it_lacks(scene: Path, clamp: Ass
     (scene / "rgb" / "000000.png").write_bytes(b"")
     with contextlib.closing(open_workspace(config(scene))) as workspace:
         start_export(workspace, None).join(60)
-        done, lacking = workspace.messages
+        done, missing, lacking = workspace.messages
         assert (done.title, done.is_problem) == ("Exported", False)
-        assert "without a pose, so exported as not there" in done.body
+        assert missing.body.startswith("without a pose, so exported as not there: base in")
         assert lacking.is_problem
         assert "cannot be read: 0 (" in lacking.body
 

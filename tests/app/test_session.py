@@ -271,3 +271,7 @@ def test_joined_parts_may_follow_a_state_that_was_set_for_a_range() -> None:
     assert after(view, act.Step(1), act.Step(-1)).joined == (4, 4)
     again = edited(view, act.SetState(2), 4, FACTS, state=2)  # of this frame alone
     assert again.joined == (4, 4)
+    moved = after(view, act.SetRange(7, 7))
+    assert after(moved, act.Cancel()).joined == (7, 7)
+    assert edited(view, act.Undo(), 4, FACTS).joined == (4, 4)
+    assert edited(view, act.PlaceJoined(), 4, FACTS).joined == (2, 6)

@@ -30,3 +30,8 @@ def truth_of(*frames: str) -> dict[int, FrameTruth]:
 )
 def test_parts_without_poses_are_named(frames: tuple[str, ...], told: str) -> None:
     assert told_gaps(truth_of(*frames), (5, 6, 7), ("a", "b")) == told
+
+
+def test_what_is_said_not_to_be_there_is_not_missed() -> None:
+    gone = {(6, "b"), (7, "b")}
+    assert told_gaps(truth_of("ab", "a", "a"), (5, 6, 7), ("a", "b"), gone=gone) == ""

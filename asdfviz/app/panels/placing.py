@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from asdfviz.app.by_state import can_place
+from asdfviz.app.by_state import follows, told_parts
 from asdfviz.app.history import range_in_words
 from asdfviz.app.markup import act, button
 from asdfviz.app.snapshot import Snapshot
@@ -15,7 +15,7 @@ HINT = (
 
 def button_for(snap: Snapshot, name: str) -> str:
     """The button that puts the selected part somewhere, and says where."""
-    by_state = _is_told(snap, name)
+    by_state = name in told_parts(snap.workspace, snap.view.place, snap.view.base)
     where = "where the state joins it" if by_state else "into the middle of the view"
     return button(
         "Place by the state" if by_state else "Place here",
@@ -28,29 +28,22 @@ def button_for(snap: Snapshot, name: str) -> str:
 
 
 def joined(snap: Snapshot) -> str:
-    """What puts all joined parts in place, where some have no pose; else nothing."""
-    view = snap.view
-    attached = snap.workspace.attached(view.place, view.base)
-    missing = [
-        name
-        for name in attached
-        if name not in snap.poses and name not in snap.said and _is_told(snap, name)
-    ]
-    if not missing:
+    """What puts all joined parts in place, where some have no pose or were placed so before; else nothing."""
+    workspace, place, base = snap.workspace, snap.view.place, snap.view.base
+    told = told_parts(workspace, place, base)
+    missing = [name for name in told if name not in snap.poses and name not in snap.said]
+    again = [name for name in told if follows(workspace, place, name)]
+    if not missing and not again:
         return ""
-    count = f"{len(missing)} joined part{'s' * (len(missing) > 1)}"
-    first, last = (snap.workspace.indices[place] for place in view.joined)
-    place = button(
-        "Place them" if first == last else f"Place in {range_in_words(first, last)}",
+    count = f"{len(missing)} joined part{'s' * (len(missing) > 1)} without a pose"
+    first, last = (workspace.indices[at] for at in snap.view.joined)
+    where = "" if first == last else f" in {range_in_words(first, last)}"
+    pressed = button(
+        f"Place {'them' if missing else 'again'}{where}",
         act("PlaceJoined"),
-        title="Put every joined part without a pose where the state has it",
+        title="Put every joined part without a pose of its own where the state has it",
         key="Shift G",
         testid="place-joined",
     )
-    return f'<div class="ax-row">{place}<span class="ax-note">{count} without a pose</span></div>'
-
-
-def _is_told(snap: Snapshot, name: str) -> bool:
-    workspace, view = snap.workspace, snap.view
-    poses = {other: shown.T_camera_part for other, shown in snap.poses.items()}
-    return can_place(workspace.assembly, workspace.state(view.place, view.base), poses, name)
+    note = count if missing else f"{len(again)} placed by the state"
+    return f'<div class="ax-row">{pressed}<span class="ax-note">{note}</span></div>'

@@ -42,7 +42,7 @@ def _progress(job: JobStatus) -> str:
 
 
 def _end(job: JobStatus) -> str:
-    lost = f", {job.message} (Shift Page ↓ goes there)" if job.message else ""
+    lost = f", {job.message}" if job.message else ""
     words = {
         "done": f"✓ {job.method} tracked to {job.done} frames{lost}; Undo takes all of them back.",
         "stopped": f"Tracking {job.method} was cancelled; nothing was changed.",
