@@ -13,6 +13,7 @@ import tyro
 
 from asdfviz.cli import BAD_INPUT
 from asdfviz.cli.progress import progress_bar
+from asdfviz.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -106,6 +107,10 @@ class Export:
         from asdfviz.export.readable import told_left_out
         from asdfviz.export.yolo import export_yolo
 
+        if self.ids == "numbers" and self.layout != "bop":
+            raise InputError(
+                f"--ids numbers is for --layout bop; labels of {self.layout} number their classes anyway"
+            )
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         truth = annotation_truth(sequence, annotations=self.annotations)

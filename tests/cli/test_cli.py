@@ -448,3 +448,12 @@ def test_export_names_what_it_leaves_out(
     assert len(warnings) == 1
     assert "cannot be read: 4 (" in warnings[0]
     assert 4 not in open_sequence(out).frame_indices
+
+
+def test_numbers_are_for_the_layout_that_has_them(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ("export", "sample", "--out", str(tmp_path / "out"), "--ids", "numbers")
+    assert exit_code(*line, "--layout", "yolo") == 2
+    assert "--ids numbers is for --layout bop" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
