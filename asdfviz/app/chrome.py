@@ -86,7 +86,8 @@ def controls(snap: Snapshot) -> str:
 def timeline_rows(snap: Snapshot) -> str:
     """The strips, and the frames' numbers for the page's script."""
     steps = len(snap.workspace.assembly.steps)
-    lane = lanes.build(snap.lane, count=snap.facts.count)
+    color = snap.workspace.colors.get(snap.lane.part or "", theme.ANNOTATION)
+    lane = lanes.build(snap.lane, count=snap.facts.count, color=color)
     rows = lane + timeline.build(snap.rows, count=snap.facts.count, steps=steps)
     return f'<div data-numbers="{text(json.dumps(snap.workspace.indices))}">{rows}</div>'
 

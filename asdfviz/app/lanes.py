@@ -91,11 +91,11 @@ def lane_of(
     return Lane(None, tuple(_sum(found, there) for found, there in sums), color)
 
 
-def build(lane: Lane, *, count: int) -> str:
-    """The lane as HTML."""
+def build(lane: Lane, *, count: int, color: theme.Rgb3) -> str:
+    """The lane as HTML; `color` is that of the part, or any where all are meant."""
     label = lane.part or "poses"
     row = "poses" if lane.part is None else f"poses of {lane.part}"
-    dot = f'<i class="ax-chip ax-dot" style="background:{theme.css(theme.ANNOTATION)}"></i>'
+    dot = f'<i class="ax-chip ax-dot" style="background:{theme.css(color)}"></i>'
     inner = "".join(_piece(*piece, lane.color, count) for piece in light(lane.cells))
     return (
         f'<div class="tl-row tl-lane" data-testid="tl-poses" data-row="{text(row)}">'
