@@ -7,23 +7,29 @@ set stays.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from asdfviz.annotate.records import BY_STATE, DERIVED, gone_of
-from asdfviz.app.desk import Desk, Done
+from asdfviz.app.desk import Desk, Done, NothingLeft
 from asdfviz.app.history import NAMED, range_in_words
 from asdfviz.app.joined import Joined, Poses, base_by_group
 from asdfviz.app.truths import drawn_truth
 from asdfviz.app.workspace import Workspace
+from asdfviz.datatypes import Assembly, State
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import inverse
+from asdfviz.state.joints import deviation
 
 Key = tuple[int, str]
 """Number of a frame, and a part."""
 _FOLLOWS = ("pose", BY_STATE)
 """What is said of a pose that follows from others, and so tells nothing of them."""
 _NONE: Poses = {}
+_OFF, _OFF_DEG = 0.001, 0.5
+"""Farther from its place, metres and degrees, a part that was placed by the state no longer fits."""
 _SAME = 1e-9
 """Entries of poses that differ by less are the same, metres."""
 
@@ -51,6 +57,55 @@ def follows(workspace: Workspace, place: int, part: str) -> bool:
     return workspace.said().get((workspace.indices[place], part)) == _FOLLOWS
 
 
+def off_place(
+    assembly: Assembly, state: State | None, poses: Poses, said: Collection[str]
+) -> list[str]:
+    """The parts, of those that were placed by the state, that no longer fit the base.
+
+    Args:
+        assembly: the parts.
+        state: of the frame; None where it is not known.
+        poses: T_camera_part of what is drawn in the frame.
+        said: the parts that were placed by the state.
+    """
+    base = poses.get(assembly.base)
+    if state is None or base is None:
+        return []
+    off: list[str] = []
+    for name in said:
+        if name not in state.attached:
+            off.append(name)
+        elif name in poses and name != assembly.base:
+            part = assembly.parts[name]
+            apart = deviation(
+                inverse(base) @ poses[name],
+                state.T_base_part[name],
+                center_part=part.middle,
+                symmetries=part.symmetries,
+                joint=state.joints.get(name),
+            )
+            if not apart.within(_OFF, _OFF_DEG):
+                off.append(name)
+    return off
+
+
+def told_off(workspace: Workspace, base: str | None) -> str:
+    """Say in how many frames parts that were placed by the state no longer fit; empty if they all do."""
+    placed: dict[int, list[str]] = {}
+    for (frame, name), said in workspace.said().items():
+        if said == _FOLLOWS:
+            placed.setdefault(frame, []).append(name)
+    truth, count = drawn_truth(workspace, base), 0
+    for frame, names in placed.items():
+        place = workspace.place_of.get(frame)
+        if place is not None and frame in truth:
+            state = workspace.state(place, base)
+            count += bool(off_place(workspace.assembly, state, truth[frame].T_camera_part, names))
+    words = "parts that were placed by the state no longer fit the base, or the state, in"
+    frames = f"{count} frame{'s' * (count > 1)}"
+    return f"{words} {frames}: mark them and press Shift G" if count else ""
+
+
 def place_one(desk: Desk) -> Done | None:
     """Put the selected part where the state of the frame shown has it; None where that says nothing.
 
@@ -71,7 +126,8 @@ def place_one(desk: Desk) -> Done | None:
     is_own = kind == "verify" or provenance not in DERIVED
     key, T_camera_part = (desk.frame, desk.part), found[view.place][desk.part]
     told = "placed" if is_own else BY_STATE
-    return _kept(desk, {key: T_camera_part}, provenance=told, replaces=True)
+    span = (view.place, view.place)
+    return _kept(desk, {key: T_camera_part}, span=span, provenance=told, replaces=True)
 
 
 def place_joined(desk: Desk) -> Done:
@@ -107,8 +163,13 @@ def place_joined(desk: Desk) -> Done:
         and name not in state.attached
     ]
     if not fresh and not stale:
+        if placed and not any(joined.unknown(span)):
+            raise NothingLeft("every joined part is where the state has it already")
         raise AnnotationError(_why_none(desk, joined))
-    return _kept(desk, fresh, stale)
+    done = _kept(desk, fresh, stale, span=span)
+    unposed = joined.unknown(span)[2]
+    lack = f"; nothing tells where the group is in {unposed} of them" if unposed else ""
+    return replace(done, message=f"{done.message}{lack}")
 
 
 def _known(desk: Desk, *, without: Key | None = None) -> tuple[Joined, dict[Key, Transform]]:
@@ -140,6 +201,7 @@ def _kept(
     found: Mapping[Key, Transform],
     stale: Collection[Key] = (),
     *,
+    span: tuple[int, int],
     provenance: str = BY_STATE,
     replaces: bool = False,
 ) -> Done:
@@ -157,20 +219,21 @@ def _kept(
             by_frame.setdefault(frame, {})[name] = T_camera_part
         if by_frame:
             store.set_frames(by_frame, provenance=provenance, group=desk.group)
-    told = [_told(desk, kept, "placed by the state")] if kept else []
-    told += [_told(desk, gone, "taken away, since the state does not join it")] if gone else []
+    told = [_told(desk, kept, "placed by the state", span)] if kept else []
+    told += (
+        [_told(desk, gone, "taken away, since the state does not join it", span)] if gone else []
+    )
     return Done("; ".join(told) or "nothing was placed", desk.view.place)
 
 
-def _told(desk: Desk, keys: Collection[Key], deed: str) -> str:
+def _told(desk: Desk, keys: Collection[Key], deed: str, span: tuple[int, int]) -> str:
     names = list(dict.fromkeys(name for _, name in keys))
     who = " and ".join(names) if len(names) <= NAMED else f"{len(names)} joined parts"
     frames = sorted({frame for frame, _ in keys})
-    first, last = desk.view.joined
-    if len(frames) in (1, last - first + 1):
-        return f"{who} {deed} in {range_in_words(frames[0], frames[-1])}"
-    span = range_in_words(desk.workspace.indices[first], desk.workspace.indices[last])
-    return f"{who} {deed} in {len(frames)} of {span}"
+    first, last = (desk.workspace.indices[place] for place in span)
+    if len(frames) == span[1] - span[0] + 1:
+        return f"{who} {deed} in {range_in_words(first, last)}"
+    return f"{who} {deed} in {len(frames)} of {range_in_words(first, last)}"
 
 
 def _why_none(desk: Desk, joined: Joined) -> str:

@@ -124,7 +124,8 @@ class CarryJob(BackgroundJob):
         except Stopped:
             self._set(JobStatus(carry.label, "stopped", total=total))
         else:
-            self._set(JobStatus(carry.label, "done", done=count, total=total, message=lost))
+            end = JobStatus(carry.label, "done", done=count, total=total, message=lost)
+            self._set(replace(end, part=carry.part, version=self._workspace.store.version()))
 
     def _fail(self, message: str) -> None:
         carry = self._carry
@@ -183,11 +184,27 @@ class CarryJob(BackgroundJob):
                 f"{carry.part} was lost at once: look whether its pose here is right"
             )
         group = f"track@{time.monotonic():.6f}"
-        if workspace.store.seed().kind == "none" and carry.base is not None:
-            workspace.store.set_seed(workspace.seed_of(carry.base), group=group)
         ordered = {frame: Ts_by_frame[frame] for frame in sorted(Ts_by_frame)}
-        workspace.store.set_frames(ordered, provenance=TRACKED, group=group)
+        with workspace.store.transaction():
+            if workspace.store.seed().kind == "none" and carry.base is not None:
+                workspace.store.set_seed(workspace.seed_of(carry.base), group=group)
+            for frame, name in self._superseded(ordered):
+                workspace.store.drop_pose(frame, name, group=group)
+            workspace.store.set_frames(ordered, provenance=TRACKED, group=group)
         return sum(carry.part in poses for poses in ordered.values())
+
+    def _superseded(self, found: Mapping[int, Mapping[str, Transform]]) -> list[tuple[int, str]]:
+        """Poses that were tracked earlier, in frames in which the part was lost this time."""
+        carry, indices = self._carry, self._workspace.indices
+        tracked = {
+            key for key, said in self._workspace.store.said().items() if said == ("pose", TRACKED)
+        }
+        tried = {
+            (indices[place], name)
+            for place in range(carry.first, carry.last + 1)
+            for name in carry.keyframes
+        }
+        return sorted(k for k in tracked & tried if k[1] not in found.get(k[0], {}))
 
     def _lost_in(self, found: Mapping[str, Mapping[int, CarriedPose]]) -> str:
         """Where the selected part was not found, in words; empty if there is no such frame."""
@@ -202,7 +219,8 @@ class CarryJob(BackgroundJob):
             for start, end, lost in stretches(is_lost)
             if lost
         ]
-        return f"lost in {some(told, most=NAMED)}" if told else ""
+        count = f"{sum(is_lost)} of {len(is_lost) - 1} frames"
+        return f"lost in {count}: {some(told, most=NAMED)}" if told else ""
 
     def _tell(self, done: int, total: int, *, preparing: bool) -> None:
         now = time.monotonic()

@@ -16,9 +16,9 @@ from typing import Any
 from asdfviz.app import actions as act
 from asdfviz.app import camera
 from asdfviz.app.carrying import plan
-from asdfviz.app.desk import Burst, dragged
+from asdfviz.app.desk import Burst, NothingLeft, dragged
 from asdfviz.app.display import Display
-from asdfviz.app.editing import Edits, NothingLeft, apply_edit, gap_beside
+from asdfviz.app.editing import Edits, apply_edit, gap_beside, told_gap
 from asdfviz.app.inbox import Inbox
 from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
@@ -239,6 +239,7 @@ class Controller:
         """Go where a pose is missing."""
         place = gap_beside(self.view, self._workspace, action.direction)
         self.view = update(self.view, act.Hold(place), self._workspace.facts())
+        self._status = told_gap(self.view, self._workspace)
 
     def _use_run(self) -> None:
         """Corrections that were begun go on from the new base."""

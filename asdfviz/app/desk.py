@@ -22,6 +22,10 @@ LONGEST_BURST = 1.5
 _DEEDS = {"gizmo": "dragged", "keys": "moved", "copied": "copied", "placed": "placed"}
 
 
+class NothingLeft(AnnotationError):
+    """There is nothing more to undo, to redo or to go to: no fault, only the end."""
+
+
 @dataclass(frozen=True, slots=True)
 class Burst:
     """Nudges in a row, which are one step for undo."""

@@ -11,9 +11,10 @@ from dataclasses import replace
 import numpy as np
 
 from asdfviz.annotate.edits import nudged, rotated
+from asdfviz.annotate.records import gone_of
 from asdfviz.app import actions as act
 from asdfviz.app import labels, placing, verdicts
-from asdfviz.app.desk import Burst, Desk, Done
+from asdfviz.app.desk import Burst, Desk, Done, NothingLeft
 from asdfviz.app.history import frames_of, in_words, place_to_show
 from asdfviz.app.typed_pose import typed_pose
 from asdfviz.app.view import STEPS_MM, View
@@ -38,10 +39,6 @@ Edits = (
     | act.Undo
     | act.Redo
 )
-
-
-class NothingLeft(AnnotationError):
-    """There is nothing more to undo, to redo or to go to: no fault, only the end."""
 
 
 def apply_edit(
@@ -77,6 +74,14 @@ def gap_beside(view: View, workspace: Workspace, direction: int) -> int:
             f"{who} a pose, or is said not to be there, in all frames {which} this one"
         )
     return place
+
+
+def told_gap(view: View, workspace: Workspace) -> str:
+    """Which parts have no pose in the frame shown."""
+    frame, shown = workspace.indices[view.place], workspace.poses(view.place, view.base)
+    gone = gone_of(workspace.said())
+    parts = [p for p in workspace.assembly.parts if p not in shown and (frame, p) not in gone]
+    return f"frame {frame}: no pose of {', '.join(parts)}"
 
 
 def _dispatch(action: Edits, desk: Desk) -> Done:

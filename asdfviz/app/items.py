@@ -58,6 +58,10 @@ class JobStatus:
     total: int = 0
     milliseconds: float | None = None
     message: str = ""
+    part: str = ""
+    """Of tracking: the part that was selected."""
+    version: int = 0
+    """Of the annotation once it had ended: later it may no longer be as was told."""
     preparing: bool = False
     """`done` and `total` count views of the parts that the method needs made first, not frames."""
 

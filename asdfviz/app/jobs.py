@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable
 
 from asdfviz.annotate.records import gone_of
+from asdfviz.app.by_state import told_off
 from asdfviz.app.carrying import Carry, CarryJob
 from asdfviz.app.items import Message
 from asdfviz.app.method_job import MethodJob
@@ -149,6 +150,8 @@ def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
         parts = workspace.assembly.parts
         if gaps := told_gaps(truth, workspace.indices, parts, gone=gone):
             workspace.say(Message("Some poses are missing", gaps))
+        if off := told_off(workspace, base):
+            workspace.say(Message("Some poses no longer fit", off, is_problem=True))
         if left_out:
             workspace.say(Message("Not all exported", told_left_out(left_out), is_problem=True))
 

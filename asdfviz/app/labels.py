@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from asdfviz.annotate.records import label_of
 from asdfviz.app import actions as act
+from asdfviz.app import timeline
 from asdfviz.app.desk import Desk, Done
 from asdfviz.errors import AnnotationError
 
@@ -46,6 +47,8 @@ def _beside(action: act.NextState, desk: Desk) -> int:
     """The correct state beside the one of the frame shown; an error lies between two of them."""
     steps = desk.workspace.assembly.steps
     mark, _ = desk.workspace.mark(desk.view.place, desk.view.base)
+    if mark is None and action.by > 0:
+        mark = _before(desk)
     if mark is None:
         if action.by < 0:
             raise AnnotationError(
@@ -59,6 +62,15 @@ def _beside(action: act.NextState, desk: Desk) -> int:
             f"frame {desk.frame} is in the {end} state already; errors are set in the Annotate tab"
         )
     return state
+
+
+def _before(desk: Desk) -> timeline.Mark | None:
+    """The last state that is known before the frames: what is built goes on from there."""
+    marks = (
+        desk.workspace.mark(place, desk.view.base)[0]
+        for place in range(desk.view.frames[0] - 1, -1, -1)
+    )
+    return next((mark for mark in marks if mark is not None), None)
 
 
 def _last(desk: Desk) -> int:

@@ -6,13 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from asdfviz.annotate.edits import previous_pose
+from asdfviz.annotate.records import gone_of
 from asdfviz.app import actions as act
 from asdfviz.app import by_state
 from asdfviz.app.ar import look_direction
 from asdfviz.app.desk import Desk, Done
+from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import centre_of
 from asdfviz.errors import AnnotationError
-from asdfviz.geometry.shapes import Depth, Rotation
+from asdfviz.geometry.shapes import Depth, Rotation, Transform
 from asdfviz.geometry.transforms import transform_from
 
 FALLBACK_DEPTH = 0.5
@@ -35,6 +38,9 @@ def give(action: act.CopyPrevious | act.PlacePart | act.PlaceJoined, desk: Desk)
 
 
 def _copy(desk: Desk) -> Done:
+    """In a marked range, into every frame without a pose: a part that lies still, or is hidden."""
+    if desk.view.range_here is not None:
+        return _copy_along(desk)
     before = desk.earlier()
     if before is None:
         raise AnnotationError(
@@ -45,6 +51,31 @@ def _copy(desk: Desk) -> Done:
     return replace(done, message=f"{desk.part} copied from frame {frame}")
 
 
+def _copy_along(desk: Desk) -> Done:
+    truth = drawn_truth(desk.workspace, desk.view.base)
+    gone = gone_of(desk.workspace.said())
+    first, last = desk.span
+    before = previous_pose(truth, first, desk.part)
+    T_last = None if before is None else before[1]
+    found: dict[int, dict[str, Transform]] = {}
+    for frame in desk.workspace.indices:
+        if not first <= frame <= last or (frame, desk.part) in gone:
+            continue
+        here = truth[frame].T_camera_part.get(desk.part) if frame in truth else None
+        if here is None and T_last is not None:
+            found[frame] = {desk.part: T_last}
+        T_last = T_last if here is None else here
+    if not found:
+        raise AnnotationError(
+            f"in {desk.where} no frame lacks a pose of {desk.part} after one with it"
+        )
+    with desk.workspace.store.transaction():
+        desk.begin()
+        desk.workspace.store.set_frames(found, provenance="copied", group=desk.group)
+    count = f"{len(found)} frame{'s' * (len(found) > 1)}"
+    return Done(f"{desk.part} copied into {count} of {desk.where}", desk.view.place)
+
+
 def _place(action: act.PlacePart, desk: Desk) -> Done:
     """Put the part's middle where a pixel's depth says, turned as it was last."""
     joined = by_state.place_one(desk) if action.u is None else None
@@ -52,11 +83,17 @@ def _place(action: act.PlacePart, desk: Desk) -> Done:
         return joined
     frame = desk.workspace.frames[desk.view.place]
     pixel = _pixel_of(action, desk)
-    depth = _depth_near(frame.depth, pixel) or FALLBACK_DEPTH
+    measured = _depth_near(frame.depth, pixel)
+    depth = measured or FALLBACK_DEPTH
     ray = look_direction(frame.camera.K, pixel)
     R = _last_rotation(desk)
     T_camera_part = transform_from(R, ray / ray[2] * depth - R @ desk.centre())
-    return desk.keep(T_camera_part, "placed")
+    done = desk.keep(T_camera_part, "placed")
+    if measured is not None:
+        return done
+    return replace(
+        done, message=f"{done.message}, {depth:g} m away, since no depth is measured there"
+    )
 
 
 def _pixel_of(action: act.PlacePart, desk: Desk) -> tuple[float, float]:

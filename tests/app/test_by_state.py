@@ -12,8 +12,11 @@ from hand_edits import JAW, RANGE, Do
 
 from asdfviz.annotate.records import BY_STATE, TRACKED
 from asdfviz.app import actions as act
-from asdfviz.app.by_state import told_parts
+from asdfviz.app.by_state import told_off, told_parts
+from asdfviz.app.desk import NothingLeft
 from asdfviz.app.joined import Joined, base_by_group
+from asdfviz.app.panels import placing
+from asdfviz.app.snapshot import take
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Assembly
@@ -62,7 +65,8 @@ def test_a_range_is_filled_where_the_base_stands(with_run: Workspace, do: Do) ->
     put_base(with_run, 2, 4)
     with_run.store.remove_pose(with_run.indices[4], "jaw")
     done = do(act.PlaceJoined(), view)
-    assert done.message == "jaw placed by the state in frame 102"
+    lack = "nothing tells where the group is in 1 of them"
+    assert done.message == f"jaw placed by the state in 1 of frames 102 to 104; {lack}"
     assert "jaw" in with_run.poses(2, None)
     # The base has no pose in one, and somebody said that the jaw is not in the other.
     assert "jaw" not in with_run.poses(3, None)
@@ -208,7 +212,7 @@ def test_what_followed_from_a_state_that_is_no_more_is_taken_away(
     put_base(with_run, 1)
     do(act.SetState(2), NOTHING)
     do(act.PlaceJoined(), NOTHING, now=1.0)
-    with pytest.raises(AnnotationError, match="every part that is joined in frame 101 has a pose"):
+    with pytest.raises(NothingLeft, match="every joined part is where the state has it already"):
         do(act.PlaceJoined(), NOTHING, now=2.0)
     do(act.SetState(1), NOTHING, now=3.0)
     done = do(act.PlaceJoined(), NOTHING, now=4.0)
@@ -239,7 +243,7 @@ def test_of_a_range_it_is_said_how_much_of_it(with_run: Workspace, do: Do) -> No
     do(act.SetState(1), everywhere)
     put_base(with_run, 2, 3)
     done = do(act.PlaceJoined(), everywhere)
-    assert done.message == "jaw placed by the state in 2 of frames 100 to 107"
+    assert done.message.startswith("jaw placed by the state in 2 of frames 100 to 107; nothing")
     with pytest.raises(AnnotationError, match="where the others are in 6: place base"):
         do(act.PlaceJoined(), everywhere)
 
@@ -267,3 +271,21 @@ def test_an_edit_in_one_tab_waits_for_no_other(with_run: Workspace, do: Do) -> N
     finally:
         end.set()
         other.join(20)
+
+
+def test_what_no_longer_fits_its_base_is_told(with_run: Workspace, do: Do) -> None:
+    put_base(with_run, 1, 2)
+    view = replace(NOTHING, marked=(1, 2))
+    do(act.SetState(2), view)
+    do(act.PlaceJoined(), view, now=1.0)
+    assert told_off(with_run, None) == ""
+    snap = take(with_run, NOTHING, frame=None)
+    assert "2 placed by the state</span>" in placing.joined(snap)
+    moved = T_of(with_run, "base", 1).copy()
+    moved[0, 3] += 0.015
+    with_run.store.set_pose(101, "base", moved, provenance=TRACKED)
+    assert "in 1 frame: mark" in told_off(with_run, None)
+    snap = take(with_run, NOTHING, frame=None)
+    assert "2 placed by the state no longer fit" in placing.joined(snap)
+    do(act.PlaceJoined(), view, now=2.0)
+    assert told_off(with_run, None) == ""

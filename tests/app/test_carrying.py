@@ -180,9 +180,17 @@ def test_where_a_part_was_lost_is_told(opened: Open, otherwise: str) -> None:
     view = View(place=2, selected="jaw", tab="annotate")
     status = tracked(workspace, plan(workspace, view, "both"))
     assert (status.state, status.done) == ("done", 4)
-    assert status.message == f"lost in frames {FIRST + 5} to {FIRST + 7}"
+    assert status.message == f"lost in 3 of 7 frames: frames {FIRST + 5} to {FIRST + 7}"
     html = tracking.content(take(workspace, view, frame=None))
     assert f"tracked to 4 frames, {status.message}" in html
+    # What was tracked there earlier is not left as if it were found; what is told goes with the next edit.
+    assert "jaw" not in workspace.poses(6, None)
+    other = take(workspace, View(place=2, selected="bolt"), frame=None)
+    assert "tracked to" not in tracking.content(other)
+    workspace.store.undo()
+    assert ("jaw" in workspace.poses(6, None)) == (otherwise == "tracked before")
+    assert "tracked to" not in tracking.content(take(workspace, view, frame=None))
+    workspace.store.redo()
     assert gap_beside(view, workspace, 1) == 5
 
 

@@ -31,8 +31,8 @@ def do(with_run: Workspace) -> Do:
     return run
 
 
-def jaw(workspace: Workspace, place: int = 1) -> np.ndarray:
-    return workspace.poses(place, "first")["jaw"].T_camera_part
+def jaw(workspace: Workspace, place: int = 1, *, base: str | None = "first") -> np.ndarray:
+    return workspace.poses(place, base)["jaw"].T_camera_part
 
 
 def test_a_nudge_moves_one_step_in_the_picture(with_run: Workspace, do: Do) -> None:
@@ -148,6 +148,32 @@ def test_copying_takes_the_nearest_pose_before(with_run: Workspace, do: Do) -> N
     done = do(act.CopyPrevious(), View(place=3, base="first", selected="jaw"))
     assert np.array_equal(jaw(with_run, 3), T)
     assert "frame 102" in done.message
+
+
+def test_copying_fills_a_range_but_keeps_what_is_there(with_run: Workspace, do: Do) -> None:
+    store = with_run.store
+    view = View(place=4, base=None, selected="jaw", marked=(2, 6))
+    with pytest.raises(AnnotationError, match="no frame lacks a pose of jaw after one with it"):
+        do(act.CopyPrevious(), view)
+    first, other = jaw(with_run).copy(), jaw(with_run).copy()
+    other[0, 3] += 0.03
+    store.set_pose(101, "jaw", first)
+    store.set_pose(104, "jaw", other)
+    store.remove_pose(105, "jaw")
+    done = do(act.CopyPrevious(), view, now=1.0)
+    assert done.message == "jaw copied into 3 frames of frames 102 to 106"
+    assert np.array_equal(jaw(with_run, 2, base=None), first)
+    assert np.array_equal(jaw(with_run, 3, base=None), first)
+    assert np.array_equal(jaw(with_run, 6, base=None), other)
+    assert "jaw" not in with_run.poses(5, None)
+
+
+def test_where_no_depth_is_it_says_how_far(with_run: Workspace, do: Do) -> None:
+    frame = with_run.frames[0]
+    assert frame.depth is not None
+    frame.depth[:] = 0
+    done = do(act.PlacePart(100.0, 300.0), View(place=0, base="first", selected="jaw"))
+    assert done.message.endswith("0.5 m away, since no depth is measured there")
 
 
 def test_placing_puts_the_middle_where_the_depth_is(with_run: Workspace, do: Do) -> None:

@@ -78,3 +78,14 @@ def test_a_label_is_taken_away(with_run: Workspace, do: Do) -> None:
     assert not any(with_run.rows()[0].marks)
     assert do(act.Undo()).message == "undid: state label taken from frames 102 to 104"
     assert [m is not None for m in with_run.rows()[0].marks] == [i in (2, 4) for i in range(8)]
+
+
+def test_where_nothing_is_known_the_next_state_follows_from_the_last_that_is(
+    with_run: Workspace, do: Do
+) -> None:
+    """The run says no state in frame 104, and the second before it."""
+    with_run.truths = (None,) * len(with_run.truths)
+    with_run.put_run(with_run.runs[0].run, "first")
+    assert with_run.mark(4, "first")[0] is None
+    assert do(act.NextState(1), replace(JAW, place=4)).state == 2
+    assert do(act.NextState(1), View(place=4, base=None)).state == 0

@@ -103,7 +103,7 @@ def test_every_tab_without_runs_and_without_a_frame(workspace: Workspace, tab: s
 
 def test_the_parts_say_where_they_are_from(with_run: Workspace) -> None:
     html = annotate.content(snapshot(with_run, place=0, selected="jaw"))
-    assert "not found in this frame" in html
+    assert "has no pose in this frame" in html
     assert "Place here" in html
     assert "refined by depth" in html
     assert "90<small> %" in html

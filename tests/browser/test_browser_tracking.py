@@ -150,4 +150,4 @@ def test_its_poses_arrive_and_go_with_one_undo(
     expect(page.get_by_test_id("pose")).to_contain_text("mm")
     page.keyboard.press("Control+z")
     until(lambda: annotated(app) == [START], "one undo takes all of them back")
-    expect(page.get_by_test_id("part-jaw")).to_contain_text("not found")
+    expect(page.get_by_test_id("part-jaw")).to_contain_text("no pose")

@@ -94,7 +94,7 @@ def _provenance(name: str, snap: Snapshot) -> str:
     if shown is None and said is not None:
         return f"{chip(theme.ANNOTATION, shape='dot')}not in this frame<i>, by hand</i>"
     if shown is None:
-        return "not found<i> in this frame</i>"
+        return "no pose<i> in this frame</i>"
     dot = chip(snap.source_color(shown.source), shape="dot")
     if shown.source == ANNOTATION:
         how = _DERIVED.get(shown.stage)
@@ -118,7 +118,7 @@ def _selected(snap: Snapshot) -> str:
         return heading("Pose") + empty("Click a part in the picture or in the list, or press N.")
     shown = snap.poses.get(name)
     if shown is None:
-        found = "is marked as not in" if name in snap.said else "was not found in"
+        found = "is marked as not in" if name in snap.said else "has no pose in"
         return (
             heading(f"Pose of {name}")
             + f'<p class="ax-empty">{text(name)} {found} this frame.</p>'
@@ -212,7 +212,7 @@ def _copy_button() -> str:
     return button(
         "Copy previous",
         act("CopyPrevious"),
-        title="Take the pose of the frame before",
+        title="Take the pose of the frame before; in a marked range, for all frames without one",
         key="C",
         testid="copy",
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from asdfviz.app.by_state import follows, told_parts
+from asdfviz.app.by_state import follows, off_place, told_parts
 from asdfviz.app.history import range_in_words
 from asdfviz.app.markup import act, button
 from asdfviz.app.snapshot import Snapshot
@@ -32,7 +32,9 @@ def joined(snap: Snapshot) -> str:
     workspace, place, base = snap.workspace, snap.view.place, snap.view.base
     told = told_parts(workspace, place, base)
     missing = [name for name in told if name not in snap.poses and name not in snap.said]
-    again = [name for name in told if follows(workspace, place, name)]
+    again = [name for name in workspace.assembly.parts if follows(workspace, place, name)]
+    poses = {name: shown.T_camera_part for name, shown in snap.poses.items()}
+    off = off_place(workspace.assembly, workspace.state(place, base), poses, again)
     if not missing and not again:
         return ""
     count = f"{len(missing)} joined part{'s' * (len(missing) > 1)} without a pose"
@@ -46,4 +48,7 @@ def joined(snap: Snapshot) -> str:
         testid="place-joined",
     )
     note = count if missing else f"{len(again)} placed by the state"
-    return f'<div class="ax-row">{pressed}<span class="ax-note">{note}</span></div>'
+    if off:
+        note = f"{len(off)} placed by the state no longer fit"
+    kind = "ax-doubt" if off else "ax-note"
+    return f'<div class="ax-row">{pressed}<span class="{kind}">{note}</span></div>'

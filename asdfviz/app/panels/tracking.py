@@ -28,7 +28,7 @@ def content(snap: Snapshot) -> str:
     return (
         heading("Track from here", f"<small>{where}; your corrections stay</small>")
         + f'<div class="ax-row">{buttons}</div>'
-        + ("" if job is None else _end(job))
+        + ("" if job is None else _end(job, snap))
     )
 
 
@@ -41,10 +41,16 @@ def _progress(job: JobStatus) -> str:
     return job_box.running(job, f"{word} {job.method}{what}", control=cancel, testid="tracking")
 
 
-def _end(job: JobStatus) -> str:
-    lost = f", {job.message}" if job.message else ""
+def _end(job: JobStatus, snap: Snapshot) -> str:
+    """How it ended, while that is still so: no word of another part, none once more was done or undone."""
+    if job.state == "done":
+        is_new = job.version == snap.workspace.store.version()
+        if not is_new or job.part != snap.view.selected:
+            return ""
+    sign = "!" if job.message else "✓"
+    lost = f", {job.message}; Shift Page ↓ goes to frames without a pose" if job.message else ""
     words = {
-        "done": f"✓ {job.method} tracked to {job.done} frames{lost}; Undo takes all of them back.",
+        "done": f"{sign} {job.method} tracked to {job.done} frames{lost}. Undo takes all of them back.",
         "stopped": f"Tracking {job.method} was cancelled; nothing was changed.",
         "failed": f"✕ {job.message}",
     }

@@ -92,7 +92,7 @@
   };
   // At the press, because the number may be renewed before the release.
   controls.addEventListener("mousedown", (event) => {
-    const shown = event.target.closest(".ax-frame b");
+    const shown = event.target.closest(".ax-frame")?.querySelector("b");
     if (!shown || field) return;
     event.preventDefault();
     field = document.createElement("input");
