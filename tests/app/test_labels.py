@@ -83,9 +83,9 @@ def test_a_label_is_taken_away(with_run: Workspace, do: Do) -> None:
 def test_where_nothing_is_known_the_next_state_follows_from_the_last_that_is(
     with_run: Workspace, do: Do
 ) -> None:
-    """The run says no state in frame 104, and the second before it."""
+    """The run says no state in frame 104, and the second one before it."""
     with_run.truths = (None,) * len(with_run.truths)
     with_run.put_run(with_run.runs[0].run, "first")
     assert with_run.mark(4, "first")[0] is None
     assert do(act.NextState(1), replace(JAW, place=4)).state == 2
-    assert do(act.NextState(1), View(place=4, base=None)).state == 0
+    assert do(act.NextState(1), View(place=2, base=None)).state == 0
