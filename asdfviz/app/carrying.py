@@ -202,16 +202,18 @@ class CarryJob(BackgroundJob):
         tried = {
             (indices[place], name)
             for place in range(carry.first, carry.last + 1)
-            for name in carry.keyframes
+            for name, kept in carry.keyframes.items()
+            if place not in kept
         }
         return sorted(k for k in tracked & tried if k[1] not in found.get(k[0], {}))
 
     def _lost_in(self, found: Mapping[str, Mapping[int, CarriedPose]]) -> str:
         """Where the selected part was not found, in words; empty if there is no such frame."""
         carry, indices = self._carry, self._workspace.indices
-        by_hand = _set_by_hand(self._workspace)
+        by_hand, begun = _set_by_hand(self._workspace), carry.keyframes[carry.part]
         is_lost = [
-            place not in found.get(carry.part, {}) and (indices[place], carry.part) not in by_hand
+            not (place in begun or place in found.get(carry.part, {}))
+            and (indices[place], carry.part) not in by_hand
             for place in range(carry.first, carry.last + 1)
         ]
         told = [
@@ -219,7 +221,7 @@ class CarryJob(BackgroundJob):
             for start, end, lost in stretches(is_lost)
             if lost
         ]
-        count = f"{sum(is_lost)} of {len(is_lost) - 1} frames"
+        count = f"{sum(is_lost)} of {len(is_lost) - len(begun)} frames"
         return f"lost in {count}: {some(told, most=NAMED)}" if told else ""
 
     def _tell(self, done: int, total: int, *, preparing: bool) -> None:

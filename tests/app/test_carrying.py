@@ -194,6 +194,14 @@ def test_where_a_part_was_lost_is_told(opened: Open, otherwise: str) -> None:
     assert gap_beside(view, workspace, 1) == 5
 
 
+def test_a_tracked_pose_that_is_tracked_on_from_stays(opened: Open) -> None:
+    workspace = opened()
+    annotate(workspace, 3, provenance=TRACKED)
+    status = tracked(workspace, plan(workspace, View(place=3, selected="jaw"), "forward"))
+    assert (status.done, status.message) == (COUNT - 4, "")
+    assert "jaw" in workspace.poses(3, None)
+
+
 def test_what_a_person_set_stays_and_is_started_from(opened: Open) -> None:
     workspace = opened()
     annotate(workspace, 0)
