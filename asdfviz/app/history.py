@@ -12,6 +12,8 @@ _VERBS = {
     "verify": "verified",
     "drop_pose": "drop of the correction of",
 }
+_PLACED = {"placed": "placed", "copied": "copied"}
+"""The same of poses by their provenance."""
 _DERIVATIONS = {TRACKED: "tracking", BY_STATE: "placing by the state"}
 NAMED = 2
 """Parts that a step calls by name; of more it says how many."""
@@ -31,7 +33,8 @@ def in_words(step: Sequence[Edit]) -> str:
     who = " and ".join(parts) if len(parts) <= NAMED else f"{len(parts)} parts"
     if last.kind == "pose" and (deed := _DERIVATIONS.get(last.payload["provenance"])):
         return f"{deed} of {who} in {where}"
-    return f"{_VERBS[last.kind]} {who} in {where}"
+    verb = _PLACED.get(str(last.payload.get("provenance"))) if last.kind == "pose" else None
+    return f"{verb or _VERBS[last.kind]} {who} in {where}"
 
 
 def range_in_words(first: int | None, last: int | None) -> str:

@@ -50,9 +50,10 @@ EYE = (
 )
 
 
-def chip(color: Rgb3, *, shape: str = "square") -> str:
-    """A small patch of colour beside a name."""
-    return f'<i class="ax-chip ax-{shape}" style="background:{css(color)}"></i>'
+def chip(color: Rgb3, *, shape: str = "square", other: Rgb3 | None = None) -> str:
+    """A small patch of colour beside a name; its lower right half in the other colour, if there is one."""
+    both = f"linear-gradient(135deg,{css(color)} 50%,{css(other or color)} 50%)"
+    return f'<i class="ax-chip ax-{shape}" style="background:{both if other else css(color)}"></i>'
 
 
 def bar(share: float, color: Rgb3) -> str:

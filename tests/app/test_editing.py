@@ -195,6 +195,8 @@ def test_dropping_a_correction(with_run: Workspace, do: Do) -> None:
     assert jaw(with_run) == pytest.approx(before)
     placed = View(place=0, base="first", selected="jaw")
     do(act.PlacePart(), placed, now=1.0)
+    assert do(act.Undo(), placed).message == "undid: placed jaw in frame 100"
+    do(act.PlacePart(), placed, now=1.5)
     do(act.RevertPart(), placed, now=2.0)
     assert "jaw" not in with_run.poses(0, "first")
     # The run speaks again, also once it says something else: nothing of the correction is left.

@@ -12,7 +12,7 @@ import pytest
 
 from asdfviz.annotate.records import StateLabel
 from asdfviz.app import actions as act
-from asdfviz.app import chrome, hotkeys, welcome
+from asdfviz.app import chrome, hotkeys, theme, welcome
 from asdfviz.app.bridge import parse
 from asdfviz.app.items import JobStatus
 from asdfviz.app.jobs import start_judging
@@ -104,6 +104,8 @@ def test_every_tab_without_runs_and_without_a_frame(workspace: Workspace, tab: s
 def test_the_parts_say_where_they_are_from(with_run: Workspace) -> None:
     html = annotate.content(snapshot(with_run, place=0, selected="jaw"))
     assert "has no pose in this frame" in html
+    own = theme.css(tuple(int(v) for v in with_run.assembly.parts["jaw"].color))  # pyright: ignore[reportArgumentType]
+    assert f"{theme.css(with_run.colors['jaw'])} 50%,{own} 50%" in html
     assert "Place here" in html
     assert "refined by depth" in html
     assert "90<small> %" in html

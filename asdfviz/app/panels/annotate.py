@@ -72,6 +72,8 @@ def _part(name: str, snap: Snapshot) -> str:
     shown = snap.poses.get(name)
     chosen = " ax-on" if snap.view.selected == name else ""
     hidden = name in snap.view.hidden
+    red, green, blue = (int(value) for value in snap.workspace.assembly.parts[name].color)
+    colors = chip(snap.workspace.colors[name], other=(red, green, blue))
     eye = button(
         EYE,
         act("TogglePart", part=name),
@@ -81,9 +83,9 @@ def _part(name: str, snap: Snapshot) -> str:
         testid=f"show-{name}",
     )
     return (
-        f'<li class="ax-item ax-pick{chosen}" title="{text(name)}" data-testid="part-{text(name)}" '
+        f'<li class="ax-item ax-pick{chosen}" title="{text(name)}: drawn in the upper colour; the lower is its own" data-testid="part-{text(name)}" '
         f'aria-selected="{str(bool(chosen)).lower()}" {act("SelectPart", part=name)}>'
-        f'{chip(snap.workspace.colors[name])}<span class="ax-main"><b>{text(name)}</b>'
+        f'{colors}<span class="ax-main"><b>{text(name)}</b>'
         f"<small>{_provenance(name, snap)}</small></span>"
         f'<span class="ax-num">{_score(shown)}</span>{eye}</li>'
     )
@@ -199,7 +201,7 @@ def _together(snap: Snapshot, name: str) -> str:
     if name not in joined or len(joined) < 2:
         return ""
     return button(
-        "Joined parts too",
+        "Joined too",
         act("Toggle", what="together"),
         title="Move, turn and verify what is joined in this state as one",
         classes="ax-switch",

@@ -20,13 +20,13 @@ def content(snap: Snapshot) -> str:
     job = snap.workspace.carrying
     if job is not None and job.is_active:
         return heading("Track from here") + _progress(job)
-    where = "within the range" if snap.view.range_here else "as far as it is seen"
+    where = "in the range" if snap.view.range_here else "your corrections stay"
     buttons = "".join(
         button(label, act("TrackPart", direction=way), title=title, key=key, testid=f"track-{way}")
         for way, label, title, key in BUTTONS
     )
     return (
-        heading("Track from here", f"<small>{where}; your corrections stay</small>")
+        heading("Track from here", f"<small>{where}</small>")
         + f'<div class="ax-row">{buttons}</div>'
         + ("" if job is None else _end(job, snap))
     )
