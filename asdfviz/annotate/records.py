@@ -19,6 +19,9 @@ EditKind: TypeAlias = Literal[
 ]
 """What a row does. An undo or redo names the step that it switches; nothing is ever deleted."""
 
+Said: TypeAlias = Mapping[tuple[int, str], tuple[str, str]]
+"""By frame number and part, the kind of what was last said and its provenance (`AnnotationStore.said`)."""
+
 SeedKind: TypeAlias = Literal["none", "truth", "run"]
 
 TRACKED = "tracked"
@@ -90,9 +93,18 @@ class Seed:
         return f"method:{self.method}" if self.kind == "run" else self.kind
 
 
-def gone_of(said: Mapping[tuple[int, str], tuple[str, str]]) -> set[tuple[int, str]]:
-    """Frame numbers and parts that were said not to be there, of what `AnnotationStore.said` returns."""
+def gone_of(said: Said) -> set[tuple[int, str]]:
+    """Frame numbers and parts that were said not to be there."""
     return {key for key, (kind, _) in said.items() if kind == "remove_pose"}
+
+
+def by_hand_of(said: Said) -> set[tuple[int, str]]:
+    """Those of which a person said where they are, that they are right or not there: nothing derived."""
+    return {
+        key
+        for key, (kind, provenance) in said.items()
+        if kind == "verify" or provenance not in DERIVED
+    }
 
 
 def label_of(state: State) -> StateLabel:

@@ -11,13 +11,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from asdfviz.annotate.records import BY_STATE, DERIVED, gone_of
+from asdfviz.annotate.records import BY_STATE, by_hand_of, gone_of
 from asdfviz.app.desk import Desk, Done, NothingLeft
-from asdfviz.app.history import NAMED, range_in_words
+from asdfviz.app.history import parts_in_words, range_in_words
 from asdfviz.app.joined import Joined, Poses, base_by_group
-from asdfviz.app.truths import drawn_truth
+from asdfviz.app.truths import drawn_poses
 from asdfviz.app.workspace import Workspace
-from asdfviz.datatypes import Assembly, State
+from asdfviz.datatypes import Assembly, FrameTruth, State
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
@@ -27,7 +27,6 @@ Key = tuple[int, str]
 """Number of a frame, and a part."""
 _FOLLOWS = ("pose", BY_STATE)
 """What is said of a pose that follows from others, and so tells nothing of them."""
-_NONE: Poses = {}
 _OFF, _OFF_DEG = 0.001, 0.5
 """Farther from its place, metres and degrees, a part that was placed by the state no longer fits."""
 _SAME = 1e-9
@@ -89,13 +88,19 @@ def off_place(
     return off
 
 
-def told_off(workspace: Workspace, base: str | None) -> str:
-    """Say in how many frames parts that were placed by the state no longer fit; empty if they all do."""
+def told_off(workspace: Workspace, base: str | None, truth: Mapping[int, FrameTruth]) -> str:
+    """Say in how many frames parts that were placed by the state no longer fit; empty if they all do.
+
+    Args:
+        workspace: the corrections.
+        base: what is drawn where nothing was corrected.
+        truth: what is drawn, by frame number.
+    """
     placed: dict[int, list[str]] = {}
     for (frame, name), said in workspace.said().items():
         if said == _FOLLOWS:
             placed.setdefault(frame, []).append(name)
-    truth, count = drawn_truth(workspace, base), 0
+    count = 0
     for frame, names in placed.items():
         place = workspace.place_of.get(frame)
         if place is not None and frame in truth:
@@ -121,11 +126,9 @@ def place_one(desk: Desk) -> Done | None:
     found = joined.placed((view.place, view.place), lambda _place, name: name == desk.part)
     if not found:
         return None
-    kind, provenance = workspace.said().get((desk.frame, desk.part), _FOLLOWS)
-    # Where a person had set it, this is a person's word as well.
-    is_own = kind == "verify" or provenance not in DERIVED
     key, T_camera_part = (desk.frame, desk.part), found[view.place][desk.part]
-    told = "placed" if is_own else BY_STATE
+    # Where a person had set it, this is a person's word as well.
+    told = "placed" if key in by_hand_of(workspace.said()) else BY_STATE
     span = (view.place, view.place)
     return _kept(desk, {key: T_camera_part}, span=span, provenance=told, replaces=True)
 
@@ -162,12 +165,12 @@ def place_joined(desk: Desk) -> Done:
         and (state := joined.states[frames[frame]]) is not None
         and name not in state.attached
     ]
+    stateless, loose, unposed = unknown = joined.unknown(span)
     if not fresh and not stale:
-        if placed and not any(joined.unknown(span)):
+        if placed and not any(unknown):
             raise NothingLeft("every joined part is where the state has it already")
-        raise AnnotationError(_why_none(desk, joined))
+        raise AnnotationError(_why_none(desk, stateless, loose, unposed))
     done = _kept(desk, fresh, stale, span=span)
-    unposed = joined.unknown(span)[2]
     lack = f"; nothing tells where the group is in {unposed} of them" if unposed else ""
     return replace(done, message=f"{done.message}{lack}")
 
@@ -175,18 +178,17 @@ def place_joined(desk: Desk) -> Done:
 def _known(desk: Desk, *, without: Key | None = None) -> tuple[Joined, dict[Key, Transform]]:
     """What tells where joined parts are, and the poses that followed from it earlier."""
     workspace, base = desk.workspace, desk.view.base
-    said, truth = workspace.said(), drawn_truth(workspace, base)
+    said, drawn = workspace.said(), drawn_poses(workspace, base)
     followed = {
         (index, name): T
-        for index, known in truth.items()
-        for name, T in known.T_camera_part.items()
+        for index, poses in drawn.items()
+        for name, T in poses.items()
         if said.get((index, name)) == _FOLLOWS
     }
     dropped = {*followed, without}
     telling = [
         {name: T for name, T in poses.items() if (index, name) not in dropped}
-        for index in workspace.indices
-        for poses in [truth[index].T_camera_part if index in truth else _NONE]
+        for index, poses in drawn.items()
     ]
     states = [workspace.state(place, base) for place in range(len(workspace.indices))]
     return Joined(workspace.assembly, states, telling), followed
@@ -227,8 +229,7 @@ def _kept(
 
 
 def _told(desk: Desk, keys: Collection[Key], deed: str, span: tuple[int, int]) -> str:
-    names = list(dict.fromkeys(name for _, name in keys))
-    who = " and ".join(names) if len(names) <= NAMED else f"{len(names)} joined parts"
+    who = parts_in_words((name for _, name in keys), "joined parts")
     frames = sorted({frame for frame, _ in keys})
     first, last = (desk.workspace.indices[place] for place in span)
     if len(frames) == span[1] - span[0] + 1:
@@ -236,10 +237,9 @@ def _told(desk: Desk, keys: Collection[Key], deed: str, span: tuple[int, int]) -
     return f"{who} {deed} in {len(frames)} of {range_in_words(first, last)}"
 
 
-def _why_none(desk: Desk, joined: Joined) -> str:
+def _why_none(desk: Desk, stateless: int, loose: int, unposed: int) -> str:
     assembly, span = desk.workspace.assembly, desk.view.joined
     where = range_in_words(*(desk.workspace.indices[place] for place in span))
-    stateless, loose, unposed = joined.unknown(span)
     if not stateless and not loose and not unposed:
         return f"every part that is joined in {where} has a pose, or is said not to be there"
     if span[0] == span[1]:
@@ -250,5 +250,6 @@ def _why_none(desk: Desk, joined: Joined) -> str:
         return f"no pose tells where the others are in {where}: place {assembly.base} first"
     reasons = [f"the state of {stateless} is not known"] if stateless else []
     reasons += [f"nothing is joined in {loose}"] if loose else []
-    reasons += [f"no pose tells where the others are in {unposed}: place {assembly.base}"][:unposed]
+    where_others = f"no pose tells where the others are in {unposed}: place {assembly.base}"
+    reasons += [where_others] if unposed else []
     return f"nothing is to be placed in {where}: {'; '.join(reasons)}"

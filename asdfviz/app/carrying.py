@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asdfviz.annotate.records import DERIVED, TRACKED
+from asdfviz.annotate.records import TRACKED, by_hand_of
 from asdfviz.app.background_job import BackgroundJob
 from asdfviz.app.desk import carried
 from asdfviz.app.history import NAMED, range_in_words
@@ -96,11 +96,9 @@ def plan(workspace: Workspace, view: View, direction: Direction) -> Carry:
 
 def _set_by_hand(workspace: Workspace) -> dict[tuple[int, str], Transform | None]:
     """What a person said, by frame number and part; None where they took the pose away."""
-    return {
-        key: pose.T_camera_part
-        for key, pose in workspace.store.poses().items()
-        if pose.provenance not in DERIVED or pose.verified
-    }
+    by_hand = by_hand_of(workspace.store.said())
+    poses = workspace.store.poses()
+    return {key: pose.T_camera_part for key, pose in poses.items() if key in by_hand}
 
 
 class CarryJob(BackgroundJob):
@@ -172,7 +170,7 @@ class CarryJob(BackgroundJob):
         """
         workspace, carry = self._workspace, self._carry
         # Asked again, because people go on correcting while the tracker works.
-        by_hand = _set_by_hand(workspace)
+        by_hand = by_hand_of(workspace.store.said())
         Ts_by_frame: dict[int, dict[str, Transform]] = {}
         for name, places in found.items():
             for place, pose in places.items():
@@ -210,7 +208,8 @@ class CarryJob(BackgroundJob):
     def _lost_in(self, found: Mapping[str, Mapping[int, CarriedPose]]) -> str:
         """Where the selected part was not found, in words; empty if there is no such frame."""
         carry, indices = self._carry, self._workspace.indices
-        by_hand, begun = _set_by_hand(self._workspace), carry.keyframes[carry.part]
+        by_hand = by_hand_of(self._workspace.store.said())
+        begun = carry.keyframes[carry.part]
         is_lost = [
             not (place in begun or place in found.get(carry.part, {}))
             and (indices[place], carry.part) not in by_hand

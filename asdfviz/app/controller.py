@@ -124,14 +124,15 @@ class Controller:
 
     def _keep_what_is_left(self) -> None:
         """The tab may go while edits still wait; they are kept, and nobody is there to be told."""
-        for received in self._inbox.take(0.0):
-            action = asked_for(self.view, received)
-            if action is None:
-                continue
-            self.view = update(self.view, action, self._workspace.facts())
-            if isinstance(action, Edits):
-                with contextlib.suppress(AsdfvizError):
-                    self._edit(action)
+        while left := self._inbox.take(0.0):
+            for received in left:
+                action = asked_for(self.view, received)
+                if action is None:
+                    continue
+                self.view = update(self.view, action, self._workspace.facts())
+                if isinstance(action, Edits):
+                    with contextlib.suppress(AsdfvizError):
+                        self._edit(action)
 
     def _build(self) -> None:
         workspace = self._workspace

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from asdfviz.annotate.records import BY_STATE, TRACKED, Edit
 
@@ -29,12 +29,17 @@ def in_words(step: Sequence[Edit]) -> str:
     if last.kind == "state":
         name = last.payload.get("name") or last.payload.get("state")
         return f"state label taken from {where}" if name is None else f"state {name} in {where}"
-    parts = list(dict.fromkeys(str(edit.part) for edit in told))
-    who = " and ".join(parts) if len(parts) <= NAMED else f"{len(parts)} parts"
+    who = parts_in_words(str(edit.part) for edit in told)
     if last.kind == "pose" and (deed := _DERIVATIONS.get(last.payload["provenance"])):
         return f"{deed} of {who} in {where}"
     verb = _PLACED.get(str(last.payload.get("provenance"))) if last.kind == "pose" else None
     return f"{verb or _VERBS[last.kind]} {who} in {where}"
+
+
+def parts_in_words(parts: Iterable[str], kind: str = "parts") -> str:
+    """Parts by name, each once; of many how many they are, and of what kind."""
+    names = list(dict.fromkeys(parts))
+    return " and ".join(names) if len(names) <= NAMED else f"{len(names)} {kind}"
 
 
 def range_in_words(first: int | None, last: int | None) -> str:

@@ -150,7 +150,7 @@ def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
         parts = workspace.assembly.parts
         if gaps := told_gaps(truth, workspace.indices, parts, gone=gone):
             workspace.say(Message("Some poses are missing", gaps))
-        if off := told_off(workspace, base):
+        if off := told_off(workspace, base, truth):
             workspace.say(Message("Some poses no longer fit", off, is_problem=True))
         if left_out:
             workspace.say(Message("Not all exported", told_left_out(left_out), is_problem=True))

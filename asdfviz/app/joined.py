@@ -6,7 +6,7 @@ after it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from asdfviz.datatypes import Assembly, PoseEstimate, State
@@ -56,8 +56,12 @@ class Joined:
         """
         self._look_back(span[0])
         found: dict[int, dict[str, Transform]] = {}
-        for place, state, T_camera_base in self._standing(span):
-            self._see(place, state.joints)
+        for place in range(span[0], span[1] + 1):
+            standing = self._standing(place)
+            if standing is None:
+                continue
+            state, T_camera_base = standing
+            self._see(place, T_camera_base, state.joints)
             fresh = {
                 name: orthonormalized(T_camera_base @ self.joints.last(name, state))
                 for name in state.attached
@@ -70,53 +74,49 @@ class Joined:
     def unknown(self, span: tuple[int, int]) -> tuple[int, int, int]:
         """Of the places of a span: how many have no state, join nothing, have nothing that stands."""
         places = range(span[0], span[1] + 1)
-        known = [(self.states[place], place) for place in places]
-        stateless = sum(state is None for state, _ in known)
-        joining = [(s, place) for s, place in known if s is not None and len(s.attached) > 1]
-        unposed = sum(self._base(place, state) is None for state, place in joining)
-        return stateless, len(known) - stateless - len(joining), unposed
+        stateless = sum(self.states[place] is None for place in places)
+        joining = [place for place in places if self._joining(place) is not None]
+        unposed = sum(self._standing(place) is None for place in joining)
+        return stateless, len(places) - stateless - len(joining), unposed
 
     def _look_back(self, first: int) -> None:
         """See each part in its joint where it was there last before a place, or else soonest after."""
         missing = {name for state in self.assembly.states for name in state.joints}
-        seen: list[tuple[int, set[str]]] = []
+        seen: list[tuple[int, Transform, set[str]]] = []
         for place in (*range(first - 1, -1, -1), *range(first, len(self.states))):
             if not missing:
                 break
-            here = {name for name in missing if self._is_in_joint(place, name)}
-            if here:
-                seen.append((place, here))
+            standing = self._standing(place)
+            here = set[str]() if standing is None else self._in_joints(place, *standing) & missing
+            if standing is not None and here:
+                seen.append((place, standing[1], here))
                 missing -= here
-        for place, here in reversed(seen):
-            self._see(place, here)
+        for place, T_camera_base, here in reversed(seen):
+            self._see(place, T_camera_base, here)
 
-    def _is_in_joint(self, place: int, name: str) -> bool:
-        state, own = self.states[place], self.poses[place]
-        if state is None or name not in state.joints or name not in own:
-            return False
-        T_camera_base = self._base(place, state)
-        if T_camera_base is None:
-            return False
-        T_base_part = inverse(T_camera_base) @ own[name]
-        nominal, joint = state.T_base_part[name], state.joints[name]
-        return self.joints.nearest(name, T_base_part, nominal, joint) is not None
+    def _in_joints(self, place: int, state: State, T_camera_base: Transform) -> set[str]:
+        """The parts that are where their joints allow it."""
+        own, T_base_camera = self.poses[place], inverse(T_camera_base)
+        return {
+            name
+            for name, joint in state.joints.items()
+            if name in own
+            and self.joints.nearest(name, T_base_camera @ own[name], state.T_base_part[name], joint)
+            is not None
+        }
 
-    def _standing(self, span: tuple[int, int]) -> Iterator[tuple[int, State, Transform]]:
-        """Places at which the state joins parts, and it is known where the base is."""
-        for place in range(span[0], span[1] + 1):
-            state = self.states[place]
-            if state is None or len(state.attached) < 2:
-                continue
-            T_camera_base = self._base(place, state)
-            if T_camera_base is not None:
-                yield place, state, T_camera_base
+    def _joining(self, place: int) -> State | None:
+        """The state, if it joins anything to the base."""
+        state = self.states[place]
+        return state if state is not None and len(state.attached) > 1 else None
 
-    def _see(self, place: int, names: Collection[str]) -> None:
-        state, own = self.states[place], self.poses[place]
-        T_camera_base = None if state is None else self._base(place, state)
-        if T_camera_base is not None:
-            seen = {n: PoseEstimate(n, own[n], 1.0, "annotated") for n in names if n in own}
-            self.joints.see(T_camera_base, seen)
+    def _standing(self, place: int) -> tuple[State, Transform] | None:
+        """The state, if it joins anything, and T_camera_base, if that is known."""
+        state = self._joining(place)
+        base = None if state is None else base_by_group(self.assembly, state, self.poses[place])
+        return None if state is None or base is None else (state, base)
 
-    def _base(self, place: int, state: State) -> Transform | None:
-        return base_by_group(self.assembly, state, self.poses[place])
+    def _see(self, place: int, T_camera_base: Transform, names: Collection[str]) -> None:
+        own = self.poses[place]
+        seen = {n: PoseEstimate(n, own[n], 1.0, "annotated") for n in names if n in own}
+        self.joints.see(T_camera_base, seen)

@@ -5,13 +5,13 @@ With a part selected it says where its poses are from; else in how many of the p
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from asdfviz.annotate.records import BY_STATE, TRACKED, gone_of
+from asdfviz.annotate.records import BY_STATE, TRACKED, Said, gone_of
 from asdfviz.app import theme
-from asdfviz.app.markup import text
+from asdfviz.app.markup import chip, text
 from asdfviz.app.timeline import light, span_style
 
 Kind = Literal["verified", "hand", "tracked", "state", "base", "gone", "none", "some"]
@@ -59,7 +59,7 @@ def lane_of(
     indices: Sequence[int],
     parts: Collection[str],
     *,
-    said: Mapping[tuple[int, str], tuple[str, str]],
+    said: Said,
     held: Sequence[Collection[str]],
     source: tuple[str, theme.Rgb3],
 ) -> Lane:
@@ -95,11 +95,10 @@ def build(lane: Lane, *, count: int, color: theme.Rgb3) -> str:
     """The lane as HTML; `color` is that of the part, or any where all are meant."""
     label = lane.part or "poses"
     row = "poses" if lane.part is None else f"poses of {lane.part}"
-    dot = f'<i class="ax-chip ax-dot" style="background:{theme.css(color)}"></i>'
     inner = "".join(_piece(*piece, lane.color, count) for piece in light(lane.cells))
     return (
         f'<div class="tl-row tl-lane" data-testid="tl-poses" data-row="{text(row)}">'
-        f'<span class="tl-label" title="{_HINT}">{dot}{text(label)}</span>'
+        f'<span class="tl-label" title="{_HINT}">{chip(color, shape="dot")}{text(label)}</span>'
         f'<div class="tl-strip">{inner}<b class="tl-cursor"></b></div></div>'
     )
 

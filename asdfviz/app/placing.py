@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from asdfviz.annotate.edits import previous_pose
 from asdfviz.annotate.records import gone_of
 from asdfviz.app import actions as act
 from asdfviz.app import by_state
 from asdfviz.app.ar import look_direction
 from asdfviz.app.desk import Desk, Done
-from asdfviz.app.truths import drawn_truth
+from asdfviz.app.truths import drawn_poses
 from asdfviz.app.view import centre_of
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Depth, Rotation, Transform
@@ -52,19 +51,15 @@ def _copy(desk: Desk) -> Done:
 
 
 def _copy_along(desk: Desk) -> Done:
-    truth = drawn_truth(desk.workspace, desk.view.base)
     gone = gone_of(desk.workspace.said())
     first, last = desk.span
-    before = previous_pose(truth, first, desk.part)
-    T_last = None if before is None else before[1]
+    T_last: Transform | None = None
     found: dict[int, dict[str, Transform]] = {}
-    for frame in desk.workspace.indices:
-        if not first <= frame <= last or (frame, desk.part) in gone:
-            continue
-        here = truth[frame].T_camera_part.get(desk.part) if frame in truth else None
-        if here is None and T_last is not None:
+    for frame, poses in drawn_poses(desk.workspace, desk.view.base).items():
+        if desk.part in poses and frame <= last:
+            T_last = poses[desk.part]
+        elif first <= frame <= last and T_last is not None and (frame, desk.part) not in gone:
             found[frame] = {desk.part: T_last}
-        T_last = T_last if here is None else here
     if not found:
         raise AnnotationError(
             f"in {desk.where} no frame lacks a pose of {desk.part} after one with it"

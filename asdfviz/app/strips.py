@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
+from asdfviz.annotate.records import Said
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import theme, timeline
 from asdfviz.app.items import ANNOTATION, LoadedRun
@@ -19,7 +20,7 @@ def annotation_row(
     assembly: Assembly,
     store: AnnotationStore,
     indices: Sequence[int],
-    spoken: Mapping[tuple[int, str], tuple[str, str]],
+    spoken: Said,
 ) -> timeline.Row:
     """States and verdicts that people gave; `indices` are frame numbers, `spoken` is `store.said()`."""
     marks: list[timeline.Mark | None] = [None] * len(indices)

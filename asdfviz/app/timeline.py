@@ -13,7 +13,7 @@ from typing import TypeVar
 
 from asdfviz.annotate.records import StateLabel
 from asdfviz.app import theme
-from asdfviz.app.markup import text
+from asdfviz.app.markup import chip, text
 from asdfviz.data.truth import fitting_errors
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
 from asdfviz.render.state_ramp import state_color
@@ -155,8 +155,7 @@ def _row(row: Row, count: int, steps: int) -> str:
     return (
         f'<div class="tl-row" data-testid="tl-{text(row.key)}" data-row="{text(row.label)}"{data}>'
         f'<span class="tl-label" title="{text(row.hint or row.label)}">'
-        f'<i class="ax-chip ax-dot" style="background:{theme.css(row.color)}"></i>'
-        f"{text(row.label)}</span>"
+        f"{chip(row.color, shape='dot')}{text(row.label)}</span>"
         f'<div class="tl-strip">{inner}<b class="tl-cursor"></b></div></div>'
     )
 

@@ -102,9 +102,7 @@ class View:
     @property
     def joined(self) -> tuple[int, int]:
         """First and last place in which joined parts would be placed."""
-        kept = self.labelled
-        is_inside = kept is not None and kept[0] <= self.place <= kept[1]
-        return self.range_here or (kept if is_inside and kept else (self.place, self.place))
+        return self.range_here or self.labelled or (self.place, self.place)
 
     @property
     def frames(self) -> tuple[int, int]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from asdfviz.annotate.corrected import run_of_seed
-from asdfviz.annotate.records import BY_STATE, TRACKED, Seed
+from asdfviz.annotate.records import BY_STATE, TRACKED, Said, Seed
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import strips, theme, timeline
 from asdfviz.app.items import ANNOTATION, JobStatus, LoadedRun, Message, Shown
@@ -72,7 +72,7 @@ class Workspace:
         self._changes = 0
         self._lock = threading.RLock()
         self._listeners: list[Callable[[], None]] = []
-        self._said: tuple[int, Mapping[tuple[int, str], tuple[str, str]]] | None = None
+        self._said: tuple[int, Said] | None = None
         self._lanes: dict[tuple[str | None, str | None], tuple[object, object, Lane]] = {}
         self._rows: tuple[object, tuple[timeline.Row, ...], tuple[int, ...], bool] | None = None
 
@@ -203,7 +203,7 @@ class Workspace:
         named = (state for state in self.assembly.states if mark and state.name == mark.name)
         return next(named, None)
 
-    def said(self) -> Mapping[tuple[int, str], tuple[str, str]]:
+    def said(self) -> Said:
         """What the store has said, asked again only when the annotation changed."""
         version = self.store.version()
         if self._said is None or self._said[0] != version:

@@ -17,6 +17,7 @@ from asdfviz.app.desk import NothingLeft
 from asdfviz.app.joined import Joined, base_by_group
 from asdfviz.app.panels import placing
 from asdfviz.app.snapshot import take
+from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Assembly
@@ -278,14 +279,14 @@ def test_what_no_longer_fits_its_base_is_told(with_run: Workspace, do: Do) -> No
     view = replace(NOTHING, marked=(1, 2))
     do(act.SetState(2), view)
     do(act.PlaceJoined(), view, now=1.0)
-    assert told_off(with_run, None) == ""
+    assert told_off(with_run, None, drawn_truth(with_run, None)) == ""
     snap = take(with_run, NOTHING, frame=None)
     assert "2 placed by the state</span>" in placing.joined(snap)
     moved = T_of(with_run, "base", 1).copy()
     moved[0, 3] += 0.015
     with_run.store.set_pose(101, "base", moved, provenance=TRACKED)
-    assert "in 1 frame: mark" in told_off(with_run, None)
+    assert "in 1 frame: mark" in told_off(with_run, None, drawn_truth(with_run, None))
     snap = take(with_run, NOTHING, frame=None)
     assert "2 placed by the state no longer fit" in placing.joined(snap)
     do(act.PlaceJoined(), view, now=2.0)
-    assert told_off(with_run, None) == ""
+    assert told_off(with_run, None, drawn_truth(with_run, None)) == ""
