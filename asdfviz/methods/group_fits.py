@@ -9,6 +9,7 @@ where parts are in their joints, and their colours.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -21,7 +22,14 @@ from asdfviz.methods.group_views import GroupView, learn_colors, measured_in, vi
 from asdfviz.methods.one_place import are_near
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.state.colors import Looks
-from asdfviz.state.group_fit import STILL, GroupFitConfig, Measured, probabilities, trusted
+from asdfviz.state.group_fit import (
+    STILL,
+    GroupFitConfig,
+    Measured,
+    Move,
+    probabilities,
+    trusted,
+)
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.track.raster import draw, new_buffers
 
@@ -194,18 +202,23 @@ class GroupFits:
         return Trial(self._assembly, T_camera_base, places, view, measured, self._config)
 
     def _best(self, trials: Sequence[Trial], likely: Sequence[State], weight: float) -> Trial:
-        """Where the base is by the picture; elsewhere than by its pose only if that is much better."""
+        """Where the base is by the picture; elsewhere than by its pose only if that is much better.
+
+        Where its pose agrees well enough with what is seen, nothing is looked for around.
+        """
         config, first = self._config, trials[0]
-        for state in likely:
-            if first.said(state).is_seen(visible=config.moved_visible, agreeing=config.enough):
-                return first
-        found = [(weight * first.said(state).value, first, STILL, state) for state in likely]
-        for trial in trials:
+        is_enough = any(
+            first.said(state).is_seen(visible=config.moved_visible, agreeing=config.enough)
+            for state in likely
+        )
+        found: list[tuple[float, Trial, Move, State]] = []
+        for trial, state in product(trials, likely):
             cost = 0.0 if trial is first else config.other
-            for state in likely:
-                found.append((weight * trial.said(state).value - cost, trial, STILL, state))
-                said, move = trial.found(state)
-                if said.is_seen(visible=config.moved_visible, agreeing=config.moved_agreeing):
-                    found.append((weight * said.value - cost - config.moved, trial, move, state))
+            found.append((weight * trial.said(state).value - cost, trial, STILL, state))
+            if is_enough:
+                continue
+            said, move = trial.found(state)
+            if said.is_seen(visible=config.moved_visible, agreeing=config.moved_agreeing):
+                found.append((weight * said.value - cost - config.moved, trial, move, state))
         _, best, move, state = max(found, key=lambda one: one[0])
         return best if move == STILL else best.moved(move, state)

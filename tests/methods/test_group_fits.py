@@ -133,6 +133,21 @@ def test_a_state_is_known_though_the_base_was_put_too_near_or_too_far(
     assert said[int(joined)] > 0.95
 
 
+def test_a_base_pose_that_agrees_well_enough_gives_way_to_where_it_was_if_that_fits_better(
+    toy,
+) -> None:
+    """It may be off by little, and the block on the base then seems not to be there."""
+    true = toy.poses(joined=True)
+    turn = rotation_about(np.array([0.0, 0.0, 1.0]), 0.1)
+    middle = true["base"][:3, 3]
+    off = transform_from(turn, middle - turn @ middle + np.array([0.004, 0.004, 0.0]))
+    fits, belief = fits_of(toy.assembly, enough=0.5), np.array([0.02, 0.98])
+    assert fits.step(found(true["base"]), belief, toy.frame(1, true)) is not None
+    assert fits.step(found(off @ true["base"]), belief, toy.frame(1, true)) is not None
+    assert fits.base is not None
+    np.testing.assert_allclose(fits.base.T_camera_part, true["base"], atol=1e-9)
+
+
 def test_every_scene_lies_as_near_as_its_own_surface_is_measured(toy) -> None:
     """By the base alone it would be nearer where a flat block covers most of the base."""
     shapes = part_shapes(toy.assembly, surface_points=900)
