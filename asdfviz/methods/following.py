@@ -1,21 +1,25 @@
 """What a pure tracker needs where parts move fast or are hidden, which its papers leave out.
 
-A part is looked for where it was and where it was heading. One that clearly does not fit the picture
-learns no colours and, where it is hidden or stays lost, goes back to where it was last seen: what a
-hand covers mostly stays where it is, and a tracker that is let go settles on something else.
+A part is looked for where it was and where it was heading, and where the camera has moved, as most
+parts tell, where it lies if it lies still. One that clearly does not fit the picture learns no colours
+and, where it is hidden or stays lost, goes back to where it was last seen: what a hand covers mostly
+stays where it is, and a tracker that is let go settles on something else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from operator import attrgetter
 
 import numpy as np
 
-from asdfviz.datatypes import Frame
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import apply_to_point, rotation_about
+from asdfviz.geometry.transforms import apply_to_point, inverse, point_distance, rotation_about
+from asdfviz.methods.at_rest import AtRest
+from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.refinding import distinct, heading, moved_to, turned
 from asdfviz.track.bodies import Body
 from asdfviz.track.confidence import Evidence
@@ -49,6 +53,10 @@ class FollowConfig:
     deep by a little more than the tracker tells from a hand before it, a part looks hidden."""
     margin: float = 0.15
     """A try must fit better by this (`Trial.score`)."""
+    at_rest: AtRestConfig = field(default_factory=partial(AtRestConfig, enough=1))
+    """What lies still though the camera moves; the first frame is the truth's, so one is enough."""
+    astray: float = 0.005
+    """A part found this far from where it lies still is also tried there, metres."""
 
 
 @dataclass(slots=True, eq=False)
@@ -67,11 +75,18 @@ class _Path:
 class Follower:
     """Moves a tracker from frame to frame."""
 
-    def __init__(self, tracker: Tracker, bodies: Mapping[str, Body], config: FollowConfig) -> None:
-        """Take a tracker that was started, and its bodies."""
+    def __init__(
+        self,
+        tracker: Tracker,
+        bodies: Mapping[str, Body],
+        assembly: Assembly,
+        config: FollowConfig,
+    ) -> None:
+        """Take a tracker that was started, its bodies, and the assembly whose parts they are."""
         self._tracker = tracker
         self._bodies = bodies
         self._config = config
+        self._rest = AtRest(assembly, config=config.at_rest)
         self._paths: dict[str, _Path] = {}
         self.place(tracker.names)
 
@@ -92,7 +107,7 @@ class Follower:
             if name not in held:
                 self._head_on(name, frame)
         tracker.move(frame)
-        evidence = tracker.evidence(frame)
+        evidence = self._left_lying(frame, tracker.evidence(frame), held)
         better = {
             name: T_better
             for name in tracker.names
@@ -108,6 +123,7 @@ class Follower:
             name: self._noted(self._paths[name], poses[name], sure[name], evidence[name])
             for name in tracker.names
         }
+        self._move_with_the_camera(sure, held)
         seen = [name for name in tracker.names if sure[name] >= self._config.learn_above]
         tracker.learn(frame, seen)
         back = {n: self._paths[n].T_now for n, gone in lost.items() if gone and n not in held}
@@ -133,6 +149,36 @@ class Follower:
         rest, moved = self._tracker.trials(frame, name, starts, rounds=self._config.rounds)
         if moved.score > rest.score:
             self._tracker.replace(frame, {name: ahead})
+
+    def _left_lying(
+        self, frame: Frame, evidence: dict[str, Evidence], held: Collection[str]
+    ) -> dict[str, Evidence]:
+        """Put parts that were left behind as the camera moved where they lie, if the picture says so;
+        the evidence for all of them then."""
+        tracker, poses = self._tracker, self._tracker.poses
+        sure = {name: tracker.judged(seen) for name, seen in evidence.items()}
+        lying, least = dict[str, Transform](), tracker.config.confidence.lost_below
+        for name, T_lies in self._rest.expected(_estimates(poses, sure)).items():
+            centre = self._bodies[name].model.centre
+            near = point_distance(poses[name], T_lies, centre) if name in poses else 0.0
+            if name in held or near < self._config.astray:
+                continue
+            found = Trial(poses[name], evidence[name], 0.0)
+            (there,) = tracker.trials(frame, name, [T_lies])
+            if there.score > found.score and there.confidence >= least:
+                lying[name] = there.T_camera_part
+        if not lying:
+            return evidence
+        tracker.replace(frame, lying)
+        return tracker.evidence(frame)
+
+    def _move_with_the_camera(self, sure: Mapping[str, float], held: Collection[str]) -> None:
+        """Take in where all parts are; where one was last seen is told as the camera sees it now."""
+        T_before = self._rest.T_camera_stage
+        self._rest.see(_estimates(self._tracker.poses, sure), joined=held)
+        T_now_before = self._rest.T_camera_stage @ inverse(T_before)
+        for path in [path for path in self._paths.values() if path.unsure]:
+            path.T_now = T_now_before @ path.T_now
 
     def _better(self, name: str, frame: Frame, seen: Evidence) -> Transform | None:
         """Where a pose is in doubt, a better one near it if there is one."""
@@ -180,3 +226,9 @@ class Follower:
         hidden = seen.visible < config.hidden_below
         path.sure = config.unseen + config.kept * (path.sure - config.unseen) if hidden else 0.0
         return hidden or path.unsure > config.patience
+
+
+def _estimates(
+    poses: Mapping[str, Transform], sure: Mapping[str, float]
+) -> dict[str, PoseEstimate]:
+    return {name: PoseEstimate(name, T, sure[name], "tracked") for name, T in poses.items()}

@@ -26,7 +26,7 @@ from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.step_places import StepPlaces, StepPlacesConfig
 from asdfviz.methods.timing import StageTimer
-from asdfviz.methods.tracking import Following, PartTrackerConfig, load_bodies
+from asdfviz.methods.tracking import Following, PartTrackerConfig
 from asdfviz.track.tracker import Tracker
 
 
@@ -90,7 +90,7 @@ class Gbot:
         self._later.clear()
         if initial.state is not None:
             self._step = assembly.states[initial.state.index].completed
-        self._following = Following(load_bodies(assembly), camera, self._config)
+        self._following = Following(assembly, camera, self._config)
 
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""

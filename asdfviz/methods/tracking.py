@@ -6,7 +6,7 @@ judgement says that it is lost. Settings are ours for hand-sized parts unless `p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -61,13 +61,13 @@ def load_bodies(
 class Following:
     """A tracker that was started from truth, with a follower unless it runs as published."""
 
-    def __init__(
-        self, bodies: Mapping[str, Body], camera: Camera, config: PartTrackerConfig
-    ) -> None:
-        self.tracker = Tracker(bodies, camera, config.settings)
+    def __init__(self, assembly: Assembly, camera: Camera, config: PartTrackerConfig) -> None:
+        """Load the parts' viewpoint models."""
+        self.bodies = load_bodies(assembly)
+        self.tracker = Tracker(self.bodies, camera, config.settings)
         self.lost: frozenset[str] = frozenset()
         """Parts whose pose was too unsure after the last frame."""
-        self.bodies = bodies
+        self._assembly = assembly
         self._config = config
         self._follower: Follower | None = None
 
@@ -82,7 +82,9 @@ class Following:
         poses = {name: pose.T_camera_part for name, pose in initial.poses.items()}
         self.tracker.start(frame, poses)
         if not self._config.published:
-            self._follower = Follower(self.tracker, self.bodies, self._config.follow)
+            self._follower = Follower(
+                self.tracker, self.bodies, self._assembly, self._config.follow
+            )
 
     def placed(self, names: Collection[str]) -> None:
         """Somebody took these parts in or put them elsewhere."""
@@ -129,7 +131,7 @@ class PartTracker:
         if initial is None:
             raise MethodError("a tracker needs the poses of the first frame to start from")
         self._initial = initial
-        self._following = Following(load_bodies(assembly), camera, self._config)
+        self._following = Following(assembly, camera, self._config)
 
     def step(self, frame: Frame) -> FramePrediction:
         """Move all parts to the next frame."""

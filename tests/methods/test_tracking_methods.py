@@ -19,6 +19,7 @@ from asdfviz.geometry.transforms import inverse, rotation_about, rotation_angle,
 from asdfviz.methods import tracking
 from asdfviz.methods.asdf_track import AsdfTrack
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig, JoinConfig
+from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.contour_fits import ContourConfig, ContourFits
 from asdfviz.methods.following import FollowConfig
 from asdfviz.methods.gbot import Gbot, GbotConfig
@@ -200,9 +201,10 @@ def test_a_part_that_was_hidden_and_moved_is_not_taken_for_what_lies_there(scene
 @pytest.mark.parametrize("tried", [True, False])
 def test_a_part_that_was_taken_too_deep_is_found_on_its_ray(*, tried: bool, scene: Scene) -> None:
     follow = FollowConfig() if tried else FollowConfig(off_depth=np.inf)
-    bodies = tracking.load_bodies(scene.assembly)
     following = tracking.Following(
-        bodies, scene.frames[0].camera, tracking.PartTrackerConfig(follow=follow, report_lost=True)
+        scene.assembly,
+        scene.frames[0].camera,
+        tracking.PartTrackerConfig(follow=follow, report_lost=True),
     )
     following.start(scene.frames[0], scene.initial("base", "block"))
     following.update(scene.frames[0], StageTimer())
@@ -213,6 +215,64 @@ def test_a_part_that_was_taken_too_deep_is_found_on_its_ray(*, tried: bool, scen
     poses = following.update(scene.frames[0], StageTimer())
     off_mm = scene.off_mm(FramePrediction(0, poses, None), "block")
     assert off_mm < 3 if tried else off_mm > 20
+
+
+def shaken(scene: Scene, toy, shift: float) -> Scene:
+    """Four parts that lie still before a camera that moves to the side in the second frame and back."""
+    base, block = (scene.assembly.parts[name] for name in COLORS)
+    assembly = replace(
+        scene.assembly, parts={"base": base, **{name: replace(block, name=name) for name in "abc"}}
+    )
+    places = {"a": (-0.14, -0.1), "b": (0.16, -0.1), "c": (-0.14, 0.12)}
+    truth = []
+    for i in range(4):
+        T_shift = transform_from(np.eye(3), np.array([shift * (i == 1), 0.0, 0.0]))
+        lying = {"base": scene.truth[0]["base"]}
+        for name, (x, y) in places.items():
+            R = rotation_about(np.array([0.3, 1.0, 0.2]), 0.6)
+            lying[name] = transform_from(R, np.array([x, y, 0.55]))
+        truth.append({name: T_shift @ T for name, T in lying.items()})
+    frames = [drawn(assembly, T, i, toy) for i, T in enumerate(truth)]
+    return Scene(assembly, truth, frames, scene.draw)
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_hidden_part_stays_where_it_lies_as_the_camera_moves(
+    *, enabled: bool, scene: Scene, toy
+) -> None:
+    moved = shaken(scene, toy, 0.02)
+    behind = hidden(moved.frames[1])
+    left = np.s_[:, : moved.frames[1].camera.width // 3]
+    upper = moved.frames[1].camera.height // 2
+    for name in ("rgb", "depth"):  # a board before the third block
+        getattr(moved.frames[1], name)[upper:][left] = getattr(behind, name)[upper:][left]
+    follow = FollowConfig(at_rest=AtRestConfig(enabled=enabled, enough=1))
+    method = tracking.PartTracker(tracking.PartTrackerConfig(follow=follow, report_lost=True))
+    method.reset(moved.assembly, moved.frames[0].camera, moved.initial("base", *"abc"))
+    said = [method.step(frame) for frame in moved.frames[:2]]
+    assert all(moved.off_mm(said[1], name) < 3 for name in ("base", "a", "b"))
+    off_mm = moved.off_mm(said[1], "c")
+    assert off_mm < 4 if enabled else off_mm > 15
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_part_that_slipped_as_the_camera_moved_is_put_back(
+    *, enabled: bool, scene: Scene, toy
+) -> None:
+    moved = shaken(scene, toy, 0.02)
+    follow = FollowConfig(at_rest=AtRestConfig(enabled=enabled, enough=1))
+    config = tracking.PartTrackerConfig(follow=follow, report_lost=True)
+    following = tracking.Following(moved.assembly, moved.frames[0].camera, config)
+    following.start(moved.frames[0], moved.initial("base", *"abc"))
+    for frame in moved.frames[:2]:
+        following.update(frame, StageTimer())
+    T_slipped = moved.truth[2]["c"].copy()
+    T_slipped[1, 3] -= 0.11  # farther than the tracker sees
+    following.tracker.replace(moved.frames[2], {"c": T_slipped})
+    following.placed(["c"])
+    poses = following.update(moved.frames[2], StageTimer())
+    off_mm = moved.off_mm(FramePrediction(2, poses, None), "c")
+    assert off_mm < 3 if enabled else off_mm > 30
 
 
 def test_published_settings_are_those_of_the_papers() -> None:
