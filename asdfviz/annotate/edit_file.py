@@ -32,11 +32,6 @@ Row: TypeAlias = tuple[EditKind, int | None, int | None, str | None, Mapping[str
 COLUMNS = "id, time, author, kind, step, frame, last_frame, part, payload, undone"
 POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify', 'drop_pose') AND undone = 0"
 STATE_KIND = "kind = 'state' AND undone = 0"
-LAST_STEP = """SELECT max(step) FROM edits
-WHERE author = ? AND undone = 0 AND kind NOT IN ('undo', 'redo')"""
-LAST_UNDONE_STEP = """SELECT step FROM edits AS u WHERE author = ?1 AND kind = 'undo' AND id >
-(SELECT coalesce(max(id), 0) FROM edits WHERE author = ?1 AND kind NOT IN ('undo', 'redo'))
-AND (SELECT undone FROM edits WHERE id = u.step) = 1 ORDER BY id DESC LIMIT 1"""
 
 _SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};

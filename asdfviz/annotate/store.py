@@ -8,7 +8,7 @@ tells when there are new ones.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import RLock
@@ -28,6 +28,7 @@ from asdfviz.annotate.records import (
     label_payload,
     pose_payload,
 )
+from asdfviz.annotate.steps import switch_step
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
 
@@ -89,7 +90,7 @@ class AnnotationStore:
             part: its name.
             T_camera_part: kept to the last bit.
             provenance: how the pose came about: "gizmo", "keys", "copied", "method:asdf" ...
-            group: the edits of one drag share a name and are undone as one.
+            group: the edits of one drag share a name and are undone as one; see `steps.group_of`.
         """
         return self.set_poses(frame, {part: T_camera_part}, provenance=provenance, group=group)
 
@@ -226,26 +227,23 @@ class AnnotationStore:
         """Every row since version `after`, oldest first, what was undone and the undoing included."""
         return self._edits("id > ? ORDER BY id", (after,))
 
-    def undo(self) -> tuple[Edit, ...]:
-        """Take back this author's last step; returns its edits, none if there is nothing left."""
-        return self._switch("undo", edit_file.LAST_STEP)
+    def undo(self, *, others: Collection[str] = (), group: str | None = None) -> tuple[Edit, ...]:
+        """Take back this author's last step; returns its edits, none if there is nothing left.
 
-    def redo(self) -> tuple[Edit, ...]:
-        """Bring back the step that this author undid last, unless they have edited since."""
-        return self._switch("redo", edit_file.LAST_UNDONE_STEP)
+        Args:
+            others: the author's other tabs, whose steps are left alone.
+            group: names the tab that asks, as `steps.group_of` does.
 
-    def _switch(self, kind: EditKind, query: str) -> tuple[Edit, ...]:
+        Raises:
+            AnnotationError: one of the other tabs changed the same since.
+        """
         with self.transaction() as connection:
-            found = connection.execute(query, (self.author,)).fetchone()
-            step = None if found is None else found[0]
-            if step is None:
-                return ()
-            insert_edit(connection, (kind, None, None, None, {}), author=self.author, step=step)
-            connection.execute(
-                "UPDATE edits SET undone = ? WHERE step = ? AND kind NOT IN ('undo', 'redo')",
-                (int(kind == "undo"), step),
-            )
-        return self._edits("step = ? AND kind NOT IN ('undo', 'redo') ORDER BY id", (step,))
+            return switch_step(connection, "undo", author=self.author, others=others, group=group)
+
+    def redo(self, *, others: Collection[str] = (), group: str | None = None) -> tuple[Edit, ...]:
+        """Bring back the step that this author undid last, unless they have edited since; see `undo`."""
+        with self.transaction() as connection:
+            return switch_step(connection, "redo", author=self.author, others=others, group=group)
 
     def _add(self, rows: Sequence[Row], group: str | None) -> int:
         if not rows:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from asdfviz.annotate.records import TRACKED, by_hand_of
+from asdfviz.annotate.steps import group_of
 from asdfviz.app.background_job import BackgroundJob
 from asdfviz.app.desk import carried
 from asdfviz.app.history import NAMED, range_in_words
@@ -47,6 +48,8 @@ class Carry:
     last: int
     base: str | None
     """Whose poses are shown where nothing was corrected."""
+    page: str = ""
+    """The browser tab that asked for it."""
 
     @property
     def label(self) -> str:
@@ -91,7 +94,7 @@ def plan(workspace: Workspace, view: View, direction: Direction) -> Carry:
             keyframes[name][at] = T_camera_part
     for name in moving:
         keyframes[name][place] = here[name].T_camera_part
-    return Carry(part, keyframes, first, last, view.base)
+    return Carry(part, keyframes, first, last, view.base, view.page)
 
 
 def _set_by_hand(workspace: Workspace) -> dict[tuple[int, str], Transform | None]:
@@ -181,7 +184,7 @@ class CarryJob(BackgroundJob):
             raise AnnotationError(
                 f"{carry.part} was lost at once: look whether its pose here is right"
             )
-        group = f"track@{time.monotonic():.6f}"
+        group = group_of(carry.page, f"track@{time.monotonic():.6f}")
         ordered = {frame: Ts_by_frame[frame] for frame in sorted(Ts_by_frame)}
         with workspace.store.transaction():
             if workspace.store.seed().kind == "none" and carry.base is not None:

@@ -7,6 +7,7 @@ empties it, so nothing here needs a lock, and no click is lost while something w
 from __future__ import annotations
 
 import contextlib
+import secrets
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -18,7 +19,7 @@ from asdfviz.app import camera
 from asdfviz.app.carrying import plan
 from asdfviz.app.desk import Burst, NothingLeft, dragged
 from asdfviz.app.display import Display
-from asdfviz.app.editing import Edits, apply_edit, gap_beside, told_gap
+from asdfviz.app.editing import Edits, apply_edit, gap_beside, told_gap, use_base
 from asdfviz.app.inbox import Inbox
 from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
@@ -63,7 +64,7 @@ class Controller:
         self._background = background
         self._methods = methods
         self._inbox = Inbox()
-        self.view = View()
+        self.view = View(page=secrets.token_hex(4))
         self._burst = Burst()
         self._pace = Pace()
         self._status = ""
@@ -75,6 +76,7 @@ class Controller:
         self._judged: object = None
         self._is_closed = False
         self._end = workspace.subscribe(lambda: self.emit(act.Changed()))
+        workspace.pages.add(self.view.page)
         self._thread = threading.Thread(target=self._work, name="tab", daemon=True)
 
     @property
@@ -93,6 +95,7 @@ class Controller:
     def close(self) -> None:
         """The browser tab has gone."""
         self._is_closed = True
+        self._workspace.pages.discard(self.view.page)
         self._end()
         self._inbox.wake()
 
@@ -138,10 +141,13 @@ class Controller:
         workspace = self._workspace
         aspect = float(self.client.camera.aspect)
         base = workspace.base_of_seed()
-        view = View(
-            aspect=aspect, base=base, chosen=base is not None, welcome=is_first_visit(self.client)
+        self.view = replace(
+            self.view,
+            aspect=aspect,
+            base=base,
+            chosen=base is not None,
+            welcome=is_first_visit(self.client),
         )
-        self.view = view
         self._display = Display(self.client, workspace, self.emit, self._methods)
         self._listen()
 
@@ -187,7 +193,7 @@ class Controller:
             case act.DismissWelcome():
                 remember_visit(self.client)
             case act.UseRun():
-                self._use_run()
+                use_base(self.view, self._workspace, now=time.monotonic())
             case act.ToGap():
                 self._to_gap(action)
             case _:
@@ -241,12 +247,6 @@ class Controller:
         place = gap_beside(self.view, self._workspace, action.direction)
         self.view = update(self.view, act.Hold(place), self._workspace.facts())
         self._status = told_gap(self.view, self._workspace)
-
-    def _use_run(self) -> None:
-        """Corrections that were begun go on from the new base."""
-        if self._workspace.store.seed().kind != "none":
-            self._workspace.store.set_seed(self._workspace.seed_of(self.view.base))
-            self._workspace.changed()
 
     def _follow_seed(self) -> None:
         """Draw what corrections start from, in every tab: that is also what is exported."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from asdfviz.annotate.edits import nudged, rotated
 from asdfviz.annotate.records import gone_of
+from asdfviz.annotate.steps import group_of
 from asdfviz.app import actions as act
 from asdfviz.app import labels, placing, verdicts
 from asdfviz.app.desk import Burst, Desk, Done, NothingLeft
@@ -55,9 +56,17 @@ def apply_edit(
         group = burst.name
     else:
         burst, group = Burst(), f"edit@{now:.6f}"
-    desk = Desk(workspace, view, group)
+    desk = Desk(workspace, view, group_of(view.page, group))
     done = _dispatch(action, desk)
     return replace(done, burst=burst)
+
+
+def use_base(view: View, workspace: Workspace, *, now: float) -> None:
+    """Let corrections that were begun go on from what is drawn now."""
+    store = workspace.store
+    if store.seed().kind != "none":
+        store.set_seed(workspace.seed_of(view.base), group=group_of(view.page, f"base@{now:.6f}"))
+        workspace.changed()
 
 
 def gap_beside(view: View, workspace: Workspace, direction: int) -> int:
@@ -145,9 +154,12 @@ def _revert(desk: Desk) -> Done:
 def _switch(action: act.Undo | act.Redo, desk: Desk) -> Done:
     undo = isinstance(action, act.Undo)
     store, view = desk.workspace.store, desk.view
-    edits = store.undo() if undo else store.redo()
+    others = desk.workspace.pages - {view.page}
+    switch = store.undo if undo else store.redo
+    edits = switch(others=others, group=desk.group)
     if not edits:
-        raise NothingLeft(f"nothing left to {'undo' if undo else 'redo'}")
+        here = " in this tab" if others else ""
+        raise NothingLeft(f"nothing left to {'undo' if undo else 'redo'}{here}")
     changed = frames_of(edits)
     places = [place for place, frame in enumerate(desk.workspace.indices) if frame in changed]
     said = f"{'undid' if undo else 'redid'}: {in_words(edits)}"

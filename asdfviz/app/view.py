@@ -46,6 +46,8 @@ class Facts:
 class View:
     """One person's view."""
 
+    page: str = ""
+    """Tells the browser tab from others; undo takes back what was done in it."""
     place: int = 0
     """Of the frame shown, 0 to count - 1."""
     playing: bool = False

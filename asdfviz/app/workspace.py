@@ -68,6 +68,8 @@ class Workspace:
         self.messages: tuple[Message, ...] = ()
         """What happened in the background; every tab shows those that it has not shown yet."""
         self.is_judging = False
+        self.pages: set[str] = set()
+        """The browser tabs that are open."""
         self._runs: tuple[LoadedRun, ...] = ()
         self._changes = 0
         self._lock = threading.RLock()

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from asdfviz.annotate.records import Seed, StateLabel
+from asdfviz.annotate.steps import group_of
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.transforms import rotation_about, transform_from
@@ -128,6 +129,48 @@ def test_undo_reaches_back_over_a_restart(open_store: OpenStore) -> None:
     for _ in range(119):
         third.redo()
     np.testing.assert_array_equal(kept(third), pose(119))
+
+
+def test_undo_leaves_the_steps_of_another_tab_alone(store: AnnotationStore) -> None:
+    left, right = group_of("left", "edit@1"), group_of("right", "edit@2")
+    store.set_seed(Seed("truth"), group=left)
+    store.set_pose(0, "lid", pose(1), group=left)
+    store.set_pose(5, "pin", pose(2), group=right)
+    (_, undone) = store.undo(others=["right"], group=left)
+    assert (undone.frame, undone.part) == (0, "lid")
+    assert set(store.poses()) == {(5, "pin")}
+    assert store.undo(others=["right"], group=left) == ()
+    # What the other tab's corrections start from was not taken from under them.
+    assert store.seed() == Seed("truth")
+    assert store.redo(others=["left"], group=right) == ()
+    assert len(store.redo(others=["right"], group=left)) == 2
+    assert len(store.undo(others=["left"], group=right)) == 2
+    assert set(store.poses()) == {(0, "lid")}
+    assert store.seed() == Seed("truth")
+    store.redo(group=left)  # a tab that is closed leaves its steps to the others
+    assert set(store.poses()) == {(0, "lid"), (5, "pin")}
+
+
+def test_undo_says_what_another_tab_has_changed_since(store: AnnotationStore) -> None:
+    left, right = group_of("left", "edit@1"), group_of("right", "edit@2")
+    store.set_pose(0, "lid", pose(1), group=left)
+    store.remove_pose(0, "lid", group=right)
+    with pytest.raises(AnnotationError, match="another tab has changed lid in frame 0 since"):
+        store.undo(others=["right"], group=left)
+    store.undo(others=["left"], group=right)
+    assert len(store.undo(others=["right"], group=left)) == 1
+    store.set_state(3, StateLabel(0), last_frame=6, group=left)
+    store.set_state(6, StateLabel(1), last_frame=9, group=right)
+    with pytest.raises(AnnotationError, match="another tab has changed the state of frame 6 since"):
+        store.undo(others=["right"], group=left)
+    store.set_state(7, StateLabel(0), group=f"{right}0")
+    store.undo(others=["left"], group=right)
+    store.undo(others=["left"], group=right)
+    assert len(store.undo(others=["right"], group=left)) == 1
+    for name in ("left", "right"):
+        store.set_seed(Seed("run", name), group=group_of(name, "base@3"))
+    with pytest.raises(AnnotationError, match="changed what corrections start from since"):
+        store.undo(others=["right"], group=left)
 
 
 def test_undo_takes_back_ones_own_edits_only(open_store: OpenStore) -> None:

@@ -148,7 +148,8 @@ def test_a_part_is_tracked_both_ways_and_undone_in_one_step(
 ) -> None:
     workspace = opened(with_depth=with_depth)
     annotate(workspace, 3)
-    status = tracked(workspace, plan(workspace, View(place=3, selected="jaw"), "both"))
+    view = View(page="left", place=3, selected="jaw")
+    status = tracked(workspace, plan(workspace, view, "both"))
     assert (status.state, status.done) == ("done", COUNT - 1)
     shown = [workspace.poses(place, None)["jaw"] for place in range(COUNT)]
     assert [s.stage for s in shown] == [
@@ -156,6 +157,9 @@ def test_a_part_is_tracked_both_ways_and_undone_in_one_step(
     ]
     assert max(off_mm(workspace, place) for place in range(COUNT)) < (3 if with_depth else 10)
     assert workspace.store.pose(FIRST + 5, "jaw").provenance == TRACKED  # pyright: ignore[reportOptionalMemberAccess]
+    (by_hand,) = workspace.store.undo(others=["left"])  # as in a tab that did not track
+    assert by_hand.frame == FIRST + 3
+    workspace.store.redo()
     workspace.store.undo()
     assert list(workspace.store.poses()) == [(FIRST + 3, "jaw")]
 

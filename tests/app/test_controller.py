@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -13,7 +14,7 @@ from asdfviz.app import actions as act
 from asdfviz.app.controller import Controller
 from asdfviz.app.items import JobStatus
 from asdfviz.app.jobs import Background
-from asdfviz.app.view import TRUTH, View
+from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
 
 
@@ -53,7 +54,7 @@ def opened(with_run: Workspace, monkeypatch: pytest.MonkeyPatch) -> Iterator[Ope
         screen = Screen(seconds)
 
         def build(tab: Controller) -> None:
-            tab.view = View(selected="jaw", place=2, **view)
+            tab.view = replace(tab.view, selected="jaw", place=2, **view)
             vars(tab)["_display"] = screen
 
         monkeypatch.setattr(Controller, "_build", build)
@@ -123,6 +124,19 @@ def test_the_end_of_undo_is_a_hint(opened: Open) -> None:
     tab.close()
     assert screen.told[0][1] == "nothing left to undo"
     assert screen.colors == ["gray", "red"]
+
+
+def test_a_tab_that_is_open_keeps_its_steps_to_itself(opened: Open, with_run: Workspace) -> None:
+    (tab, _), (other, screen) = opened(base="first"), opened(base="first")
+    tab.emit(act.Nudge(0, 1))
+    until(with_run.store.poses)
+    other.emit(act.Undo())
+    until(lambda: screen.told)
+    assert screen.told == [("Nothing left", "nothing left to undo in this tab")]
+    tab.close()
+    other.emit(act.Undo())
+    until(lambda: not with_run.store.poses())
+    other.close()
 
 
 def test_beside_undo_stands_what_was_tracked_last(opened: Open, with_run: Workspace) -> None:

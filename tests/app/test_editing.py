@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from asdfviz.app import actions as act
-from asdfviz.app.desk import Burst, Done
-from asdfviz.app.editing import Edits, apply_edit
+from asdfviz.app.desk import Burst, Done, NothingLeft
+from asdfviz.app.editing import Edits, apply_edit, use_base
 from asdfviz.app.items import ANNOTATION
 from asdfviz.app.typed_pose import euler_deg
 from asdfviz.app.view import TRUTH, View
@@ -121,6 +121,25 @@ def test_undo_of_tracking_tells_it_and_stays_where_it_is_seen(
     assert (undone.message, undone.place) == ("undid: tracking of jaw in 3 frames", then)
     again = do(act.Redo(), View(place=place))
     assert (again.message, again.place) == ("redid: tracking of jaw in 3 frames", then)
+
+
+def test_undo_takes_back_what_was_done_in_this_tab(with_run: Workspace, do: Do) -> None:
+    left, right = replace(JAW, page="left"), replace(JAW, page="right", place=3)
+    with_run.pages |= {"left", "right"}
+    do(act.Nudge(0, 1), left)
+    use_base(replace(right, base=TRUTH), with_run, now=0.5)
+    do(act.Nudge(0, 1), right, now=1.0)
+    undone = do(act.Undo(), left, now=2.0)
+    assert (undone.message, undone.place) == ("undid: moved jaw in frame 101", 1)
+    with pytest.raises(NothingLeft, match="nothing left to undo in this tab"):
+        do(act.Undo(), left, now=3.0)
+    do(act.Nudge(0, 1), replace(left, place=3), now=4.0)
+    with pytest.raises(AnnotationError, match="another tab has changed jaw in frame 103 since"):
+        do(act.Undo(), right, now=5.0)
+    with_run.pages.remove("left")
+    assert do(act.Undo(), right, now=6.0).message == "undid: moved jaw in frame 103"
+    assert do(act.Undo(), right, now=7.0).message == "undid: moved jaw in frame 103"
+    assert do(act.Undo(), right, now=8.0).message == "undid: what corrections start from"
 
 
 def test_undo_tells_a_whole_step(with_run: Workspace, do: Do) -> None:
