@@ -27,7 +27,7 @@ from asdfviz.errors import AnnotationError, Stopped, some
 from asdfviz.evaluate.health_shift import spread
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.tracking import load_bodies
-from asdfviz.track.keyframes import CarriedPose, CarryConfig, carry_parts
+from asdfviz.track.keyframes import CarriedPose, CarryConfig, carry_parts, frames_to_track
 from asdfviz.track.presets import FINE, RBOT_REGION
 
 LOOKED_AT = 8
@@ -56,6 +56,11 @@ class Carry:
         """In words."""
         others = len(self.keyframes) - 1
         return f"{self.part} and {others} joined with it" if others else self.part
+
+    @property
+    def total(self) -> int:
+        """Frames to track."""
+        return len(frames_to_track(self.keyframes, self.first, self.last))
 
 
 def plan(workspace: Workspace, view: View, direction: Direction) -> Carry:
@@ -111,11 +116,10 @@ class CarryJob(BackgroundJob):
         super().__init__(workspace, "carrying", thread="carry")
         self._carry = carry
         self._told = 0.0
-        self._set(JobStatus(carry.label, "running", total=carry.last - carry.first))
+        self._set(JobStatus(carry.label, "running", total=carry.total))
 
     def _work(self) -> None:
         carry = self._carry
-        total = carry.last - carry.first
         try:
             found = self._tracked()
             if self._stopped.is_set():
@@ -123,15 +127,14 @@ class CarryJob(BackgroundJob):
             count = self._keep(found)
             lost = self._lost_in(found)
         except Stopped:
-            self._set(JobStatus(carry.label, "stopped", total=total))
+            self._set(JobStatus(carry.label, "stopped", total=carry.total))
         else:
-            end = JobStatus(carry.label, "done", done=count, total=total, message=lost)
+            end = JobStatus(carry.label, "done", done=count, total=carry.total, message=lost)
             self._set(replace(end, part=carry.part, version=self._workspace.store.version()))
 
     def _fail(self, message: str) -> None:
         carry = self._carry
-        total = carry.last - carry.first
-        self._set(JobStatus(carry.label, "failed", total=total, message=message))
+        self._set(JobStatus(carry.label, "failed", total=carry.total, message=message))
         said = Message(f"{carry.label} could not be tracked", message, is_problem=True)
         self._workspace.say(said)
 

@@ -98,7 +98,8 @@ def carry_parts(
         first: first place.
         last: last place.
         config: how keyframes are carried.
-        progress: told (frames tracked, most frames to track).
+        progress: told (frames tracked, frames to track); one between keyframes, which is tracked
+            from both sides, counts by halves.
         stop: asked before every frame.
         redetect: finds parts again that were lost; what it says is believed only if the picture
             fits it.
@@ -114,18 +115,30 @@ def carry_parts(
     config = config or CarryConfig()
     _check(keyframes, first, last)
     places = [place for own in keyframes.values() for place in own]
-    steps = last - min(places) + max(places) - first + 2
+    sides = range(min(places), last + 1), range(max(places), first - 1, -1)
+    sought = frames_to_track(keyframes, first, last)
+    steps = sum(place in sought for side in sides for place in side)
     job = _Job(
-        frame_at, keyframes, bodies, camera, config, redetect, stop, progress, steps
+        frame_at, keyframes, bodies, camera, config, redetect, stop, progress, sought, steps
     )  # fmt: skip
-    forward = _one_side(job, range(min(places), last + 1))
-    backward = _one_side(job, range(max(places), first - 1, -1))
+    forward, backward = (_one_side(job, side) for side in sides)
     if progress is not None:
-        progress(job.steps, job.steps)
+        progress(len(sought), len(sought))
     return {
         name: _merged((forward[name], backward[name]), sorted(own), bodies[name], config)
         for name, own in keyframes.items()
     }
+
+
+def frames_to_track(
+    keyframes: Mapping[str, Mapping[int, Transform]], first: int, last: int
+) -> frozenset[int]:
+    """The places, of those from `first` to `last`, that are no keyframe of some part."""
+    return frozenset(
+        place
+        for place in range(first, last + 1)
+        if any(place not in own for own in keyframes.values())
+    )
 
 
 def _check(keyframes: Mapping[str, Mapping[int, Transform]], first: int, last: int) -> None:
@@ -151,14 +164,17 @@ class _Job:
     redetect: Redetect | None
     stop: Callable[[], bool] | None
     progress: Callable[[int, int], None] | None
+    sought: frozenset[int]
+    """Places to track."""
     steps: int
+    """How often one of them is looked at, both sides together."""
     done: int = 0
 
-    def tell(self) -> None:
-        """Count a frame."""
-        self.done += 1
-        if self.progress is not None:
-            self.progress(self.done, self.steps)
+    def tell(self, place: int) -> None:
+        """Count a frame that was to be tracked."""
+        if self.progress is not None and place in self.sought:
+            self.done += 1
+            self.progress(self.done * len(self.sought) // self.steps, len(self.sought))
 
     def check_stop(self) -> None:
         """Raise Stopped if that was asked for."""
@@ -197,7 +213,7 @@ def _one_side(job: _Job, order: range) -> dict[str, dict[int, CarriedPose]]:
         tracker.drop(ended)
         lost |= ended
         lost -= _found_again(job, tracker, frame, place, lost, found, unsure)
-        job.tell()
+        job.tell(place)
     return found
 
 

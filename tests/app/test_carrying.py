@@ -150,7 +150,7 @@ def test_a_part_is_tracked_both_ways_and_undone_in_one_step(
     annotate(workspace, 3)
     view = View(page="left", place=3, selected="jaw")
     status = tracked(workspace, plan(workspace, view, "both"))
-    assert (status.state, status.done) == ("done", COUNT - 1)
+    assert (status.state, status.done, status.total) == ("done", COUNT - 1, COUNT - 1)
     shown = [workspace.poses(place, None)["jaw"] for place in range(COUNT)]
     assert [s.stage for s in shown] == [
         "annotated" if place == 3 else "tracked" for place in range(COUNT)

@@ -44,9 +44,10 @@ def test_frames_between_keyframes_are_filled(
     assert sorted(carried) == [k for k in range(15) if k not in (2, 9)]
     assert all(add_mm(box_body, c.T_camera_part, box_poses[k]) < 2.0 for k, c in carried.items())
     assert all(is_rigid(c.T_camera_part, tolerance=1e-9) for c in carried.values())
-    # From the first keyframe to the end, and from the last one back to the beginning.
-    assert told[-1] == (23, 23)
+    # Frames, not looks at them: those between the keyframes are tracked from both sides.
+    assert told[-1] == (13, 13)
     assert [k for k, _ in told] == sorted(k for k, _ in told)
+    assert {n for _, n in told} == {13}
 
 
 def test_each_side_stops_where_the_part_is_hidden(
