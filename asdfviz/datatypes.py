@@ -30,8 +30,10 @@ from asdfviz.geometry.shapes import (
 )
 from asdfviz.geometry.symmetry import Symmetries
 
-Stage: TypeAlias = Literal["pnp", "crop", "refined", "group", "tracked", "annotated", "truth"]
-"""The last step that touched a pose."""
+Stage: TypeAlias = Literal[
+    "pnp", "crop", "refined", "group", "tracked", "annotated", "truth", "csv"
+]
+"""The last step that touched a pose; "csv": it was read from results that do not say so."""
 
 KEYPOINTS = 17
 """Keypoints a part, as in the paper."""
@@ -177,10 +179,9 @@ class BoxMask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """One box of the network with its keypoints, in pixels of the frame."""
+    """One box of the network with its keypoints, in pixels; `label` is the class of a part or state."""
 
     label: str
-    """A detector class: of a part or of a state."""
     box_xyxy: Box
     keypoints_px: Pixels
     keypoint_scores: Scores
@@ -192,12 +193,11 @@ class Detection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEstimate:
-    """Where one part is."""
+    """Where one part is, and how surely, from 0 to 1."""
 
     part: str
     T_camera_part: Transform
     score: float
-    """0 to 1."""
     stage: Stage
 
 

@@ -220,7 +220,7 @@ def _prediction(index: int, rows: dict[str, _Row], spread: tuple[float, float]) 
                 part=name,
                 T_camera_part=row.T_camera_part,
                 score=_share(row.score, spread),
-                stage="tracked",
+                stage="csv",
             )
             for name, row in rows.items()
             if row.T_camera_part is not None

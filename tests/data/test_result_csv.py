@@ -48,6 +48,7 @@ def test_the_gbot_evaluators_csv_reads_as_a_run(read: Read) -> None:
     expected = [[0, -1, 0, 0.0105], [1, 0, 0, -0.02], [0, 0, 1, 0.5], [0, 0, 0, 1]]
     np.testing.assert_allclose(first.poses["base"].T_camera_part, expected, atol=1e-12)
     assert first.poses["base"].score == 1.0
+    assert first.poses["base"].stage == "csv"  # it does not say how they came about
     assert first.runtime == {"total": pytest.approx(0.0125)}
     assert dict(run.predictions[1].poses) == {}
 

@@ -37,6 +37,7 @@ STAGES = {
     "tracked": "tracked",
     "annotated": "corrected",
     "truth": "truth",
+    "csv": "from a result csv",
 }
 """How a pose came about, in words."""
 _DERIVED = {"tracked": "tracked", "group": "by the state"}
