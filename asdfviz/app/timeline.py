@@ -198,7 +198,7 @@ def _segment(piece: Segment, count: int, steps: int) -> str:
         f'<i class="{"tl-error" if mark.is_error else ""}" data-state="{mark.state}" '
         f'data-first="{piece.first}" data-last="{piece.last}" '
         f'data-say="{text(f"{mark.state} {mark.name}")}" '
-        f'style="{place};background-color:{theme.css(color)};color:{ink}">{label}</i>'
+        f'style="{place};--at:{piece.first / count:.6f};background-color:{theme.css(color)};color:{ink}">{label}</i>'
     )
 
 

@@ -238,6 +238,20 @@ def test_play_pause_step_and_seek(page: Page, app: App) -> None:
     settled(page, lambda rgb: abs(int(np.median(rgb[:, :, 0])) - (40 + 8 * 9)) <= 2)
 
 
+def test_the_cursor_hides_no_label_that_begins_at_it(page: Page) -> None:
+    page.evaluate("() => window.asdfviz.send({ kind: 'Seek', place: 4 })")
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "4")
+    cursor = page.locator('[data-testid="tl-truth"] .tl-cursor').bounding_box()
+    label = page.locator('[data-testid="tl-truth"] [data-first="4"] em')
+    left = label.evaluate(
+        "(em) => { const text = document.createRange(); text.selectNodeContents(em);"
+        " return text.getBoundingClientRect().left; }"
+    )
+    assert cursor is not None
+    assert left > cursor["x"] + cursor["width"]
+    page.keyboard.press("Home")
+
+
 def test_zoom_and_the_3d_view_and_back(page: Page, app: App) -> None:
     left, top, width, height = canvas_box(page)
     page.mouse.move(left + width * 0.3, top + height * 0.4)
