@@ -32,6 +32,16 @@ class Provenance:
     """UTC, ISO 8601."""
 
 
+@dataclass(frozen=True, slots=True)
+class Annotated:
+    """What an annotation file says of its sequence."""
+
+    truth: dict[int, FrameTruth]
+    """Corrected poses and states, by frame number."""
+    gone: set[tuple[int, str]]
+    """Frame numbers and parts that a person said are not there."""
+
+
 def corrected_truth(
     store: AnnotationStore,
     base: Mapping[int, FrameTruth] | Run | Sequence,
@@ -96,10 +106,8 @@ def pose_provenance(
     }
 
 
-def annotation_truth(
-    sequence: Sequence, *, annotations: Path | None = None
-) -> dict[int, FrameTruth]:
-    """Return the corrected truth of a sequence from its file in an annotations folder.
+def annotated(sequence: Sequence, *, annotations: Path | None = None) -> Annotated:
+    """Return what the file of a sequence in an annotations folder says.
 
     Args:
         sequence: what was corrected; its assembly must be known.
@@ -121,15 +129,10 @@ def annotation_truth(
             assembly=assembly,
             frames=sequence.frame_indices,
         )
+        gone = gone_of(store.said())
     if not any(frame.T_camera_part or frame.state is not None for frame in truth.values()):
         raise _nothing_annotated(sequence, f"{file} has neither poses nor states")
-    return truth
-
-
-def removed_poses(sequence: Sequence, *, annotations: Path | None = None) -> set[tuple[int, str]]:
-    """Frame numbers and parts that a person said are not there, of the file that `annotation_truth` reads."""
-    with open_annotation(sequence, _known(sequence.assembly), folder=annotations) as store:
-        return gone_of(store.said())
+    return Annotated(truth, gone)
 
 
 def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, FrameTruth]:

@@ -99,7 +99,7 @@ class Export:
 
     def __call__(self) -> None:
         """Export what the annotation holds."""
-        from asdfviz.annotate.corrected import annotation_truth, removed_poses
+        from asdfviz.annotate.corrected import annotated
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
         from asdfviz.export.bop import export_bop
@@ -113,7 +113,7 @@ class Export:
             )
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
-        truth = annotation_truth(sequence, annotations=self.annotations)
+        known = annotated(sequence, annotations=self.annotations)
         with progress_bar("export") as report:
             export = (
                 partial(export_bop, ids=self.ids)
@@ -121,12 +121,14 @@ class Export:
                 else partial(export_yolo, with_depth=self.layout == "yolo-depth")
             )
             left_out = export(
-                sequence, truth, self.out, progress=lambda done, total: report(done, total, "")
+                sequence,
+                known.truth,
+                self.out,
+                progress=lambda done, total: report(done, total, ""),
             )
         if left_out:
             print(f"warning: {told_left_out(left_out)}", file=sys.stderr)
-        gone = removed_poses(sequence, annotations=self.annotations)
         parts = () if sequence.assembly is None else tuple(sequence.assembly.parts)
-        if gaps := told_gaps(truth, sequence.frame_indices, parts, gone=gone):
+        if gaps := told_gaps(known.truth, sequence.frame_indices, parts, gone=known.gone):
             print(f"note: {gaps}", file=sys.stderr)
         print(self.out)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from asdfviz.annotate.corrected import (
-    annotation_truth,
+    annotated,
     corrected_truth,
     pose_provenance,
     truth_from_run,
@@ -185,26 +185,26 @@ def test_unknown_parts_and_states_are_told(store: AnnotationStore, boxes: Assemb
 def test_the_annotation_of_a_sequence(tmp_path: Path, boxes: Assembly) -> None:
     clip = Clip(boxes)
     with pytest.raises(AnnotationError, match="nothing is annotated in 'clip'"):
-        annotation_truth(clip, annotations=tmp_path)
+        annotated(clip, annotations=tmp_path)
     assert list(tmp_path.iterdir()) == []
     file = annotation_file("clip", folder=tmp_path)
     with AnnotationStore(file, sequence_name="clip", assembly_name="boxes") as store:
         store.set_pose(10, "lid", pose(1))
-        assert list(annotation_truth(clip, annotations=tmp_path)) == [10]
+        assert list(annotated(clip, annotations=tmp_path).truth) == [10]
         store.set_seed(Seed("truth"))
-        assert list(annotation_truth(clip, annotations=tmp_path)) == [0, 5, 10]
+        assert list(annotated(clip, annotations=tmp_path).truth) == [0, 5, 10]
         save_run(make_run({5: {"pin": pose(4)}}, {}), tmp_path / "run")
         store.set_seed(Seed("run", str(tmp_path / "run"), "asdf"))
-        found = annotation_truth(clip, annotations=tmp_path)
+        found = annotated(clip, annotations=tmp_path)
         store.set_seed(Seed("run", None, "asdf"))
         with pytest.raises(AnnotationError, match=r"'asdf' .* was not saved"):
-            annotation_truth(clip, annotations=tmp_path)
-    assert {index: list(truth.T_camera_part) for index, truth in found.items()} == {
+            annotated(clip, annotations=tmp_path)
+    assert {index: list(truth.T_camera_part) for index, truth in found.truth.items()} == {
         5: ["pin"],
         10: ["lid"],
     }
     with pytest.raises(AnnotationError, match="assembly"):
-        annotation_truth(Clip(None), annotations=tmp_path)
+        annotated(Clip(None), annotations=tmp_path)
 
 
 def test_a_file_that_nobody_corrected_anything_in(tmp_path: Path, boxes: Assembly) -> None:
@@ -212,12 +212,13 @@ def test_a_file_that_nobody_corrected_anything_in(tmp_path: Path, boxes: Assembl
     file = annotation_file("clip", folder=tmp_path)
     with AnnotationStore(file, sequence_name="clip", assembly_name="boxes") as store:
         with pytest.raises(AnnotationError, match="nothing is annotated in 'clip'"):
-            annotation_truth(clip, annotations=tmp_path)
+            annotated(clip, annotations=tmp_path)
         store.remove_pose(0, "lid")
         with pytest.raises(AnnotationError, match=r"clip\.db has neither poses nor states"):
-            annotation_truth(clip, annotations=tmp_path)
+            annotated(clip, annotations=tmp_path)
         store.set_state(0, StateLabel(0))
-        assert list(annotation_truth(clip, annotations=tmp_path)) == [0]
+        found = annotated(clip, annotations=tmp_path)
+    assert (list(found.truth), found.gone) == ([0], {(0, "lid")})
 
 
 def test_truth_that_corrections_started_from_and_is_gone(tmp_path: Path, boxes: Assembly) -> None:
@@ -227,4 +228,4 @@ def test_truth_that_corrections_started_from_and_is_gone(tmp_path: Path, boxes: 
         store.set_seed(Seed("truth"))
         store.set_pose(0, "lid", pose(0))
     with pytest.raises(AnnotationError, match="its own truth, which is no longer there"):
-        annotation_truth(clip, annotations=tmp_path)
+        annotated(clip, annotations=tmp_path)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from asdfviz.annotate.corrected import annotation_truth
+from asdfviz.annotate.corrected import annotated
 from asdfviz.app.jobs import start_export
 from asdfviz.app.main import ViewConfig, open_app, open_workspace
 from asdfviz.app.workspace import Workspace
@@ -121,7 +121,7 @@ def test_results_in_a_csv_are_shown_and_corrected(scene: Path, clamp: Assembly) 
         correct(workspace, str(results))
     with contextlib.closing(open_workspace(config(scene))) as workspace:
         assert workspace.base_of_seed() == str(results)
-        truth = annotation_truth(workspace.frames.source, annotations=scene.parent / "notes")
+        truth = annotated(workspace.frames.source, annotations=scene.parent / "notes").truth
         assert set(truth[0].T_camera_part) == {"base", "jaw"}
 
 
