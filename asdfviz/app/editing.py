@@ -21,6 +21,7 @@ from asdfviz.app.typed_pose import typed_pose
 from asdfviz.app.view import STEPS_MM, View
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
+from asdfviz.export.gaps import lacking
 
 Edits = (
     act.Nudge
@@ -88,8 +89,7 @@ def gap_beside(view: View, workspace: Workspace, direction: int) -> int:
 def told_gap(view: View, workspace: Workspace) -> str:
     """Which parts have no pose in the frame shown."""
     frame, shown = workspace.indices[view.place], workspace.poses(view.place, view.base)
-    gone = gone_of(workspace.said())
-    parts = [p for p in workspace.assembly.parts if p not in shown and (frame, p) not in gone]
+    parts = lacking(frame, shown, workspace.assembly.parts, gone=gone_of(workspace.said()))
     return f"frame {frame}: no pose of {', '.join(parts)}"
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
-from asdfviz.annotate.records import PoseAnnotation
+from asdfviz.annotate.records import gone_of
 from asdfviz.app import actions as act
 from asdfviz.app.desk import Desk, Done
 from asdfviz.app.items import Shown
@@ -30,12 +30,8 @@ def give(action: act.RemovePart | act.VerifyPart, desk: Desk) -> Done:
 def _remove(desk: Desk) -> Done:
     """Say that the selected part is not in the frames, with what is joined if all go as one."""
     store = desk.workspace.store
-    known = store.poses()
-    gone = [
-        (frame, name)
-        for frame, name, _ in _meant(desk)
-        if not _is_removed(known.get((frame, name)))
-    ]
+    known = gone_of(desk.workspace.said())
+    gone = [(frame, name) for frame, name, _ in _meant(desk) if (frame, name) not in known]
     if not gone:
         raise AnnotationError(f"{desk.part} is said not to be in {desk.where} already")
     with store.transaction():
@@ -47,28 +43,21 @@ def _remove(desk: Desk) -> Done:
 
 def _verify(desk: Desk) -> Done:
     """Say that the selected part's poses are right, with those of what is joined if all go as one."""
-    store = desk.workspace.store
-    known = store.poses()
+    store, said = desk.workspace.store, desk.workspace.said()
     seen = [(frame, name, shown) for frame, name, shown in _meant(desk) if shown is not None]
     if not any(name == desk.part for _, name, _ in seen):
         raise AnnotationError(
             f"{desk.part} has no pose in {desk.where} that could be right: place it first"
         )
-    fresh = [pose for pose in seen if not _is_verified(known.get(pose[:2]))]
+    fresh = [pose for pose in seen if said.get(pose[:2], ("", ""))[0] != "verify"]
     if not fresh:
         raise AnnotationError(f"{desk.part} is verified in {desk.where} already")
     with store.transaction():
         desk.begin()
         for frame, name, shown in fresh:
-            said = known.get((frame, name))
             seed = desk.workspace.seed_of(shown.source)
-            store.verify(
-                frame,
-                name,
-                shown.T_camera_part,
-                provenance=said.provenance if said else seed.provenance,
-                group=desk.group,
-            )
+            _, provenance = said.get((frame, name), ("", seed.provenance))
+            store.verify(frame, name, shown.T_camera_part, provenance=provenance, group=desk.group)
     return _done(desk, [pose[:2] for pose in fresh], "verified in")
 
 
@@ -83,14 +72,6 @@ def _meant(desk: Desk) -> Iterator[tuple[int, str, Shown | None]]:
             names += [name for name in attached if name in shown and name != desk.part]
         for name in names:
             yield desk.workspace.indices[place], name, shown.get(name)
-
-
-def _is_removed(said: PoseAnnotation | None) -> bool:
-    return said is not None and said.T_camera_part is None
-
-
-def _is_verified(said: PoseAnnotation | None) -> bool:
-    return said is not None and said.verified
 
 
 def _done(desk: Desk, changed: Collection[tuple[int, str]], verdict: str) -> Done:

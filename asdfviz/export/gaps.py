@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
 
 from asdfviz.datatypes import FrameTruth
 from asdfviz.errors import some
 
 _MOST = 5
 """So many parts are told by name."""
+
+
+def lacking(
+    frame: int,
+    posed: Collection[str],
+    parts: Iterable[str],
+    *,
+    gone: Collection[tuple[int, str]],
+) -> list[str]:
+    """The parts without a pose in a frame, but for those that a person said are not there."""
+    return [part for part in parts if part not in posed and (frame, part) not in gone]
 
 
 def told_gaps(
@@ -26,16 +38,18 @@ def told_gaps(
         parts: names of the assembly's parts.
         gone: frame numbers and parts that a person said are not there.
     """
-    known = {i: set(truth[i].T_camera_part) if i in truth else set[str]() for i in frames}
-    lacking = {
-        part: sum(part not in here and (i, part) not in gone for i, here in known.items())
-        for part in parts
-    }
+    counts = Counter(
+        part
+        for frame in frames
+        for part in lacking(
+            frame, truth[frame].T_camera_part if frame in truth else (), parts, gone=gone
+        )
+    )
     told = [
-        f"{part} in {count} of {len(known)} frames"
-        if count < len(known)
+        f"{part} in {counts[part]} of {len(frames)} frames"
+        if counts[part] < len(frames)
         else f"{part} in all frames"
-        for part, count in lacking.items()
-        if count
+        for part in parts
+        if part in counts
     ]
     return f"without a pose, so exported as not there: {some(told, most=_MOST)}" if told else ""

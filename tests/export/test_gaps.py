@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import FrameTruth
-from asdfviz.export.gaps import told_gaps
+from asdfviz.export.gaps import lacking, told_gaps
 
 
 def truth_of(*frames: str) -> dict[int, FrameTruth]:
@@ -30,6 +30,10 @@ def truth_of(*frames: str) -> dict[int, FrameTruth]:
 )
 def test_parts_without_poses_are_named(frames: tuple[str, ...], told: str) -> None:
     assert told_gaps(truth_of(*frames), (5, 6, 7), ("a", "b")) == told
+
+
+def test_a_frame_lacks_what_nobody_said_is_not_there() -> None:
+    assert lacking(5, {"a"}, ("a", "b", "c"), gone={(5, "b"), (6, "c")}) == ["c"]
 
 
 def test_what_is_said_not_to_be_there_is_not_missed() -> None:
