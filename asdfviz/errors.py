@@ -63,3 +63,8 @@ def some(values: Iterable[object], most: int = 6) -> str:
     """The first of some values for a message, and how many more there are."""
     shown = [str(value) for value in values]
     return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
+
+
+def counted(count: int, what: str) -> str:
+    """How many there are of something, whose plural ends in s: "1 frame", "3 frames"."""
+    return f"{count} {what}{'' if count == 1 else 's'}"

@@ -18,7 +18,7 @@ from asdfviz.app.joined import Joined, Poses, base_by_group
 from asdfviz.app.truths import drawn_poses
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Assembly, FrameTruth, State
-from asdfviz.errors import AnnotationError
+from asdfviz.errors import AnnotationError, counted
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.joints import deviation
@@ -107,8 +107,7 @@ def told_off(workspace: Workspace, base: str | None, truth: Mapping[int, FrameTr
             state = workspace.state(place, base)
             count += bool(off_place(workspace.assembly, state, truth[frame].T_camera_part, names))
     words = "parts that were placed by the state no longer fit the base, or the state, in"
-    frames = f"{count} frame{'s' * (count > 1)}"
-    return f"{words} {frames}: mark them and press Shift G" if count else ""
+    return f"{words} {counted(count, 'frame')}: mark them and press Shift G" if count else ""
 
 
 def place_one(desk: Desk) -> Done | None:

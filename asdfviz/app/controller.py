@@ -266,7 +266,7 @@ class Controller:
         carrying = self._workspace.carrying
         if carrying is not None and carrying is not self._carrying and carrying.state == "done":
             lost = f"; {carrying.message}" if carrying.message else ""
-            self._status = f"{carrying.method} tracked to {carrying.done} frames, saved{lost}"
+            self._status = f"{carrying.tracked}, saved{lost}"
         self._carrying = carrying
 
     def _play(self) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from asdfviz.app import theme
 from asdfviz.datatypes import FramePrediction, Run, Stage
+from asdfviz.errors import counted
 from asdfviz.geometry.shapes import Transform
 
 ANNOTATION = "annotation"
@@ -69,6 +70,11 @@ class JobStatus:
     def is_active(self) -> bool:
         """Whether it still works."""
         return self.state in ("running", "stopping")
+
+    @property
+    def tracked(self) -> str:
+        """What tracking came to, in words."""
+        return f"{self.method} tracked to {counted(self.done, 'frame')}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from asdfviz.app.ar import look_direction
 from asdfviz.app.desk import Desk, Done
 from asdfviz.app.truths import drawn_poses
 from asdfviz.app.view import centre_of
-from asdfviz.errors import AnnotationError
+from asdfviz.errors import AnnotationError, counted
 from asdfviz.geometry.shapes import Depth, Rotation, Transform
 from asdfviz.geometry.transforms import transform_from
 
@@ -67,7 +67,7 @@ def _copy_along(desk: Desk) -> Done:
     with desk.workspace.store.transaction():
         desk.begin()
         desk.workspace.store.set_frames(found, provenance="copied", group=desk.group)
-    count = f"{len(found)} frame{'s' * (len(found) > 1)}"
+    count = counted(len(found), "frame")
     return Done(f"{desk.part} copied into {count} of {desk.where}", desk.view.place)
 
 

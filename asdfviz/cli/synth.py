@@ -12,7 +12,7 @@ import tyro
 
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt, with_rate
 from asdfviz.cli.synth_images import SynthImages, SynthPacks, photos_in
-from asdfviz.errors import Stopped
+from asdfviz.errors import Stopped, counted
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class SynthSequence:
             )
             stopped = stop()
         if stopped:
-            raise Stopped(f"{written} frames are in {self.out}; the same line goes on")
+            raise Stopped(f"{counted(written, 'frame')} in {self.out}; the same line goes on")
         print(self.out)
 
 

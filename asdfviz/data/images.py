@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt16
 
-from asdfviz.errors import SequenceError
+from asdfviz.errors import SequenceError, counted
 from asdfviz.geometry.shapes import Depth, Distortion, Intrinsics, Rgb
 
 RawDepth: TypeAlias = UInt16[np.ndarray, "h w"]
@@ -43,7 +43,7 @@ def read_stored(path: Path) -> np.ndarray:
 def kind_of(image: np.ndarray) -> str:
     """Bit depth and channels in words, for messages."""
     channels = 1 if image.ndim == 2 else image.shape[2]
-    return f"{image.dtype.itemsize * 8} bit with {channels} channel(s)"
+    return f"{image.dtype.itemsize * 8} bit with {counted(channels, 'channel')}"
 
 
 def read_raw_depth(path: Path) -> RawDepth:

@@ -12,7 +12,7 @@ from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.images import ImageSizeError
 from asdfviz.data.scene_objects import objects_beside
 from asdfviz.datatypes import Sequence
-from asdfviz.errors import SequenceError, some
+from asdfviz.errors import SequenceError, counted, some
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.evaluate.numbering import usual_step
 
@@ -40,7 +40,7 @@ def check_numbering(indices: Rows[int]) -> Iterator[Finding]:
         yield Finding(
             "missing_frames",
             "warning",
-            f"{len(missing)} frame(s) are missing between {indices[0]} and {indices[-1]}: "
+            f"{counted(len(missing), 'missing frame')} between {indices[0]} and {indices[-1]}: "
             f"{some(missing)}. Copy them again, or know that time jumps there.",
             float(len(missing)),
         )
@@ -63,7 +63,7 @@ def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
         yield Finding(
             "missing_frames",
             "warning",
-            f"{count} depth image(s) have no colour image of their number and are not shown: "
+            f"{counted(count, 'depth image')} without a colour image of that number, not shown: "
             f"{some(files.depth_without_rgb)}. Are both numbered from the same start?",
             float(count),
         )
@@ -71,7 +71,7 @@ def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
         yield Finding(
             "missing_frames",
             "info",
-            f"{len(files.ignored)} image(s) are not used because their names are not numbers: "
+            f"{counted(len(files.ignored), 'image')} not used, for want of a number as name: "
             f"{some(files.ignored)}. Name them like 000000.png.",
             float(len(files.ignored)),
         )
@@ -90,7 +90,7 @@ def check_unread(unread: Rows[SequenceError], sequence: Sequence) -> Iterator[Fi
         yield Finding(
             "broken_images",
             "error",
-            f"{len(cut)} image(s) end too early: {names}. Copy them again, or take them out.",
+            f"{counted(len(cut), 'image')} cut off before the end: {names}. Copy them again, or take them out.",
             float(len(cut)),
         )
     named = tuple(f"{file} " for file in cut)
@@ -140,8 +140,8 @@ def check_objects(sequence: Sequence) -> Iterator[Finding]:
         yield Finding(
             "distractors",
             "info",
-            f"{len(strangers)} object(s) of the truth are no parts of {assembly.name} and count as "
-            f"distractors ({total} entries): {some(strangers)}.",
+            f"{counted(len(strangers), 'object')} of the truth that {assembly.name} does not have, "
+            f"counted as distractors ({total} entries): {some(strangers)}.",
             float(len(strangers)),
         )
     if repeats:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from collections.abc import Sequence as Places
 
 from asdfviz.datatypes import Frame, Sequence
-from asdfviz.errors import SequenceError, some
+from asdfviz.errors import SequenceError, counted, some
 
 _MOST = 10
 """So many frames are told by number."""
@@ -42,6 +42,6 @@ def told_left_out(left_out: Mapping[int, str]) -> str:
     """Say which frames an export lacks, and why the first of them."""
     why = next(iter(left_out.values()))
     return (
-        f"{len(left_out)} frame{'s' * (len(left_out) > 1)} left out with images that cannot be read: "
+        f"{counted(len(left_out), 'frame')} left out with images that cannot be read: "
         f"{some(left_out, most=_MOST)} ({why})"
     )

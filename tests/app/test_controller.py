@@ -143,9 +143,10 @@ def test_beside_undo_stands_what_was_tracked_last(opened: Open, with_run: Worksp
     tab, screen = opened()
     tab.emit(act.Nudge(0, 1))
     until(lambda: "moved" in screen.shown[-1][0].status)
-    with_run.carrying = JobStatus("jaw", "done", done=5, total=5)
-    with_run.changed()
-    until(lambda: screen.shown[-1][0].status == "jaw tracked to 5 frames, saved")
+    for done, said in ((5, "5 frames"), (1, "1 frame")):
+        with_run.carrying = JobStatus("jaw", "done", done=done, total=5)
+        with_run.changed()
+        until(lambda said=said: screen.shown[-1][0].status == f"jaw tracked to {said}, saved")
     tab.emit(act.Nudge(0, 1))
     until(lambda: "moved" in screen.shown[-1][0].status)
     tab.close()

@@ -373,10 +373,10 @@ def test_missing_frames_are_named(folder: Path) -> None:
     messages = [f.message for f in found(check_sequence(open_sequence(folder)), "missing_frames")]
     assert len(messages) == 4
     text = "\n".join(messages)
-    assert "1 frame(s) are missing between 0 and 5: 3." in text
+    assert "1 missing frame between 0 and 5: 3." in text
     assert "1 of 5 colour images have no depth image of their number: 5." in text
-    assert "1 depth image(s) have no colour image of their number and are not shown: 9." in text
-    assert "rgb/cover.png" in text
+    assert "1 depth image without a colour image of that number, not shown: 9." in text
+    assert "1 image not used, for want of a number as name: rgb/cover.png." in text
 
 
 def test_images_that_were_cut_off_are_named_wherever_they_are(folder: Path) -> None:
@@ -393,7 +393,8 @@ def test_images_that_were_cut_off_are_named_wherever_they_are(folder: Path) -> N
     (finding,) = found(check_sequence(open_sequence(folder)), "broken_images")
     assert finding.severity == "error"
     assert (
-        f"2 image(s) end too early: rgb/{second:06d}.png, depth/{first:06d}.png" in finding.message
+        f"2 images cut off before the end: rgb/{second:06d}.png, depth/{first:06d}.png"
+        in finding.message
     )
 
 
@@ -472,7 +473,7 @@ def test_every_unreadable_image_is_named_and_the_others_are_checked(folder: Path
     broken = found(report, "broken_images")
     assert [f.severity for f in broken] == ["error"] * 3
     cut, first, second = (f.message for f in broken)
-    assert "1 image(s) end too early: depth/000001.png." in cut
+    assert "1 image cut off before the end: depth/000001.png." in cut
     assert "rgb/000002.png is corrupt" in first
     assert "rgb/000004.png is corrupt" in second
     assert only(report, "missing_depth").value == pytest.approx(0.01, abs=0.002)

@@ -12,6 +12,7 @@ from asdfviz.app.panels import job_box
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import TRUTH, View
 from asdfviz.datatypes import Assembly
+from asdfviz.errors import counted
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 from asdfviz.run import resolved_config
 
@@ -107,7 +108,7 @@ def _job(job: JobStatus | None) -> str:
         doing = f"{word} {job.method}{what}"
         return job_box.running(job, doing, control=stop, testid="job-panel", pace=pace)
     words = {
-        "done": f"✓ {job.method} is done: {job.done} frames.",
+        "done": f"✓ {job.method} is done: {counted(job.done, 'frame')}.",
         "stopped": f"{job.method} was stopped after {job.done} of {job.total} frames, which are kept.",
         "failed": f"✕ {job.method} failed: {job.message}",
     }

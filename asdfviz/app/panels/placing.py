@@ -6,6 +6,7 @@ from asdfviz.app.by_state import follows, off_place, told_parts
 from asdfviz.app.history import range_in_words
 from asdfviz.app.markup import act, button
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.errors import counted
 
 HINT = (
     '<p class="ax-note">Or press <kbd>Shift</kbd> and click into the picture: it is put there, as far '
@@ -37,7 +38,7 @@ def joined(snap: Snapshot) -> str:
     off = off_place(workspace.assembly, workspace.state(place, base), poses, again)
     if not missing and not again:
         return ""
-    count = f"{len(missing)} joined part{'s' * (len(missing) > 1)} without a pose"
+    count = f"{counted(len(missing), 'joined part')} without a pose"
     first, last = (workspace.indices[at] for at in snap.view.joined)
     where = "" if first == last else f" in {range_in_words(first, last)}"
     pressed = button(

@@ -7,6 +7,7 @@ import numpy as np
 from asdfviz.app.markup import empty, heading, number, table, text
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.datatypes import Frame
+from asdfviz.errors import counted
 from asdfviz.evaluate.health import Finding
 
 _SIGNS = {"error": ("✕", "Wrong"), "warning": ("!", "Doubtful"), "info": ("i", "Note")}
@@ -29,7 +30,7 @@ def _about(snap: Snapshot) -> str:
     work = snap.workspace
     states = len(work.assembly.steps)
     errors = len(work.assembly.errors)
-    words = f"{states} states" + (f", {errors} error state{'s' * (errors > 1)}" if errors else "")
+    words = counted(states, "state") + (f", {counted(errors, 'error state')}" if errors else "")
     truth = sum(truth is not None for truth in work.truths)
     rows = [
         ["assembly", text(work.assembly.title)],

@@ -50,7 +50,7 @@ def _end(job: JobStatus, snap: Snapshot) -> str:
     sign = "!" if job.message else "✓"
     lost = f", {job.message}; Shift Page ↓ goes to frames without a pose" if job.message else ""
     words = {
-        "done": f"{sign} {job.method} tracked to {job.done} frames{lost}. Undo takes all of them back.",
+        "done": f"{sign} {job.tracked}{lost}. Undo takes all of them back.",
         "stopped": f"Tracking {job.method} was cancelled; nothing was changed.",
         "failed": f"✕ {job.message}",
     }
