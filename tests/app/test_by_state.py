@@ -281,12 +281,12 @@ def test_what_no_longer_fits_its_base_is_told(with_run: Workspace, do: Do) -> No
     do(act.PlaceJoined(), view, now=1.0)
     assert told_off(with_run, None, drawn_truth(with_run, None)) == ""
     snap = take(with_run, NOTHING, frame=None)
-    assert "2 placed by the state</span>" in placing.joined(snap)
+    assert "2 by the state</span>" in placing.joined(snap)
     moved = T_of(with_run, "base", 1).copy()
     moved[0, 3] += 0.015
     with_run.store.set_pose(101, "base", moved, provenance=TRACKED)
     assert "in 1 frame: mark" in told_off(with_run, None, drawn_truth(with_run, None))
     snap = take(with_run, NOTHING, frame=None)
-    assert "2 placed by the state no longer fit" in placing.joined(snap)
+    assert "2 by the state no longer fit" in placing.joined(snap)
     do(act.PlaceJoined(), view, now=2.0)
     assert told_off(with_run, None, drawn_truth(with_run, None)) == ""

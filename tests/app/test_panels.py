@@ -123,7 +123,7 @@ def test_verdicts_are_shown_and_offered(with_run: Workspace) -> None:
     assert ">Verified<" in html
     assert ">Not in this frame<" in html
     assert "Drop correction" not in html
-    assert "Take label away" not in html
+    assert ">Clear<" not in html
     pose = with_run.poses(1, "first")["jaw"].T_camera_part
     with_run.store.verify(101, "jaw", pose, provenance="tracked")
     with_run.store.remove_pose(102, "jaw")
@@ -136,7 +136,7 @@ def test_verdicts_are_shown_and_offered(with_run: Workspace) -> None:
     assert "jaw is marked as not in this frame." in html
     assert ">Verified<" not in html
     assert "Drop correction" in html
-    assert "Take label away" in html
+    assert ">Clear<" in html
     html = annotate.content(snapshot(with_run, place=1, selected="jaw", marked=(1, 2)))
     assert ">Not in these frames<" in html
 

@@ -28,7 +28,8 @@ from asdfviz.datatypes import State
 from asdfviz.render.state_ramp import state_color
 
 ROOMY = 5
-"""Parts with two lines each; more get one line, so that the tools below stay in sight."""
+"""Parts and states with two lines each; more parts get one line, more states stand in two columns, so
+that all of the tab is in sight in a window of 800 pixels."""
 STAGES = {
     "pnp": "from keypoints",
     "crop": "from its crop",
@@ -57,7 +58,7 @@ def _history(snap: Snapshot) -> str:
     said = snap.status or "Every change is saved at once."
     return (
         f'<div class="ax-row ax-history">{undo}{redo}'
-        f'<span class="ax-status" data-testid="status">{text(said)}</span></div>'
+        f'<span class="ax-status" title="{text(said)}" data-testid="status">{text(said)}</span></div>'
     )
 
 
@@ -188,9 +189,10 @@ def _tools(snap: Snapshot, name: str) -> str:
             ("off", "Off", "Nothing to drag"),
         )
     )
+    keys = "".join(f"<kbd>{key}</kbd>" for key in "IKJLUO")
     hint = (
-        '<p class="ax-note"><kbd>I</kbd><kbd>K</kbd><kbd>J</kbd><kbd>L</kbd> up, down, left, right; '
-        "<kbd>U</kbd><kbd>O</kbd> nearer, farther; with <kbd>Shift</kbd> they turn.</p>"
+        '<p class="ax-note" title="I, K: up, down; J, L: left, right; U, O: nearer, farther">'
+        f"{keys} move it, with <kbd>Shift</kbd> they turn it.</p>"
     )
     segments = f'<div class="ax-group ax-segs">{gizmo}</div>{_together(snap, name)}'
     return f'<div class="ax-row">{segments}{_copy_button()}</div>{hint}'
@@ -224,12 +226,9 @@ def _copy_button() -> str:
 def _state(snap: Snapshot) -> str:
     view = snap.view
     where = range_in_words(*(snap.workspace.indices[place] for place in view.frames))
-    if view.marking is not None:
-        where += ", M ends the range"
+    ends = ", M ends the range" if view.marking is not None else ""
     clear = (
-        button(
-            "Only this frame", act("Cancel"), title="Drop the range", key="Esc", classes="ax-tiny"
-        )
+        button("Drop range", act("Cancel"), title="Only this frame", key="Esc", classes="ax-tiny")
         if view.range_here
         else button(
             "Begin a range",
@@ -242,15 +241,20 @@ def _state(snap: Snapshot) -> str:
     )
     mark, _ = snap.mark
     now = None if mark is None else (mark.state, mark.is_error, mark.name)
-    items = "".join(_state_row(state, snap, now) for state in snap.workspace.assembly.states)
+    states = snap.workspace.assembly.states
+    items = "".join(_state_row(state, snap, now, where) for state in states)
+    columns = " ax-dense ax-columned" if len(states) > ROOMY else ""
     return (
-        heading("State", f'<span class="ax-group">{verdicts.clear_label(snap)}{clear}</span>')
-        + f'<p class="ax-note" data-testid="range">Press a state to set it for <em>{text(where)}</em>.</p>'
-        + f'<ul class="ax-list" data-testid="states">{items}</ul>'
+        heading(
+            "State",
+            f'<small class="ax-for" data-testid="range">for <em>{text(where)}</em>{ends}</small>'
+            f'<span class="ax-group">{verdicts.clear_label(snap)}{clear}</span>',
+        )
+        + f'<ul class="ax-list{columns}" data-testid="states">{items}</ul>'
     )
 
 
-def _state_row(state: State, snap: Snapshot, now: tuple[int, bool, str] | None) -> str:
+def _state_row(state: State, snap: Snapshot, now: tuple[int, bool, str] | None, where: str) -> str:
     steps = len(snap.workspace.assembly.steps)
     color = theme.ERROR if state.is_error else state_color(state.index, steps)
     estimate = snap.prediction.state if snap.prediction else None
@@ -265,6 +269,7 @@ def _state_row(state: State, snap: Snapshot, now: tuple[int, bool, str] | None) 
     percent = "" if share is None else number(100 * share, decimals=0, unit="%")
     return (
         f'<li class="ax-item ax-pick ax-staterow{" ax-on" if is_now else ""}" '
+        f'title="{text(state.name)}, {note}: press to set it for {text(where)}" '
         f'data-testid="state-{state.index}" aria-selected="{str(is_now).lower()}" '
         f"{act('SetState', state=state.index)}>{chip(color)}"
         f'<span class="ax-main"><b>{text(state.name)}</b><small>{note}</small></span>'

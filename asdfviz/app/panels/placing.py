@@ -6,7 +6,6 @@ from asdfviz.app.by_state import follows, off_place, told_parts
 from asdfviz.app.history import range_in_words
 from asdfviz.app.markup import act, button
 from asdfviz.app.snapshot import Snapshot
-from asdfviz.errors import counted
 
 HINT = (
     '<p class="ax-note">Or press <kbd>Shift</kbd> and click into the picture: it is put there, as far '
@@ -38,7 +37,7 @@ def joined(snap: Snapshot) -> str:
     off = off_place(workspace.assembly, workspace.state(place, base), poses, again)
     if not missing and not again:
         return ""
-    count = f"{counted(len(missing), 'joined part')} without a pose"
+    count = f"{len(missing)} joined without a pose"
     first, last = (workspace.indices[at] for at in snap.view.joined)
     where = "" if first == last else f" in {range_in_words(first, last)}"
     pressed = button(
@@ -48,8 +47,8 @@ def joined(snap: Snapshot) -> str:
         key="Shift G",
         testid="place-joined",
     )
-    note = count if missing else f"{len(again)} placed by the state"
+    note = count if missing else f"{len(again)} by the state"
     if off:
-        note = f"{len(off)} placed by the state no longer fit"
+        note = f"{len(off)} by the state no longer fit"
     kind = "ax-doubt" if off else "ax-note"
-    return f'<div class="ax-row">{pressed}<span class="{kind}">{note}</span></div>'
+    return f'<div class="ax-row ax-joined">{pressed}<span class="{kind}">{note}</span></div>'

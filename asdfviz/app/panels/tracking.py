@@ -19,16 +19,20 @@ def content(snap: Snapshot) -> str:
     """The section as HTML."""
     job = snap.workspace.carrying
     if job is not None and job.is_active:
-        return heading("Track from here") + _progress(job)
-    where = "in the range" if snap.view.range_here else "your corrections stay"
+        return _progress(job)
+    where = " in the range" if snap.view.range_here else ""
     buttons = "".join(
-        button(label, act("TrackPart", direction=way), title=title, key=key, testid=f"track-{way}")
+        button(
+            label,
+            act("TrackPart", direction=way),
+            title=f"{title}{where}; your corrections stay",
+            key=key,
+            testid=f"track-{way}",
+        )
         for way, label, title, key in BUTTONS
     )
-    return (
-        heading("Track from here", f"<small>{where}</small>")
-        + f'<div class="ax-row">{buttons}</div>'
-        + ("" if job is None else _end(job, snap))
+    return heading(f"Track{where or ' from here'}", f'<span class="ax-group">{buttons}</span>') + (
+        "" if job is None else _end(job, snap)
     )
 
 

@@ -47,9 +47,9 @@ def clear_label(snap: Snapshot) -> str:
     if not snap.workspace.is_labelled(*snap.view.frames):
         return ""
     return button(
-        "Take label away",
+        "Clear",
         act("ClearState"),
-        title="The state as it was before anybody set one",
+        title="Take the label away: the state is as before anybody set one",
         key="Shift Del",
         classes="ax-tiny",
         testid="clear-state",
