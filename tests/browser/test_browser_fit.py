@@ -46,3 +46,17 @@ def test_the_annotate_tab_of_nine_parts_needs_no_scrolling(
         last = page.get_by_test_id(f"state-{len(workspace.assembly.states) - 1}")
         for shown in (page.get_by_test_id("undo"), page.get_by_test_id("track-forward"), last):
             expect(shown).to_be_in_viewport(ratio=1)
+
+
+def test_a_narrow_window_shows_the_state_and_the_panel(
+    chromium: Browser, scene_folder: Path, tmp_path: Path
+) -> None:
+    config = ViewConfig(sequence=str(scene_folder), annotations=tmp_path, port=0)
+    size = (680, 800)
+    with (
+        contextlib.closing(open_app(config)) as app,
+        opened(chromium, app, size=size) as page,
+    ):
+        page.get_by_test_id("tab-annotate").click()
+        for name in ("state", "view-3d", "undo", "play", "tl-truth", "tab-results"):
+            expect(page.get_by_test_id(name)).to_be_in_viewport(ratio=0.9)
