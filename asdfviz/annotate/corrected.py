@@ -6,40 +6,16 @@ Evaluation and export read truth in this form, whether people or a renderer made
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
-from asdfviz.annotate.identity import open_annotation, own_annotation_file
-from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, gone_of, label_of
+from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, label_of
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.data.result_csv import load_run_or_csv
 from asdfviz.data.run_files import RUNS
 from asdfviz.datatypes import Assembly, FrameTruth, Run, Sequence
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
-
-
-@dataclass(frozen=True, slots=True)
-class Provenance:
-    """Where a pose of the corrected truth came from."""
-
-    source: str
-    """"truth", "method:asdf", or how it was set: "manual", "gizmo", "keys", "copied" ..."""
-    verified: bool = False
-    author: str | None = None
-    """None where nobody touched it."""
-    time: str | None = None
-    """UTC, ISO 8601."""
-
-
-@dataclass(frozen=True, slots=True)
-class Annotated:
-    """What an annotation file says of its sequence."""
-
-    truth: dict[int, FrameTruth]
-    """Corrected poses and states, by frame number."""
-    gone: set[tuple[int, str]]
-    """Frame numbers and parts that a person said are not there."""
 
 
 def corrected_truth(
@@ -69,15 +45,15 @@ def corrected_truth(
     if isinstance(base, Mapping):
         truth = base
     elif isinstance(base, Run):
-        truth = truth_from_run(base, _known(assembly))
+        truth = truth_from_run(base, known_assembly(assembly))
     else:
         truth = _truth_of(base)
         assembly = assembly or base.assembly
         frames = base.frame_indices if frames is None else frames
-    assembly = _known(assembly)
+    assembly = known_assembly(assembly)
     known = None if frames is None else frozenset(frames)
     poses = _poses_by_frame(store, assembly)
-    labels = _labels_by_frame(store.state_ranges(), known, assembly)
+    labels = labels_by_frame(store.state_ranges(), known, assembly)
     wanted = {*truth, *poses, *labels}
     wanted = wanted if known is None else wanted & known
     return {
@@ -89,50 +65,6 @@ def corrected_truth(
         )
         for index in sorted(wanted)
     }
-
-
-def pose_provenance(
-    store: AnnotationStore, truth: Mapping[int, FrameTruth]
-) -> dict[int, dict[str, Provenance]]:
-    """Return where each pose of a corrected truth came from, by frame number and part."""
-    untouched = Provenance(store.seed().provenance)
-    edits = store.poses()
-    return {
-        index: {
-            part: _provenance(edits[index, part]) if (index, part) in edits else untouched
-            for part in frame.T_camera_part
-        }
-        for index, frame in truth.items()
-    }
-
-
-def annotated(sequence: Sequence, *, annotations: Path | None = None) -> Annotated:
-    """Return what the file of a sequence in an annotations folder says.
-
-    Args:
-        sequence: what was corrected; its assembly must be known.
-        annotations: the folder; None for the default one.
-
-    Raises:
-        AnnotationError: there is no file or nothing in it, it cannot be used, or the assembly is
-            not known.
-        InputError: what the corrections started from cannot be read.
-    """
-    assembly = _known(sequence.assembly)
-    file = own_annotation_file(sequence, folder=annotations)
-    if not file.is_file():
-        raise _nothing_annotated(sequence, f"there is no {file}")
-    with open_annotation(sequence, assembly, folder=annotations) as store:
-        truth = corrected_truth(
-            store,
-            seed_truth(store.seed(), sequence, assembly),
-            assembly=assembly,
-            frames=sequence.frame_indices,
-        )
-        gone = gone_of(store.said())
-    if not any(frame.T_camera_part or frame.state is not None for frame in truth.values()):
-        raise _nothing_annotated(sequence, f"{file} has neither poses nor states")
-    return Annotated(truth, gone)
 
 
 def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, FrameTruth]:
@@ -241,11 +173,21 @@ def _poses_by_frame(
     return found
 
 
-def _labels_by_frame(
+def labels_by_frame(
     ranges: Iterable[tuple[int, int, StateLabel | None]],
     known: frozenset[int] | None,
     assembly: Assembly,
 ) -> dict[int, StateLabel]:
+    """The states that were set, by frame number.
+
+    Args:
+        ranges: as `AnnotationStore.state_ranges` has them.
+        known: numbers of the frames there are; without them every number in a range is one.
+        assembly: the states that may occur.
+
+    Raises:
+        AnnotationError: another one was set.
+    """
     labels: dict[int, StateLabel] = {}
     for first, last, label in ranges:
         if label is not None and not 0 <= label.state < len(assembly.steps):
@@ -267,18 +209,8 @@ def _truth_of(sequence: Sequence) -> dict[int, FrameTruth]:
     return {frame.frame_index: frame for frame in found if frame is not None}
 
 
-def _nothing_annotated(sequence: Sequence, why: str) -> AnnotationError:
-    return AnnotationError(
-        f"nothing is annotated in '{sequence.name}': {why}; correct it in "
-        "`asdfviz view` first, or name the folder of the corrections with --annotations"
-    )
-
-
-def _known(assembly: Assembly | None) -> Assembly:
+def known_assembly(assembly: Assembly | None) -> Assembly:
+    """The assembly; raises an AnnotationError where nobody named one."""
     if assembly is None:
         raise AnnotationError("the assembly of the corrections is not known: name it")
     return assembly
-
-
-def _provenance(edit: PoseAnnotation) -> Provenance:
-    return Provenance(edit.provenance, edit.verified, edit.author, edit.time)

@@ -217,7 +217,7 @@ class Controller:
                 self._background.judge()
                 self.view = replace(self.view, tab="results")
             case act.Export():
-                self._background.export(self.view.base)
+                self._background.export(self.view.base, guesses=action.unchecked)
             case _:
                 pass
 

@@ -39,6 +39,9 @@ class Evaluate:
 class Export:
     """Write poses and states as a BOP scene."""
 
+    unchecked: bool = False
+    """Also those of a run that nobody checked."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrackPart:

@@ -74,9 +74,9 @@ class Background:
         if not self._workspace.is_judging:
             start_judging(self._workspace)
 
-    def export(self, base: str | None) -> None:
-        """Export what is drawn."""
-        start_export(self._workspace, base)
+    def export(self, base: str | None, *, guesses: bool) -> None:
+        """Export what is drawn, a run's guesses only if asked."""
+        start_export(self._workspace, base, guesses=guesses)
 
     def close(self) -> None:
         """Stop and wait a moment."""
@@ -139,14 +139,19 @@ def start_judging(workspace: Workspace) -> threading.Thread:
     return _start(workspace, work, "judge")
 
 
-def start_export(workspace: Workspace, base: str | None) -> threading.Thread:
-    """Write what is drawn, corrections included, as a BOP scene."""
+def start_export(
+    workspace: Workspace, base: str | None, *, guesses: bool = False
+) -> threading.Thread:
+    """Write what is drawn, corrections included, as a BOP scene; a run's guesses only if asked."""
 
     def work() -> None:
-        truth = exported_truth(workspace, base)
-        left_out = export_bop(workspace.frames.source, truth, workspace.export_folder)
-        workspace.say(Message("Exported", str(workspace.export_folder)))
-        gone = gone_of(workspace.said())
+        checked = exported_truth(workspace, base, guesses=guesses)
+        truth, gone = checked.truth, gone_of(workspace.said())
+        source, folder = workspace.frames.source, workspace.export_folder
+        left_out = export_bop(source, truth, folder, gone=gone)
+        workspace.say(Message("Exported", str(folder)))
+        if checked.told:
+            workspace.say(Message("Not everything was checked", checked.told))
         parts = workspace.assembly.parts
         if gaps := told_gaps(truth, workspace.indices, parts, gone=gone):
             workspace.say(Message("Some poses are missing", gaps))

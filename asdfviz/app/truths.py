@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from asdfviz.annotate.checked import Checked, checked_truth
 from asdfviz.annotate.corrected import corrected_truth
 from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
@@ -51,16 +52,30 @@ def drawn_poses(workspace: Workspace, base: str | None) -> dict[int, Mapping[str
     return {i: truth[i].T_camera_part if i in truth else {} for i in workspace.indices}
 
 
-def exported_truth(workspace: Workspace, base: str | None) -> dict[int, FrameTruth]:
+def exported_truth(workspace: Workspace, base: str | None, *, guesses: bool) -> Checked:
     """What is drawn, where that is what corrections started from.
 
+    Args:
+        workspace: the sequence and its corrections.
+        base: the run, or the truth, that is drawn where nothing was corrected.
+        guesses: whether what nobody checked of a run's is meant, too.
+
     Raises:
-        AnnotationError: that is not here.
+        AnnotationError: what corrections started from is not here, or nothing was checked.
     """
     lost = lost_base(workspace)
     if lost is not None:
         raise AnnotationError(lost)
-    return drawn_truth(workspace, base)
+    drawn = drawn_truth(workspace, base)
+    if guesses or workspace.run(workspace.base_of_seed() or base) is None:
+        return Checked(drawn)
+    checked = checked_truth(workspace.store, drawn, workspace.assembly)
+    if not checked.truth:
+        raise AnnotationError(
+            "nothing is exported: nobody set, tracked or verified a pose, or set a state; correct "
+            "some frames first, or export unchecked ones, too"
+        )
+    return checked
 
 
 def lost_base(workspace: Workspace) -> str | None:

@@ -97,9 +97,13 @@ class Export:
     ids: Literal["names", "numbers"] = "names"
     """What obj_id is in a BOP scene: the parts' names (GBOT) or their numbers (BOP's own tools)."""
 
+    unchecked: bool = False
+    """Also frames, and states, that nobody set, tracked or verified, as the run has them that
+    corrections started from."""
+
     def __call__(self) -> None:
         """Export what the annotation holds."""
-        from asdfviz.annotate.corrected import annotated
+        from asdfviz.annotate.checked import annotated
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
         from asdfviz.export.bop import export_bop
@@ -113,7 +117,7 @@ class Export:
             )
         assembly = load_assembly(self.assembly) if self.assembly else None
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
-        known = annotated(sequence, annotations=self.annotations)
+        known = annotated(sequence, annotations=self.annotations, guesses=self.unchecked)
         with progress_bar("export") as report:
             export = (
                 partial(export_bop, ids=self.ids)
@@ -124,10 +128,13 @@ class Export:
                 sequence,
                 known.truth,
                 self.out,
+                gone=known.gone,
                 progress=lambda done, total: report(done, total, ""),
             )
         if left_out:
             print(f"warning: {told_left_out(left_out)}", file=sys.stderr)
+        if known.unchecked:
+            print(f"note: {known.unchecked} (--unchecked exports all)", file=sys.stderr)
         parts = () if sequence.assembly is None else tuple(sequence.assembly.parts)
         if gaps := told_gaps(known.truth, sequence.frame_indices, parts, gone=known.gone):
             print(f"note: {gaps}", file=sys.stderr)

@@ -33,6 +33,7 @@ from asdfviz.export.bop_content import (
     scene_gt_info,
     states,
 )
+from asdfviz.export.gaps import says_what_is_there
 from asdfviz.export.readable import readable_frames
 
 _GENERATOR = "asdfviz export"
@@ -45,6 +46,7 @@ def export_bop(
     folder: Path,
     *,
     ids: Ids = "names",
+    gone: Collection[tuple[int, str]] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[int, str]:
     """Write every frame of the sequence and the truth, by frame number, into a folder.
@@ -55,9 +57,11 @@ def export_bop(
 
     Args:
         sequence: what to export; its own truth is not used.
-        truth: poses and states by frame number; frames without an entry get none.
+        truth: poses and states by frame number; frames without an entry get none, and those with a
+            state alone are in states.json alone: no poses would say that no part is there.
         folder: a new or empty folder, or an earlier export of this sequence.
         ids: what obj_id is, in the truth and in models_info.json.
+        gone: frame numbers and parts that are not there, as a person said.
         progress: called with frames done and frames in all.
 
     Returns:
@@ -86,23 +90,22 @@ def export_bop(
         remove_others(folder / room, cameras)
     _write_json(folder / "camera.json", camera_content(first or source.camera, scale))
     _write_json(folder / "scene_camera.json", cameras)
-    for index in left_out:
-        gt.pop(str(index), None)
-    _write_json(folder / "scene_gt.json", gt)
-    _write_truth({i: t for i, t in truth.items() if i not in left_out}, source, folder, ids)
+    known = {i: t for i, t in truth.items() if i not in left_out}
+    posed = {i: t for i, t in known.items() if says_what_is_there(t, gone)}
+    _write_json(folder / "scene_gt.json", {str(i): gt[str(i)] for i in sorted(posed)})
+    _write_info(posed, folder)
+    _write_json(folder / "states.json", states(known, source.assembly))
+    if source.assembly is not None:
+        _write_json(folder / "models_info.json", models_info(source.assembly, ids))
     return left_out
 
 
-def _write_truth(truth: Mapping[int, FrameTruth], source: Sequence, folder: Path, ids: Ids) -> None:
-    """Write what else is known than poses."""
-    info = scene_gt_info(truth)
+def _write_info(posed: Mapping[int, FrameTruth], folder: Path) -> None:
+    info, file = scene_gt_info(posed), folder / "scene_gt_info.json"
     if info is None:
-        (folder / "scene_gt_info.json").unlink(missing_ok=True)
+        file.unlink(missing_ok=True)
     else:
-        _write_json(folder / "scene_gt_info.json", info)
-    _write_json(folder / "states.json", states(truth, source.assembly))
-    if source.assembly is not None:
-        _write_json(folder / "models_info.json", models_info(source.assembly, ids))
+        _write_json(file, info)
 
 
 def remove_others(folder: Path, kept: Collection[str]) -> None:

@@ -1,4 +1,6 @@
-"""Which poses an export lacks, which nobody would find out from its files: no pose reads as "not there"."""
+"""Which poses an export lacks, which nobody would find out from its files: where there are some, no pose
+reads as "not there", and a frame without any is passed over.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 
 from asdfviz.datatypes import FrameTruth
-from asdfviz.errors import some
+from asdfviz.errors import counted, some
 
 _MOST = 5
 """So many parts are told by name."""
@@ -21,6 +23,15 @@ def lacking(
 ) -> list[str]:
     """The parts without a pose in a frame, but for those that a person said are not there."""
     return [part for part in parts if part not in posed and (frame, part) not in gone]
+
+
+def says_what_is_there(frame: FrameTruth, gone: Collection[tuple[int, str]]) -> bool:
+    """Whether a frame's truth tells parts that are there from parts that are not: poses do, and so does
+    a part of which a person said that it is gone, but not a state alone.
+    """
+    if frame.T_camera_part or frame.state is None:
+        return True
+    return any(index == frame.frame_index for index, _ in gone)
 
 
 def told_gaps(
@@ -38,18 +49,16 @@ def told_gaps(
         parts: names of the assembly's parts.
         gone: frame numbers and parts that a person said are not there.
     """
+    said = [i for i in frames if i in truth and says_what_is_there(truth[i], gone)]
     counts = Counter(
-        part
-        for frame in frames
-        for part in lacking(
-            frame, truth[frame].T_camera_part if frame in truth else (), parts, gone=gone
-        )
+        part for i in said for part in lacking(i, truth[i].T_camera_part, parts, gone=gone)
     )
-    told = [
-        f"{part} in {counts[part]} of {len(frames)} frames"
-        if counts[part] < len(frames)
-        else f"{part} in all frames"
-        for part in parts
-        if part in counts
-    ]
-    return f"without a pose, so exported as not there: {some(told, most=_MOST)}" if told else ""
+    notes: list[str] = []
+    if without := len(frames) - len(said):
+        notes.append(f"no pose, and so no truth, in {without} of {counted(len(frames), 'frame')}")
+    if counts:
+        told = [
+            f"{p} in {counts[p]} of {counted(len(said), 'frame')}" for p in parts if p in counts
+        ]
+        notes.append(f"without a pose, so exported as not there: {some(told, most=_MOST)}")
+    return "; ".join(notes)

@@ -9,7 +9,7 @@ Images have 8 bits a channel, or are the 16-bit PNGs of the ASDF authors: blue, 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 
 import cv2
@@ -25,6 +25,7 @@ from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence, 
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop import about_export, check_target, remove_others
 from asdfviz.export.bop_content import camera_content
+from asdfviz.export.gaps import says_what_is_there
 from asdfviz.export.readable import readable_frames
 from asdfviz.pose.labels import SMALLEST_VISIBLE, Group, Labeller, Subject
 from asdfviz.pose.yolo_rows import yolo_rows
@@ -36,9 +37,10 @@ def export_yolo(
     folder: Path,
     *,
     with_depth: bool = False,
+    gone: Collection[tuple[int, str]] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[int, str]:
-    """Write every frame that has truth, with its labels, into a folder.
+    """Write every frame that has truth of its parts, with its labels, into a folder.
 
     Classes are the assembly's detector classes. Symmetric parts have the keypoints of their
     canonical pose, as in training. A frame whose images cannot be read is left out. An error has its
@@ -49,6 +51,7 @@ def export_yolo(
         truth: poses and states by frame number.
         folder: a new or empty folder, or an earlier export of this sequence.
         with_depth: write the ASDF authors' images with depth in the fourth channel.
+        gone: frame numbers and parts that are not there, as a person said.
         progress: called with frames done and frames in all.
 
     Returns:
@@ -61,7 +64,11 @@ def export_yolo(
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     if source.assembly is None:
         raise SequenceError(f"{source.name} names no assembly, which gives the classes: name one")
-    places = [place for place, index in enumerate(source.frame_indices) if index in truth]
+    places = [
+        place
+        for place, index in enumerate(source.frame_indices)
+        if index in truth and says_what_is_there(truth[index], gone)
+    ]
     if not places:
         raise SequenceError(f"no frame of {source.name} has truth to make labels from")
     folder = folder.expanduser().resolve()

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from asdfviz.annotate.checked import annotated
 from asdfviz.annotate.corrected import (
-    annotated,
     corrected_truth,
-    pose_provenance,
     truth_from_run,
 )
 from asdfviz.annotate.paths import annotation_file
@@ -159,19 +158,6 @@ def test_a_sequence_as_base(store: AnnotationStore, boxes: Assembly) -> None:
     assert found[5].state == 1
 
 
-def test_provenance(store: AnnotationStore, boxes: Assembly) -> None:
-    store.set_seed(Seed("run", "/runs/asdf", "asdf"))
-    store.set_pose(0, "lid", pose(1), provenance="gizmo")
-    store.verify(0, "pin", pose(2), provenance="method:asdf")
-    run = make_run({0: {"base": pose(0), "lid": pose(8), "pin": pose(2)}}, {})
-    found = pose_provenance(store, corrected_truth(store, run, assembly=boxes))[0]
-    assert {name: (p.source, p.verified, p.author) for name, p in found.items()} == {
-        "base": ("method:asdf", False, None),
-        "lid": ("gizmo", False, "ada"),
-        "pin": ("method:asdf", True, "ada"),
-    }
-
-
 def test_unknown_parts_and_states_are_told(store: AnnotationStore, boxes: Assembly) -> None:
     store.set_pose(3, "wheel", pose(0))
     with pytest.raises(AnnotationError, match="frame 3: part 'wheel' is not in boxes"):
@@ -195,7 +181,8 @@ def test_the_annotation_of_a_sequence(tmp_path: Path, boxes: Assembly) -> None:
         assert list(annotated(clip, annotations=tmp_path).truth) == [0, 5, 10]
         save_run(make_run({5: {"pin": pose(4)}}, {}), tmp_path / "run")
         store.set_seed(Seed("run", str(tmp_path / "run"), "asdf"))
-        found = annotated(clip, annotations=tmp_path)
+        found = annotated(clip, annotations=tmp_path, guesses=True)
+        checked = annotated(clip, annotations=tmp_path)
         store.set_seed(Seed("run", None, "asdf"))
         with pytest.raises(AnnotationError, match=r"'asdf' .* was not saved"):
             annotated(clip, annotations=tmp_path)
@@ -203,6 +190,8 @@ def test_the_annotation_of_a_sequence(tmp_path: Path, boxes: Assembly) -> None:
         5: ["pin"],
         10: ["lid"],
     }
+    assert list(checked.truth) == [10]
+    assert (found.unchecked, checked.unchecked[:16]) == ("", "1 frame left out")
     with pytest.raises(AnnotationError, match="assembly"):
         annotated(Clip(None), annotations=tmp_path)
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from asdfviz.annotate.corrected import annotated
+from asdfviz.annotate.checked import annotated
 from asdfviz.app.jobs import start_export
 from asdfviz.app.main import ViewConfig, open_app, open_workspace
 from asdfviz.app.workspace import Workspace
@@ -171,7 +171,7 @@ def test_an_export_in_the_app_says_which_frames_it_lacks(scene: Path, clamp: Ass
         start_export(workspace, None).join(60)
         done, missing, lacking = workspace.messages
         assert (done.title, done.is_problem) == ("Exported", False)
-        assert missing.body.startswith("without a pose, so exported as not there: base in")
+        assert missing.body == "no pose, and so no truth, in 2 of 2 frames"
         assert lacking.is_problem
         assert "cannot be read: 0 (" in lacking.body
 

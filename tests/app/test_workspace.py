@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ from asdfviz.annotate.records import Seed, label_of
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import jobs, method_job
 from asdfviz.app.items import ANNOTATION, Message
-from asdfviz.app.jobs import Background, start_check, start_judging
+from asdfviz.app.jobs import Background, start_check, start_export, start_judging
 from asdfviz.app.method_job import next_run_folder, pace_of
 from asdfviz.app.timeline import Verdict
 from asdfviz.app.truths import drawn_truth
@@ -245,6 +246,23 @@ def test_what_is_drawn_is_what_is_exported(with_run: Workspace) -> None:
     assert np.array_equal(drawn[102].T_camera_part["base"], run_pose)
     true = drawn_truth(with_run, TRUTH)[102].T_camera_part["base"]
     assert not np.array_equal(true, run_pose)
+
+
+def test_a_run_s_guesses_are_exported_only_if_asked(
+    with_run: Workspace, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    with_run.export_folder = tmp_path_factory.mktemp("exports") / "tiny"
+    start_export(with_run, "first").join(60)
+    assert with_run.messages[-1].is_problem
+    assert "nobody set, tracked or verified a pose" in with_run.messages[-1].body
+    with_run.store.set_pose(101, "base", np.eye(4) + np.eye(4, k=4))
+    for guesses, frames in ((False, {101}), (True, set(range(100, 108)))):
+        said = len(with_run.messages)
+        start_export(with_run, "first", guesses=guesses).join(60)
+        gt = json.loads((with_run.export_folder / "scene_gt.json").read_text())
+        assert {int(frame) for frame in gt} == frames
+        told = [message.title for message in with_run.messages[said:]]
+        assert ("Not everything was checked" in told) == (not guesses)
 
 
 def test_listeners_hear_of_changes_until_they_leave(workspace: Workspace) -> None:

@@ -12,6 +12,7 @@ import textwrap
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import trimesh
 from exits import exit_code
@@ -22,8 +23,9 @@ from asdfviz.cli.run import method_apart
 from asdfviz.cli.synth_images import SynthPacks
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import sample_folder
-from asdfviz.data.run_files import check_run_folder, load_run
+from asdfviz.data.run_files import check_run_folder, load_run, save_run
 from asdfviz.data.sequences import open_sequence
+from asdfviz.datatypes import FramePrediction, PoseEstimate, Run
 from asdfviz.errors import RenderError
 from asdfviz.evaluate.health_report import Finding, HealthReport, Kind, Severity
 from asdfviz.methods.following import FollowConfig
@@ -448,6 +450,26 @@ def test_export_names_what_it_leaves_out(
     assert len(warnings) == 1
     assert "cannot be read: 4 (" in warnings[0]
     assert 4 not in open_sequence(out).frame_indices
+
+
+def test_export_leaves_out_what_nobody_checked_of_a_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, notes, run = tmp_path / "scene", tmp_path / "notes", tmp_path / "run"
+    shutil.copytree(sample_folder(), scene, ignore=shutil.ignore_patterns("0000[1-9]*"))
+    sequence = open_sequence(scene)
+    assert sequence.assembly is not None
+    pose = PoseEstimate("base", np.eye(4) + np.eye(4, k=4), 1.0, "pnp")
+    said = tuple(FramePrediction(i, {"base": pose}, None) for i in sequence.frame_indices)
+    save_run(Run("asdf", {}, str(scene), sequence.assembly.path, "0", said), run)
+    with open_annotation(sequence, sequence.assembly, folder=notes) as store:
+        store.set_seed(Seed("run", str(run), "asdf"))
+        store.set_pose(3, "base", pose.T_camera_part)
+    line = ("export", str(scene), "--annotations", str(notes), "--out", str(tmp_path / "out"))
+    for more, frames in (((), 1), (("--unchecked",), len(sequence))):
+        assert exit_code(*line, *more) == 0
+        assert ("nobody checked a pose (--unchecked" in capsys.readouterr().err) == (not more)
+        assert len(json.loads((tmp_path / "out" / "scene_gt.json").read_text())) == frames
 
 
 def test_numbers_are_for_the_layout_that_has_them(

@@ -23,8 +23,9 @@ def truth_of(*frames: str) -> dict[int, FrameTruth]:
         (("ab", "ab", "ab"), ""),
         (("ab", "a", "a"), "without a pose, so exported as not there: b in 2 of 3 frames"),
         (
-            ("a", "a"),
-            "without a pose, so exported as not there: a in 1 of 3 frames, b in all frames",
+            ("a", "ab"),
+            "no pose, and so no truth, in 1 of 3 frames; "
+            "without a pose, so exported as not there: b in 1 of 2 frames",
         ),
     ],
 )

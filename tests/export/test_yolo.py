@@ -48,6 +48,16 @@ def rows(file: Path) -> list[np.ndarray]:
     return [np.array(line.split(), float) for line in file.read_text().splitlines()]
 
 
+def test_a_frame_of_which_only_the_state_is_known_is_no_background(
+    tmp_path: Path, sequence: Sequence
+) -> None:
+    known = {**truth(), 5: FrameTruth(5, {}, state=1, is_error=False)}
+    export_yolo(sequence, known, tmp_path)
+    assert [file.name for file in (tmp_path / "images").iterdir()] == ["000000.png"]
+    export_yolo(sequence, known, tmp_path, gone={(5, "jaw")})
+    assert (tmp_path / "labels" / "000005.txt").read_text() == ""
+
+
 def test_labels_hold_what_the_truth_says(
     tmp_path: Path, sequence: Sequence, classed: Assembly
 ) -> None:

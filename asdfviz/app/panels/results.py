@@ -128,15 +128,25 @@ def _worst(worst: tuple[WorstFrame, ...], label: str) -> str:
 
 
 def _export(snap: Snapshot) -> str:
-    go = button(
+    run = snap.workspace.run(snap.view.base)
+    what = "What is drawn, with every correction,"
+    buttons = button(
         "Export as BOP",
         act("Export"),
         title="scene_gt.json, scene_camera.json and states.json",
         classes="ax-primary",
         testid="export",
     )
+    if run is not None:
+        what = "Frames in which a pose was set, tracked or verified, and states that were set,"
+        buttons += button(
+            "Unchecked, too",
+            act("Export", unchecked=True),
+            title=f"Also all else, as {run.label} has it: guesses that nobody looked at",
+            testid="export-unchecked",
+        )
     return (
-        heading("Export")
-        + '<p class="ax-note">What is drawn, with every correction, as a BOP scene with states.json, into '
-        f"<code>{text(snap.workspace.export_folder)}</code></p>" + f'<div class="ax-row">{go}</div>'
+        heading("Export") + f'<p class="ax-note">{what} as a BOP scene with states.json, into '
+        f"<code>{text(snap.workspace.export_folder)}</code></p>"
+        f'<div class="ax-row">{buttons}</div>'
     )
