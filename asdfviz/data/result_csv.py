@@ -3,12 +3,12 @@
     BOP   scene_id,im_id,obj_id,score,R,t,time      a header, obj_id a number, time in seconds
     GBOT  scene,frame,name,-1,R,t,time              no header, names, time in milliseconds
 
-R is 9 numbers row by row and t 3 numbers in millimetres, both with spaces between.
+R is 9 numbers row by row and t 3 numbers in millimetres, both with spaces between. Objects go by the
+part's name or by its obj_id.
 """
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from collections.abc import Sequence as Rows
 from dataclasses import dataclass
@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from asdfviz.data.csv_layout import NO_SCORE, read_lines
 from asdfviz.data.hashes import file_sha256
 from asdfviz.data.run_files import load_run
 from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run, Sequence
@@ -23,11 +24,8 @@ from asdfviz.errors import RunError
 from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.geometry.transforms import is_rigid, orthonormalized, transform_from
 
-_HEADER = ["scene_id", "im_id", "obj_id", "score", "R", "t", "time"]
-
-
-NO_SCORE = -1.0
-"""Says that the method gives no score."""
+NOTES = "csv_notes"
+"""Key of a run's config: what whoever judges it should know of how the csv was read, as sentences."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,11 +77,8 @@ def read_result_csv(
     Raises:
         RunError: with the line; or no row fits.
     """
-    lines = _read_lines(path)
-    is_bop = [cell.strip().lower() for cell in lines[0]] == [name.lower() for name in _HEADER]
+    lines, is_bop = read_lines(path)
     first = 1 if is_bop else 0
-    if not lines[first:]:
-        raise RunError(f"{path} has a header, but no rows with results")
     known = _parts_by_id(assembly)
     wanted = _wanted_scene(path, lines[first:], scene, folder=Path(sequence.path).name)
     rows: list[_Row] = []
@@ -99,9 +94,15 @@ def read_result_csv(
         rows.append(_parse_row(cells, part, where=where, time_unit=time_unit))
     predictions = _predictions(rows, sequence, path, is_bop=is_bop)
     is_started = predictions[0].frame_index != sequence.frame_indices[0]
+    notes = [*([] if is_bop else [_told_gbot(path, predictions, sequence)]), *_told_repeats(rows)]
     return Run(
         method=method or path.stem,
-        config={"file": str(path.resolve()), "scene": wanted, **_left_out(unknown)},
+        config={
+            "file": str(path.resolve()),
+            "scene": wanted,
+            **_left_out(unknown),
+            **({NOTES: notes} if notes else {}),
+        },
         sequence=sequence.path,
         assembly=assembly.path,
         version="unknown",
@@ -110,24 +111,6 @@ def read_result_csv(
         initial="first_frame_truth" if is_started else "none",
         says_states=False,
     )
-
-
-def _read_lines(path: Path) -> list[list[str]]:
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [cells for cells in csv.reader(file) if cells]
-    except FileNotFoundError as error:
-        raise RunError(f"there is no file {path}") from error
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise RunError(f"{path} cannot be read as csv: {error}") from error
-    if not lines:
-        raise RunError(f"{path} is empty; it needs rows of {', '.join(_HEADER)}")
-    for number, cells in enumerate(lines, start=1):
-        if len(cells) != len(_HEADER):
-            raise RunError(
-                f"{path} line {number}: {len(cells)} columns, expected {', '.join(_HEADER)}"
-            )
-    return lines
 
 
 def _parts_by_id(assembly: Assembly) -> dict[str, str]:
@@ -152,6 +135,27 @@ def _wanted_scene(path: Path, lines: Rows[Rows[str]], scene: str | None, *, fold
 
 def _left_out(unknown: Counter[str]) -> dict[str, object]:
     return {"rows_of_unknown_objects": unknown.total(), "unknown_objects": sorted(unknown)}
+
+
+def _told_gbot(path: Path, predictions: Rows[FramePrediction], sequence: Sequence) -> str:
+    """What GBOT's layout means that BOP's does not."""
+    before = len(sequence) - len(predictions)
+    given = f"; the {before} before count as its start and are not judged" if before else ""
+    return (
+        f"{path.name} has no header and was read as GBOT's: times in ms, frames "
+        f"{predictions[0].frame_index} to {predictions[-1].frame_index}{given}"
+    )
+
+
+def _told_repeats(rows: Rows[_Row]) -> list[str]:
+    posed = [(row.frame, row.part) for row in rows if row.T_camera_part is not None]
+    repeats = len(posed) - len(set(posed))
+    if not repeats:
+        return []
+    return [
+        f"{repeats} rows repeat a part within a frame: of each part the row with the best score "
+        "counts, the first one if they are equal"
+    ]
 
 
 def _parse_row(cells: Rows[str], part: str, *, where: str, time_unit: float) -> _Row:

@@ -8,6 +8,7 @@ from typing import cast
 
 import numpy as np
 
+from asdfviz.data.result_csv import NOTES
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
 from asdfviz.errors import some
 from asdfviz.evaluate.records import Comparison, compare_poses, predictions_by_frame
@@ -109,8 +110,8 @@ def _warnings(
 
 
 def _doubts(run: Run, frames: tuple[FrameTruth, ...]) -> list[str]:
-    """What hints at results of something else, or in another unit."""
-    found: list[str] = []
+    """What was noted of a csv, and what hints at results of something else, or in another unit."""
+    found = [str(note) for note in cast(list[object], run.config.get(NOTES, []))]
     unknown = run.config.get("rows_of_unknown_objects")
     if isinstance(unknown, int) and unknown:
         names = cast(list[object], run.config.get("unknown_objects", []))

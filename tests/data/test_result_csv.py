@@ -92,6 +92,22 @@ def test_a_scene_is_picked_from_many(read: Read) -> None:
         (f"a,3,base,-1,{EYE},0 0 nan,1\n", r"line 1: t is '0 0 nan', expected 3 finite"),
         (f"a,3,base,-1,{EYE},zero 0 1,1\n", r"line 1: t is 'zero 0 1', expected 3 numbers"),
         ("a,3,base,-1,2 0 0 0 2 0 0 0 2,0 0 1,1\n", r"line 1: R is no rotation \(determinant 8"),
+        (
+            f"{HEADER.replace('time', 'runtime')}\n1,3,base,0.5,{EYE},0 0 1,1\n",
+            r"line 1 is a header, but names runtime; the one that is known is scene_id,im_id,",
+        ),
+        (
+            f"im_id,scene_id{HEADER[14:]}\n3,1,2,-1,{EYE},0 0 1,1\n",
+            r"but has another order; the one",
+        ),
+        (
+            f"1,3,2,-1,{EYE},0 0 1,1\n",
+            r"no header but all objects by number, .* put scene_id,im_id,",
+        ),
+        (
+            f"a,3,base,-1,{EYE},0 0 1,1\na,4,jaw,0.5,{EYE},0 0 1,1\n",
+            r"no header but the score 0\.5, and GBOT's",
+        ),
         (f"a,3,nut,-1,{EYE},0 0 1,1\n", r"no pose of a known part"),
         (f"a,5,base,-1,{EYE},0 0 1,1\n", r"frame 5, which scene does not have"),
     ],
@@ -119,3 +135,22 @@ def test_a_start_is_told_by_all_rows_and_only_trackers_have_one(read: Read) -> N
     assert run.initial == "none"
     assert [len(p.poses) for p in run.predictions] == [0, 1, 0]
     assert run.predictions[1].runtime == {"total": 1.0}
+
+
+def test_a_csv_without_a_header_says_what_it_was_taken_for(read: Read) -> None:
+    rows = f"a,4,base,-1,{EYE},0 0 500,1\na,7,base,-1,{EYE},0 0 500,1\n"
+    told = "GBOTnormal.csv has no header and was read as GBOT's: times in ms, frames"
+    started = f"{told} 4 to 7; the 1 before count as its start and are not judged"
+    assert read(rows).config["csv_notes"] == [started]
+    whole = f"a,3,jaw,-1,{EYE},0 0 500,1\n{rows}"
+    assert read(whole).config["csv_notes"] == [f"{told} 3 to 7"]
+    assert "csv_notes" not in read(f"{HEADER}\n1,3,2,0.5,{EYE},0 0 500,1\n").config
+
+
+def test_rows_that_repeat_a_part_are_counted(read: Read) -> None:
+    row = f"1,3,2,0.5,{EYE},1 0 500,1\n"
+    twice = f"{HEADER}\n{row}1,3,2,0.9,{EYE},2 0 500,1\n{row}1,4,2,0.5,{EYE},0 0 500,1\n"
+    (note,) = read(twice).config["csv_notes"]  # pyright: ignore[reportGeneralTypeIssues]
+    assert note.startswith("2 rows repeat a part within a frame: ")
+    missed = f"{HEADER}\n{row}1,3,2,0.9,{EYE},0 0 0,1\n"
+    assert "csv_notes" not in read(missed).config
