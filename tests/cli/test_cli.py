@@ -11,6 +11,7 @@ import sys
 import textwrap
 from pathlib import Path
 from types import SimpleNamespace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -23,9 +24,10 @@ from asdfviz.cli.run import method_apart
 from asdfviz.cli.synth_images import SynthPacks
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import sample_folder
+from asdfviz.data.result_csv import read_result_csv
 from asdfviz.data.run_files import check_run_folder, load_run, save_run
 from asdfviz.data.sequences import open_sequence
-from asdfviz.datatypes import FramePrediction, PoseEstimate, Run
+from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run, Stage
 from asdfviz.errors import RenderError
 from asdfviz.evaluate.health_report import Finding, HealthReport, Kind, Severity
 from asdfviz.methods.following import FollowConfig
@@ -192,21 +194,28 @@ def test_a_sequence_of_too_few_frames_is_refused_before_it_is_begun(
 def test_the_readme_s_own_method_runs_as_written(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    indented = re.search(r"^    # mine\.py\n.*?^    SPEC = .*?$", README.read_text(), re.M | re.S)
+    readme = README.read_text()
+    indented = re.search(r"^    # mine\.py\n.*?^    SPEC = .*?$", readme, re.M | re.S)
     assert indented is not None
+    assert all(f"`{stage}`" in readme for stage in get_args(Stage))
     file = tmp_path / "mine.py"
     file.write_text(textwrap.dedent(indented.group()))
     out = tmp_path / "run"
-    assert exit_code("run", "--method", f"{file}:SPEC", "sample", "--out", str(out)) == 0
+    line = ("run", "--method", f"{file}:SPEC", "sample", "--distance", "0.6", "--out", str(out))
+    assert exit_code(*line) == 0
     assert capsys.readouterr().out == f"{out}\n"
     assert exit_code("evaluate", str(out), "--json") == 0
     said = capsys.readouterr()
-    assert json.loads(said.out)["mean"]["detection_recall"] == 0
+    report = json.loads(said.out)
     assert said.err == ""
+    assert "warnings" not in report
+    posed = [name for name, figures in report["parts"].items() if figures["n_poses"]]
+    assert posed == [load_assembly("corner_clamp").base]
+    assert report["state"]["accuracy"] is not None
     assert exit_code("agree", str(out), "--json", "--no-register") == 0
     pooled = json.loads(capsys.readouterr().out)["pooled"]
     assert pooled["frames"] == 95
-    assert pooled["residual_mm_median"] is None
+    assert pooled["residual_mm_median"] < 100  # the base is put among the depth that was measured
 
 
 FAILING = """
@@ -394,15 +403,37 @@ def test_methods_lists_the_paper_ones(capsys: pytest.CaptureFixture[str]) -> Non
     assert {"yolov8pose", "asdf"} <= names
 
 
-def test_the_readme_s_smallest_assembly_loads(tmp_path: Path) -> None:
+@pytest.fixture
+def smallest(tmp_path: Path) -> Assembly:
+    """The README's smallest assembly, as written."""
     indented = re.search(r"^    name: my_model\n.*?\n\n", README.read_text(), re.M | re.S)
     assert indented is not None
     (tmp_path / "assembly.yaml").write_text(textwrap.dedent(indented.group()))
     trimesh.creation.box((40, 40, 10)).export(tmp_path / "plate.ply")
     trimesh.creation.cylinder(8, 15).export(tmp_path / "knob.ply")
-    assembly = load_assembly(str(tmp_path))
-    assert [state.name for state in assembly.states] == ["plate", "knob"]
-    assert assembly.states[1].T_base_part["knob"][2, 3] == pytest.approx(0.0125)
+    return load_assembly(str(tmp_path))
+
+
+def test_the_readme_s_smallest_assembly_loads(smallest: Assembly) -> None:
+    assert [state.name for state in smallest.states] == ["plate", "knob"]
+    assert smallest.states[1].T_base_part["knob"][2, 3] == pytest.approx(0.0125)
+
+
+def test_the_readme_s_csv_files_read_as_it_says(smallest: Assembly, tmp_path: Path) -> None:
+    readme = README.read_text()
+    found = re.search(r"^    (scene_id,.*\n)    (.*\n)\n    (.*\n)", readme, re.M)
+    assert found is not None
+    header, bop, gbot = found.groups()
+    sequence = open_sequence(sample_folder(), assembly=smallest)
+    file = tmp_path / "results.csv"
+    for text, begins in ((header + bop, 0), (gbot, 3)):
+        file.write_text(text)
+        run = read_result_csv(file, sequence=sequence, assembly=smallest)
+        assert run.predictions[0].frame_index == begins
+        (said,) = (one for one in run.predictions if one.poses)
+        assert (said.frame_index, *said.poses) == (3, "knob")
+        assert said.poses["knob"].T_camera_part[:3, 3] == pytest.approx([0.0105, -0.02, 0.5])
+        assert said.runtime == {"total": 0.25}
 
 
 def test_every_command_of_the_readme_parses() -> None:
