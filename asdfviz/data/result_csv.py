@@ -26,6 +26,10 @@ from asdfviz.geometry.transforms import is_rigid, orthonormalized, transform_fro
 
 NOTES = "csv_notes"
 """Key of a run's config: what whoever judges it should know of how the csv was read, as sentences."""
+FRAMES_WITH_ROWS = "frames_with_rows"
+"""Another: how many frames have any; only there where many have none."""
+_MANY_WITH_ROWS = 0.9
+"""Share of the frames; from here on, what has none may be what the method did not find."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,13 +98,21 @@ def read_result_csv(
         rows.append(_parse_row(cells, part, where=where, time_unit=time_unit))
     predictions = _predictions(rows, sequence, path, is_bop=is_bop)
     is_started = predictions[0].frame_index != sequence.frame_indices[0]
-    notes = [*([] if is_bop else [_told_gbot(path, predictions, sequence)]), *_told_repeats(rows)]
+    notes = [] if is_bop else [_told_gbot(path, predictions, sequence)]
+    covered = len({row.frame for row in rows})
+    is_sparse = covered < _MANY_WITH_ROWS * len(predictions)
+    if is_sparse:
+        notes.append(
+            f"only {covered} of {len(predictions)} frames have rows; the others are missed"
+        )
+    notes += _told_repeats(rows)
     return Run(
         method=method or path.stem,
         config={
             "file": str(path.resolve()),
             "scene": wanted,
             **_left_out(unknown),
+            **({FRAMES_WITH_ROWS: covered} if is_sparse else {}),
             **({NOTES: notes} if notes else {}),
         },
         sequence=sequence.path,

@@ -35,6 +35,7 @@ from asdfviz.evaluate.state_scores import (
     state_figures,
     true_transitions,
 )
+from asdfviz.evaluate.summary import HELD
 
 
 def evaluate_folder(
@@ -136,6 +137,8 @@ def protocol_report(
         "assembly": assembly.name,
         "state_details": _state_details(states, assembly),
     }
+    if judgement.n_held < len(judgement.frames):
+        report[HELD] = judgement.n_held
     warnings = list(judgement.warnings)
     return {**report, "warnings": warnings} if warnings else report
 

@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from asdfviz.data.result_csv import NOTES
+from asdfviz.data.result_csv import FRAMES_WITH_ROWS, NOTES
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
 from asdfviz.errors import some
 from asdfviz.evaluate.records import Comparison, compare_poses, predictions_by_frame
@@ -29,6 +29,18 @@ class Judgement:
     states: tuple[StateRecord, ...]
     """Empty where the run is of a kind that says none."""
     warnings: tuple[str, ...]
+
+    @property
+    def n_held(self) -> int:
+        """How many of the frames that count the run has anything on; the others are missed."""
+        held = sum(frame.frame_index in self.predictions for frame in self.frames)
+        with_rows = self.run.config.get(FRAMES_WITH_ROWS)
+        return min(held, with_rows) if isinstance(with_rows, int) else held
+
+    @property
+    def is_comparable(self) -> bool:
+        """Whether its figures are of all frames and in the truth's unit, as far as can be told."""
+        return self.n_held == len(self.frames) and _wrong_unit(self.run, self.frames) is None
 
 
 def judge(
@@ -119,13 +131,20 @@ def _doubts(run: Run, frames: tuple[FrameTruth, ...]) -> list[str]:
         found.append(
             f"{unknown} rows are of objects that the assembly does not have{listed}, and left out"
         )
+    ratio = _wrong_unit(run, frames)
+    if ratio is not None:
+        found.append(
+            f"poses lie {ratio:.3g} times as far from the camera as the truth: "
+            "are they in another unit?"
+        )
+    return found
+
+
+def _wrong_unit(run: Run, frames: tuple[FrameTruth, ...]) -> float | None:
+    """How many times too far the poses lie, where only another unit explains it; else None."""
     said = [pose.T_camera_part[2, 3] for p in run.predictions for pose in p.poses.values()]
     true = [T[2, 3] for frame in frames for T in frame.T_camera_part.values()]
-    if said and true and float(np.median(true)) > 0:
-        ratio = float(np.median(said)) / float(np.median(true))
-        if not 1e-2 < ratio < 1e2:
-            found.append(
-                f"poses lie {ratio:.3g} times as far from the camera as the truth: "
-                "are they in another unit?"
-            )
-    return found
+    if not said or not true or float(np.median(true)) <= 0:
+        return None
+    ratio = float(np.median(said)) / float(np.median(true))
+    return None if 1e-2 < ratio < 1e2 else ratio

@@ -69,13 +69,13 @@ def _count(count: int, noun: str) -> str:
 
 
 def _tables(runs: Sequence[JudgedRun]) -> str:
-    strict = [Row(r.name, run_color(r.place), r.sequence_name, r.strict) for r in runs]
-    gbot = [Row(r.name, run_color(r.place), r.sequence_name, r.gbot) for r in runs]
+    strict, gbot = ([_row(run, report) for run in runs] for report in ("strict", "gbot"))
     several = len({run.result.run.sequence for run in runs}) > 1
     return (
         '<div class="card"><h3>Poses, strict</h3><p>Every part of which 10 % can be seen counts; a '
         "missing pose is a miss. Means over parts; errors over the poses found.</p>"
-        f"{runs_table(strict, pose_columns(r.strict for r in runs))}{_means(runs, 'strict') if several else ''}</div>"
+        f"{_doubtful(runs)}{runs_table(strict, pose_columns(r.strict for r in runs))}"
+        f"{_means(runs, 'strict') if several else ''}</div>"
         '<div class="card"><h3>States and time</h3><p>A delay below 0 is early. ECE says how far the '
         f"run's confidence is from its accuracy.</p>{runs_table(strict, STATES)}</div>"
         '<div class="card"><h3>By the authors\' rules (gbot)</h3><p>Only the poses handed in count, '
@@ -85,16 +85,32 @@ def _tables(runs: Sequence[JudgedRun]) -> str:
     )
 
 
+def _row(run: JudgedRun, protocol: str) -> Row:
+    report, is_comparable = getattr(run, protocol), run.judgement.is_comparable
+    return Row(run.name, run_color(run.place), run.sequence_name, report, is_comparable)
+
+
+def _doubtful(runs: Sequence[JudgedRun]) -> str:
+    """Names the runs whose figures never stand out."""
+    told = [f"{r.name} on {r.sequence_name}" for r in runs if not r.judgement.is_comparable]
+    if not told:
+        return ""
+    why = "Never marked as best, as frames are missing or the unit is in doubt"
+    return f"<p>{why}: {escape(', '.join(told))}. See the notes on each run.</p>"
+
+
 def _means(runs: Sequence[JudgedRun], protocol: str) -> str:
     """The means over sequences of each method, plain and weighted by frames."""
     reports = [{**getattr(run, protocol), "method": run.name} for run in runs]
     columns = pose_columns(reports) if protocol == "strict" else PAPER
+    doubtful = {r.name for r in runs if not r.judgement.is_comparable}
     rows = [
         Row(
             entry["method"],
             None,
             f"{entry['assembly'] or 'all'}, {title}",
-            {"n_frames": entry["n_frames"], **entry[kind]},
+            {**entry, **entry[kind]},
+            is_comparable=entry["method"] not in doubtful,
         )
         for title, kind in (("plain", "plain"), ("by frames", "frame_weighted"))
         for entry in sorted(summaries(reports), key=lambda entry: entry["assembly"] or "")

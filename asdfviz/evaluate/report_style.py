@@ -70,7 +70,7 @@ tbody tr:last-child td{{border-bottom:0}}
 th.t,td.t{{text-align:left}}
 td.t{{max-width:230px;overflow:hidden;text-overflow:ellipsis}}
 sub{{font-size:.75em;line-height:0}}
-td.best{{font-weight:700;color:var(--good)}}
+td.best{{font-weight:700;color:var(--good)}}td.part{{color:var(--bad)}}
 tr.mean td{{border-top:1px solid var(--line);font-weight:600}}
 .chip{{display:inline-block;width:11px;height:11px;border-radius:3px;margin-right:7px;
 vertical-align:-1px}}

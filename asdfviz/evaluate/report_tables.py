@@ -8,6 +8,7 @@ from typing import Any
 
 from asdfviz.evaluate.protocols import TWINS, twins_matter
 from asdfviz.evaluate.report_style import escape, part_color
+from asdfviz.evaluate.summary import HELD, frames_told
 from asdfviz.evaluate.tables import UNDEFINED
 
 
@@ -81,6 +82,8 @@ class Row:
     group: str
     """Runs of one group are compared: the best figure of each column stands out."""
     report: Mapping[str, Any]
+    is_comparable: bool = True
+    """Whether its figures may stand out."""
 
 
 def pose_columns(reports: Iterable[Mapping[str, Any]]) -> tuple[Column, ...]:
@@ -93,11 +96,13 @@ def runs_table(rows: Sequence[Row], columns: Sequence[Column]) -> str:
     """One line a run (or mean)."""
     body: list[str] = []
     for row in rows:
-        rivals = [other.report for other in rows if other.group == row.group]
+        rivals = [r.report for r in rows if r.group == row.group and r.is_comparable]
+        rivals = rivals if row.is_comparable else []
         cells = "".join(_cell(row.report, column, rivals) for column in columns)
         name = _text_cell(row.name, row.color)
         group = _text_cell(row.group, None)
-        frames = f"<td>{row.report['n_frames']}</td>"
+        mark = ' class="part"' if HELD in row.report else ""
+        frames = f"<td{mark}>{frames_told(row.report)}</td>"
         body.append(f"<tr>{name}{group}{frames}{cells}</tr>")
     first = '<th class="t">Run</th><th class="t">Sequence</th><th>frames</th>'
     return _table(first, columns, body)

@@ -12,6 +12,8 @@ from typing import Any
 from asdfviz.evaluate.protocols import Figures
 
 SECTIONS = ("mean", "state")
+HELD = "n_frames_in_run"
+"""Key of a report: how many of its frames the run holds; only there where that is not all of them."""
 
 
 def summaries(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -20,7 +22,7 @@ def summaries(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     Returns:
         For each method one entry for each assembly that it ran on (if more than one) and one for
         all ("assembly": None): {"method", "assembly", "n_runs", "n_frames", "plain": {"mean": ...,
-        "state": ...}, "frame_weighted": the same}. A figure that a run leaves undefined does not
+        "state": ...}, "frame_weighted": the same}, and HELD where runs lack frames. A figure that a run leaves undefined does not
         count in it; one that all leave undefined is None.
     """
     found: list[dict[str, Any]] = []
@@ -35,15 +37,23 @@ def summaries(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return found
 
 
+def frames_told(report: Mapping[str, Any]) -> str:
+    """How many frames count, and before them how many of these the run holds where it lacks some."""
+    total = str(report["n_frames"])
+    return f"{report[HELD]}/{total}" if HELD in report else total
+
+
 def _summary(
     method: str, assembly: str | None, reports: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:
     frames = [int(report["n_frames"]) for report in reports]
+    held = sum(int(report.get(HELD, report["n_frames"])) for report in reports)
     return {
         "method": method,
         "assembly": assembly,
         "n_runs": len(reports),
         "n_frames": sum(frames),
+        **({HELD: held} if held < sum(frames) else {}),
         "plain": _means(reports, [1] * len(reports)),
         "frame_weighted": _means(reports, frames),
     }

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from asdfviz.evaluate.protocols import TWINS, twins_matter
+from asdfviz.evaluate.summary import frames_told
 
 UNDEFINED = "-"
 
@@ -58,7 +59,7 @@ def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
             escaped(str(result["method"])),
             escaped(str(result["sequence"])),
             escaped(str(result["protocol"])),
-            str(result["n_frames"]),
+            frames_told(result),
             *(number(result["mean"].get(key)) for _, key in poses),
             *(number(result["state"].get(key)) for _, key in STATE_COLUMNS),
             number(result["runtime_ms"].get("total_median")),
@@ -85,7 +86,7 @@ def means_table(means: Sequence[Mapping[str, Any]]) -> str:
             escaped(str(entry["assembly"] or "all")),
             title,
             str(entry["n_runs"]),
-            str(entry["n_frames"]),
+            frames_told(entry),
             *(number(entry[kind]["mean"].get(key)) for _, key in poses),
             *(number(entry[kind]["state"].get(key)) for _, key in STATE_COLUMNS),
         ]

@@ -40,6 +40,7 @@ def test_a_csv_is_judged_like_a_run(csv: Path, capsys: pytest.CaptureFixture[str
     frames = len(json.loads((sample_folder() / "scene_gt.json").read_text()))
     assert said["n_frames"] == frames - 1  # the first one was given
     assert "theirs.csv has no header and was read as GBOT's" in said["warnings"][0]
+    assert said["n_frames_in_run"] == POSED
     assert said["mean"]["e_t_mm"] == pytest.approx(5)
     assert said["parts"]["base"]["n_poses"] == POSED
     assert said["parts"]["base"]["add_s_10cm"] == pytest.approx(100 * POSED / (frames - 1))

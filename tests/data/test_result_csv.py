@@ -144,13 +144,20 @@ def test_a_csv_without_a_header_says_what_it_was_taken_for(read: Read) -> None:
     assert read(rows).config["csv_notes"] == [started]
     whole = f"a,3,jaw,-1,{EYE},0 0 500,1\n{rows}"
     assert read(whole).config["csv_notes"] == [f"{told} 3 to 7"]
-    assert "csv_notes" not in read(f"{HEADER}\n1,3,2,0.5,{EYE},0 0 500,1\n").config
+    with_header = "".join(f"1,{i},2,0.5,{EYE},0 0 500,1\n" for i in (3, 4, 7))
+    assert "csv_notes" not in read(f"{HEADER}\n{with_header}").config
 
 
 def test_rows_that_repeat_a_part_are_counted(read: Read) -> None:
-    row = f"1,3,2,0.5,{EYE},1 0 500,1\n"
-    twice = f"{HEADER}\n{row}1,3,2,0.9,{EYE},2 0 500,1\n{row}1,4,2,0.5,{EYE},0 0 500,1\n"
+    row, *others = (f"1,{i},2,0.5,{EYE},1 0 500,1\n" for i in (3, 4, 7))
+    rows = f"{HEADER}\n{row}{''.join(others)}"
+    twice = f"{rows}1,3,2,0.9,{EYE},2 0 500,1\n{row}"
     (note,) = read(twice).config["csv_notes"]  # pyright: ignore[reportGeneralTypeIssues]
     assert note.startswith("2 rows repeat a part within a frame: ")
-    missed = f"{HEADER}\n{row}1,3,2,0.9,{EYE},0 0 0,1\n"
-    assert "csv_notes" not in read(missed).config
+    assert "csv_notes" not in read(f"{rows}1,3,2,0.9,{EYE},0 0 0,1\n").config
+
+
+def test_a_csv_of_few_frames_says_how_many(read: Read) -> None:
+    config = read(f"{HEADER}\n1,3,2,0.5,{EYE},0 0 500,1\n1,7,2,0.5,{EYE},0 0 0,1\n").config
+    assert config["csv_notes"] == ["only 2 of 3 frames have rows; the others are missed"]
+    assert config["frames_with_rows"] == 2

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import base64
+import html
 import json
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -229,6 +232,40 @@ def test_a_csv_and_two_sequences(
     assert "Means over sequences" in words
     # 4 mm (12 once) on one, 20 mm (60 once) on the other.
     assert "all, plain" in words
+
+
+def test_a_run_that_lacks_frames_or_is_in_another_unit_never_stands_out(
+    scene: Path, clamp: Assembly, tmp_path: Path
+) -> None:
+    whole = make_run_of(clamp, scene, "whole", 0.01)
+    worse = make_run_of(clamp, scene, "worse", 0.02)
+    short = make_run_of(clamp, scene, "short", 0.001)
+    short = replace(short, predictions=short.predictions[:5])
+    T = T_camera_part(clamp, clamp.base, 0)
+    R, t = (" ".join(map(str, x)) for x in (T[:3, :3].ravel(), T[:3, 3]))  # in metres
+    csv = tmp_path / "metres.csv"
+    header = "scene_id,im_id,obj_id,score,R,t,time\n"
+    csv.write_text(header + "".join(f"1,{i},{clamp.base},1,{R},{t},0\n" for i in range(COUNT)))
+    for run in (whole, worse, short):
+        save_run(run, tmp_path / run.method)
+    out = tmp_path / "report.html"
+
+    def best_of(*names: str) -> set[str]:
+        paths = [tmp_path / name for name in names]
+        write_report(paths, out, pictures=0, sequence=str(scene) if csv in paths else None)
+        rows = re.findall(r"<tr><td.*?</tr>", out.read_text())
+        return {
+            m[1] for row in rows if 'class="best"' in row and (m := re.search("</i>(.*?)<", row))
+        }
+
+    assert best_of("whole", "worse", "short", "metres.csv") == {"whole"}
+    page = out.read_text()
+    assert page.count(f'<td class="part">5/{COUNT}</td>') == 3
+    assert f"short on {html.escape(scene.name)}, metres on" in page
+    assert "Never marked as best" in page
+    assert best_of("whole", "short") == set()
+    assert best_of("whole", "worse") == {"whole"}
+    assert "Never marked as best" not in out.read_text()
 
 
 def test_truth_of_states_alone(runs: list[Path], tmp_path: Path) -> None:
