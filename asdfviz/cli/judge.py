@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +16,11 @@ from asdfviz.cli.progress import progress_bar
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Judge runs against truth. JSON on stdout, a table on stderr.
+    """Judge runs against truth: a table on a terminal; where stdout is none, or with --json, all as JSON.
 
-    Example: asdfviz evaluate runs/asdf --protocol strict --json
+    Where stdout is no terminal, the table goes to stderr.
+
+    Example: asdfviz evaluate runs/asdf runs/mine --format latex
 
     Results made elsewhere are judged alike, as in
     asdfviz evaluate results.csv --sequence my_scene --assembly my_model
@@ -39,21 +42,24 @@ class Evaluate:
     scene: str | None = None
     """Whose rows of a csv to take. Default: those of the sequence's folder, or the only ones."""
     summary: bool = False
-    """Print {"runs": [...], "means": [...]}: means over the runs, plain and weighted by frames."""
+    """Means over the runs too, plain and weighted by frames; in JSON {"runs": [...], "means": [...]}."""
     json: bool = False
-    """JSON only, no table."""
+    """JSON on stdout and no table: one object, or a list for several runs."""
+    format: Literal["md", "csv", "latex"] | None = None
+    """Print the runs (with --summary in csv and latex: their means) as one table of this form, and no
+    JSON; all figures, in latex those that are defined."""
 
     def __call__(self) -> None:
-        """Print one object, or a list for several runs."""
+        """Judge, and print."""
         from asdfviz.data.assembly import load_assembly
         from asdfviz.errors import InputError
         from asdfviz.evaluate.evaluate import evaluate_folder
         from asdfviz.evaluate.inputs import refuse_csv_options
-        from asdfviz.evaluate.summary import summaries
-        from asdfviz.evaluate.tables import markdown_table, means_table
 
         if not self.runs:
             raise InputError("name at least one run folder, as in: asdfviz evaluate runs/asdf")
+        if self.json and self.format is not None:
+            raise InputError(f"--json and --format {self.format} are two outputs: leave one out")
         refuse_csv_options(self.runs, sequence=self.sequence, scene=self.scene)
         assembly = load_assembly(self.assembly) if self.assembly else None
         results: list[dict[str, Any]] = []
@@ -72,14 +78,44 @@ class Evaluate:
                 results.append(report)
             if not self.json:
                 progress(len(results), len(self.runs), "")
+        self._print(results)
+
+    def _print(self, results: list[dict[str, Any]]) -> None:
+        from asdfviz.evaluate.summary import summaries
+
         means = summaries(results) if self.summary else []
+        if self.format is not None:
+            print(_table(results, means, self.format))
+            for result in results if self.format != "md" else []:
+                for warning in result.get("warnings", ()):
+                    print(f"warning: {result['method']}: {warning}", file=sys.stderr)
+            return
+        is_read = sys.stdout.isatty() and not self.json
         if not self.json:
-            print(markdown_table(results), file=sys.stderr)
-        if not self.json and means:
-            print(f"\n{means_table(means)}", file=sys.stderr)
-        said = {"runs": results, "means": means} if self.summary else results
-        single = len(results) == 1 and not self.summary
-        print(json.dumps(results[0] if single else said, indent=2, allow_nan=False))
+            print(_told(results, means), file=sys.stdout if is_read else sys.stderr)
+        if not is_read:
+            said = {"runs": results, "means": means} if self.summary else results
+            single = len(results) == 1 and not self.summary
+            print(json.dumps(results[0] if single else said, indent=2, allow_nan=False))
+
+
+def _told(results: list[dict[str, Any]], means: list[dict[str, Any]]) -> str:
+    """What a person reads: as wide as the terminal, 100 characters where there is none."""
+    from asdfviz.evaluate.terminal_table import means_summary, runs_summary
+
+    width = shutil.get_terminal_size((100, 24)).columns
+    told = [means_summary(means, width=width)] if means else []
+    return "\n\n".join([*told, runs_summary(results, width=width)])
+
+
+def _table(results: list[dict[str, Any]], means: list[dict[str, Any]], form: str) -> str:
+    """One table, for a text or another program."""
+    from asdfviz.evaluate.tables import markdown_table, means_in, means_table, runs_in
+
+    if form == "md":
+        return "\n\n".join([markdown_table(results), *([means_table(means)] if means else [])])
+    layout = "csv" if form == "csv" else "latex"
+    return means_in(layout, means) if means else runs_in(layout, results)
 
 
 @dataclass(frozen=True)

@@ -99,21 +99,13 @@ def read_result_csv(
     predictions = _predictions(rows, sequence, path, is_bop=is_bop)
     is_started = predictions[0].frame_index != sequence.frame_indices[0]
     notes = [] if is_bop else [_told_gbot(path, predictions, sequence)]
-    covered = len({row.frame for row in rows})
-    is_sparse = covered < _MANY_WITH_ROWS * len(predictions)
-    if is_sparse:
-        notes.append(
-            f"only {covered} of {len(predictions)} frames have rows; the others are missed"
-        )
-    notes += _told_repeats(rows)
     return Run(
         method=method or path.stem,
         config={
             "file": str(path.resolve()),
             "scene": wanted,
             **_left_out(unknown),
-            **({FRAMES_WITH_ROWS: covered} if is_sparse else {}),
-            **({NOTES: notes} if notes else {}),
+            **_noted(notes, rows, len(predictions)),
         },
         sequence=sequence.path,
         assembly=assembly.path,
@@ -159,15 +151,22 @@ def _told_gbot(path: Path, predictions: Rows[FramePrediction], sequence: Sequenc
     )
 
 
-def _told_repeats(rows: Rows[_Row]) -> list[str]:
+def _noted(notes: list[str], rows: Rows[_Row], frames: int) -> dict[str, object]:
+    """What a config says of how its csv was read: these notes, and what is unusual about the rows."""
+    found: dict[str, object] = {}
+    covered = len({row.frame for row in rows})
+    if covered < _MANY_WITH_ROWS * frames:
+        found[FRAMES_WITH_ROWS] = covered
+        notes = [*notes, f"only {covered} of {frames} frames have rows; the others have no pose"]
     posed = [(row.frame, row.part) for row in rows if row.T_camera_part is not None]
     repeats = len(posed) - len(set(posed))
-    if not repeats:
-        return []
-    return [
-        f"{repeats} rows repeat a part within a frame: of each part the row with the best score "
-        "counts, the first one if they are equal"
-    ]
+    if repeats:
+        told = (
+            f"{repeats} rows repeat a part within a frame: of each part the row with the best score "
+            "counts, the first one if they are equal"
+        )
+        notes = [*notes, told]
+    return {**found, NOTES: notes} if notes else found
 
 
 def _parse_row(cells: Rows[str], part: str, *, where: str, time_unit: float) -> _Row:

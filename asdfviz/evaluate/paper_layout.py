@@ -63,6 +63,13 @@ def _latex(headings: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -
 
 
 def _tex(text: str) -> str:
-    for mark in "&%$#_{}":
-        text = text.replace(mark, f"\\{mark}")
-    return text
+    return text.translate(_TEX)
+
+
+_TEX = str.maketrans(
+    {
+        **{mark: f"\\{mark}" for mark in "&%$#_{}"},
+        **{"<": "$<$", ">": "$>$", "±": "$\\pm$", "°": "$^\\circ$", "~": "$\\sim$"},
+        **{"\\": "\\textbackslash{}", "^": "\\textasciicircum{}"},
+    }
+)

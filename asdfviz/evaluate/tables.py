@@ -1,4 +1,4 @@
-"""Markdown tables of what `evaluate_run` returns, for the command line and the app's result tab.
+"""Tables of what `evaluate_run` returns: Markdown with all figures, and the same as CSV or LaTeX.
 
 Names come from datasets and plug-ins, so what Markdown, HTML or MDX would read in them is escaped.
 """
@@ -6,9 +6,10 @@ Names come from datasets and plug-ins, so what Markdown, HTML or MDX would read 
 from __future__ import annotations
 
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.protocols import TWINS, twins_matter
 from asdfviz.evaluate.summary import frames_told
 
@@ -48,17 +49,58 @@ STATE_COLUMNS = (
     ("precision", "error_precision"),
 )
 
+MEANS = (("plain", "plain"), ("by frames", "frame_weighted"))
+"""The two means of a summary: what they are called, and their key."""
+_TEXTS = 3
+"""So many columns of runs and means hold text."""
+
 
 def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
     """One row a result: means over parts, state and time; then what was warned about."""
+    headings, rows = _runs(results, escaped)
+    notes = [
+        f"- {escaped(str(result['method']))}: {escaped(str(warning))}"
+        for result in results
+        for warning in result.get("warnings", ())
+    ]
+    table = _table(headings, rows, texts=_TEXTS)
+    return "\n".join([table, "", *notes]) if notes else table
+
+
+def means_table(means: Sequence[Mapping[str, Any]]) -> str:
+    """Two rows a method (and one assembly of it): the plain and the frame-weighted mean over runs."""
+    return _table(*_means(means, escaped), texts=_TEXTS)
+
+
+def runs_in(layout: Layout, results: Sequence[Mapping[str, Any]]) -> str:
+    """The rows of `markdown_table` in a layout; in LaTeX, where width counts, what is never defined is left out."""
+    return _in(layout, *_runs(results, str))
+
+
+def means_in(layout: Layout, means: Sequence[Mapping[str, Any]]) -> str:
+    """The rows of `means_table`, likewise."""
+    return _in(layout, *_means(means, str))
+
+
+def _in(layout: Layout, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    kept = range(len(headings))
+    if layout == "latex":
+        kept = [i for i in kept if any(row[i] != UNDEFINED for row in rows)]
+    shown = [[row[i] for i in kept] for row in (headings, *rows)]
+    return laid_out(shown[0], shown[1:], texts=_TEXTS, layout=layout)
+
+
+def _runs(
+    results: Sequence[Mapping[str, Any]], text: Callable[[str], str]
+) -> tuple[list[str], list[list[str]]]:
     poses = pose_columns([result["mean"] for result in results])
     headings = ["Method", "Sequence", "Protocol", "Frames"]
     headings += [title for title, _ in (*poses, *STATE_COLUMNS)]
     rows = [
         [
-            escaped(str(result["method"])),
-            escaped(str(result["sequence"])),
-            escaped(str(result["protocol"])),
+            text(str(result["method"])),
+            text(str(result["sequence"])),
+            text(str(result["protocol"])),
             frames_told(result),
             *(number(result["mean"].get(key)) for _, key in poses),
             *(number(result["state"].get(key)) for _, key in STATE_COLUMNS),
@@ -66,24 +108,19 @@ def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
         ]
         for result in results
     ]
-    notes = [
-        f"- {escaped(str(result['method']))}: {escaped(str(warning))}"
-        for result in results
-        for warning in result.get("warnings", ())
-    ]
-    table = _table([*headings, "ms a frame"], rows, texts=3)
-    return "\n".join([table, "", *notes]) if notes else table
+    return [*headings, "ms a frame"], rows
 
 
-def means_table(means: Sequence[Mapping[str, Any]]) -> str:
-    """Two rows a method (and one assembly of it): the plain and the frame-weighted mean over runs."""
+def _means(
+    means: Sequence[Mapping[str, Any]], text: Callable[[str], str]
+) -> tuple[list[str], list[list[str]]]:
     poses = pose_columns([entry["plain"]["mean"] for entry in means])
     headings = ["Method", "Assembly", "Mean", "Runs", "Frames"]
     headings += [title for title, _ in (*poses, *STATE_COLUMNS)]
     rows = [
         [
-            escaped(str(entry["method"])),
-            escaped(str(entry["assembly"] or "all")),
+            text(str(entry["method"])),
+            text(str(entry["assembly"] or "all")),
             title,
             str(entry["n_runs"]),
             frames_told(entry),
@@ -91,9 +128,9 @@ def means_table(means: Sequence[Mapping[str, Any]]) -> str:
             *(number(entry[kind]["state"].get(key)) for _, key in STATE_COLUMNS),
         ]
         for entry in means
-        for title, kind in (("plain", "plain"), ("by frames", "frame_weighted"))
+        for title, kind in MEANS
     ]
-    return _table(headings, rows, texts=3)
+    return headings, rows
 
 
 def parts_table(result: Mapping[str, Any]) -> str:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sys
+from csv import DictReader
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +59,57 @@ def test_several_runs_and_their_means(csv: Path, capsys: pytest.CaptureFixture[s
     assert len(summary["runs"]) == summary["means"][0]["n_runs"] == 2
     assert summary["means"][0]["plain"]["mean"]["e_t_mm"] == pytest.approx(5)
     assert "by frames" in said.err
+
+
+def test_a_terminal_is_shown_a_table_and_no_json(
+    csv: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    line = ("evaluate", str(csv), "--sequence", "sample")
+    assert exit_code(*line) == 0
+    shown = capsys.readouterr().out
+    assert "{" not in shown
+    assert max(map(len, shown.splitlines())) <= 100
+    heads, _, row = shown.splitlines()[:3]
+    assert row.split()[:3] == ["theirs", "sample", f"{POSED}/94"]
+    assert "5.0" in row.split()
+    assert "state" not in heads  # a csv says none
+    assert "-" not in row.split()
+    assert "read as GBOT's" in shown
+    assert exit_code(*line, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["mean"]["e_t_mm"] == pytest.approx(5)
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: False)
+    assert exit_code(*line) == 0
+    said = capsys.readouterr()
+    assert json.loads(said.out)["mean"]["e_t_mm"] == pytest.approx(5)
+    assert row in said.err
+
+
+def test_runs_as_a_table_of_a_form(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = ("evaluate", str(csv), str(csv), "--sequence", "sample")
+    assert exit_code(*line, "--format", "csv") == 0
+    said = capsys.readouterr()
+    rows = list(DictReader(said.out.splitlines()))
+    assert [(row["Method"], row["e_t [mm]"], row["state [%]"]) for row in rows] == [
+        ("theirs", "5.0", "-")
+    ] * 2
+    assert said.err.count("warning: theirs: ") == 4
+    assert exit_code(*line, "--format", "latex") == 0
+    latex = capsys.readouterr().out
+    assert r"theirs & sample & strict & 12/94 &" in latex
+    assert r"ADD(S) $<$ 0.1 d [\%]" in latex
+    assert "state" not in latex
+    assert exit_code(*line, "--format", "md") == 0
+    assert "| theirs | sample   | strict   |" in capsys.readouterr().out
+    assert exit_code(*line, "--format", "csv", "--summary") == 0
+    means = list(DictReader(capsys.readouterr().out.splitlines()))
+    assert [(row["Mean"], row["Runs"], row["e_t [mm]"]) for row in means] == [
+        ("plain", "2", "5.0"),
+        ("by frames", "2", "5.0"),
+    ]
+    assert exit_code(*line, "--format", "csv", "--json") == 2
+    assert "--json and --format csv are two outputs" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -159,5 +159,5 @@ def test_rows_that_repeat_a_part_are_counted(read: Read) -> None:
 
 def test_a_csv_of_few_frames_says_how_many(read: Read) -> None:
     config = read(f"{HEADER}\n1,3,2,0.5,{EYE},0 0 500,1\n1,7,2,0.5,{EYE},0 0 0,1\n").config
-    assert config["csv_notes"] == ["only 2 of 3 frames have rows; the others are missed"]
+    assert config["csv_notes"] == ["only 2 of 3 frames have rows; the others have no pose"]
     assert config["frames_with_rows"] == 2

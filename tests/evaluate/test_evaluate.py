@@ -17,6 +17,7 @@ from asdfviz.evaluate.pose_errors import add, error_model
 from asdfviz.evaluate.protocols import MEAN_FIGURES, ProtocolName, gbot_evaluated_parts
 from asdfviz.evaluate.summary import summaries
 from asdfviz.evaluate.tables import escaped, markdown_table, means_table, parts_table
+from asdfviz.evaluate.terminal_table import means_summary, runs_summary
 from asdfviz.geometry.transforms import rotation_about, transform_from
 
 MakeTruth = Callable[..., FrameTruth]
@@ -355,6 +356,31 @@ def test_means_over_runs(
     assert len(lines) == 2 + 2 * 4
     assert "30.0" in lines[6]
     assert "36.7" in lines[7]
+
+
+@pytest.mark.parametrize("width", [60, 80, 100, 300])
+def test_a_summary_is_as_wide_as_the_terminal(
+    width: int,
+    assembly: Assembly,
+    make_truth: MakeTruth,
+    make_prediction: MakePrediction,
+    make_run: MakeRun,
+) -> None:
+    poses = {"plate": placed()}
+    truth = {i: make_truth(i, poses, state=0, is_error=False) for i in range(3)}
+    method = "a_method_that_has_a_name_of_many_words_and_one_that_tells_it_v2"
+    run = make_run([make_prediction(i, poses, state=0) for i in range(2)], method=method)
+    report = evaluate_run(run, assembly=assembly, truth=truth)
+    lines = runs_summary([report, {**report, "sequence": "s" * 60}], width=width).splitlines()
+    assert max(map(len, lines)) <= width
+    assert lines[2].split()[0].endswith("it_v2")
+    assert lines[2].split()[2] == "2/3"
+    assert "<0.1d%" in lines[1]
+    assert ("frames" in lines[1]) == (width == 300)  # the state within two frames
+    assert "ms" not in lines[1].split()  # nobody took the time
+    means = means_summary(summaries([report]), width=width).splitlines()
+    assert max(map(len, means)) <= width
+    assert "by frames" in means[3]
 
 
 def test_231_frames_of_10_parts(
