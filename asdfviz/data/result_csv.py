@@ -67,8 +67,7 @@ def read_result_csv(
     Every frame of the sequence from the first row on gets a prediction, empty where there is no
     row: a frame left out is a miss. In the trackers' csv of GBOT, frames before the first row were
     given to the method as its start and stay out. Of two rows for one part the better score counts.
-    A translation of zero is how the GBOT evaluator writes a part that was not found, so such rows
-    hold no pose.
+    A translation of zero, which the GBOT evaluator writes for a part that it did not find, is no pose.
 
     Args:
         path: the csv.
