@@ -37,6 +37,9 @@ _READERS = {"asdf": asdf_raw.READERS, "asdf-rgbd": asdf_rgbd.READERS}
 _FILES = {"asdf": asdf_raw.find_raw_files, "asdf-rgbd": asdf_rgbd.find_rgbd_files}
 """Formats that are laid out otherwise; all others are plain scene folders."""
 
+DRAWN = ("scenes", "packs")
+"""Kinds of images, in sequence.json, that repeat parts so that detectors learn them."""
+
 
 def open_sequence(
     path: str | Path, *, assembly: Assembly | None = None, format: str | None = None
@@ -87,6 +90,13 @@ def read_folder_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]
     """
     readers: SceneReaders = _READERS.get(_layout(folder), PLAIN)
     return readers.truth(folder, assembly)
+
+
+def shows_drawn_copies(folder: Path) -> bool:
+    """Whether these are images to train with, in which `asdfviz synth` drew parts more than once."""
+    about = _about(folder)
+    kind = None if about is None else about.find("kind")
+    return kind is not None and kind.value in DRAWN
 
 
 def _layout(folder: Path) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.images import ImageSizeError
 from asdfviz.data.scene_objects import objects_beside
+from asdfviz.data.sequences import shows_drawn_copies
 from asdfviz.datatypes import Sequence
 from asdfviz.errors import SequenceError, counted, some
 from asdfviz.evaluate.health_report import Finding
@@ -146,10 +147,16 @@ def check_objects(sequence: Sequence) -> Iterator[Finding]:
         )
     if repeats:
         total = sum(repeats.values())
+        is_drawn = shows_drawn_copies(Path(sequence.path))
+        advice = (
+            "Training images show copies on purpose, and detectors learn from all of them."
+            if is_drawn
+            else "Give repeated pieces names of their own in the assembly."
+        )
         yield Finding(
             "distractors",
             "info",
-            f"{total} entries of the truth repeat a part within a frame and are not used: "
-            f"{some(repeats)}. Give repeated pieces names of their own in the assembly.",
+            f"{total} entries of the truth repeat a part within a frame and are not "
+            f"{'judged' if is_drawn else 'used'}: {some(repeats)}. {advice}",
             float(total),
         )

@@ -456,7 +456,23 @@ def test_distractors_are_counted(folder: Path) -> None:
     assert (strangers.severity, strangers.value) == ("info", 2.0)
     assert "(6 entries): mug, spoon" in strangers.message
     assert repeats.value == 2.0
+    assert "Give repeated pieces names of their own" in repeats.message
     assert not found(check_sequence(open_sequence(folder)), "distractors")
+
+
+@pytest.mark.parametrize(
+    ("kind", "is_drawn"), [("scenes", True), ("packs", True), ("sequence", False)]
+)
+def test_copies_in_drawn_images_are_no_fault(folder: Path, kind: str, is_drawn: bool) -> None:
+    entry = {"cam_R_m2c": np.eye(3).reshape(-1).tolist(), "cam_t_m2c": [0, 0, 800]}
+    gt = {"0": [{**entry, "obj_id": "plate"}] * 3}
+    (folder / "scene_gt.json").write_text(json.dumps(gt))
+    about = {"assembly": "boxes", "fps": 0, "kind": kind}
+    (folder / "sequence.json").write_text(json.dumps(about))
+    finding = only(check_sequence(open_sequence(folder, assembly=make_assembly())), "distractors")
+    assert "2 entries of the truth repeat a part" in finding.message
+    assert ("show copies on purpose" in finding.message) == is_drawn
+    assert ("names of their own" in finding.message) == (not is_drawn)
 
 
 def test_an_assembly_that_is_not_there_is_named(folder: Path) -> None:
