@@ -40,7 +40,8 @@ from asdfviz.evaluate.health_files import (
 from asdfviz.evaluate.health_report import Finding as Finding
 from asdfviz.evaluate.health_report import HealthReport as HealthReport
 from asdfviz.evaluate.health_shift import MOST_SHIFT_FRAMES, measure_shift, spread
-from asdfviz.evaluate.health_truth import check_against_truth, posed_parts
+from asdfviz.evaluate.health_sights import posed_parts
+from asdfviz.evaluate.health_truth import check_against_truth
 
 MOST_FRAMES = 12
 LEAST_SHIFT_PX = 3.0

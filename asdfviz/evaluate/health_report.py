@@ -12,6 +12,7 @@ Kind: TypeAlias = Literal[
     "intrinsics",
     "mesh_unit",
     "state_unit",
+    "part_pose",
     "size_mismatch",
     "missing_frames",
     "frame_step",

@@ -262,6 +262,28 @@ def test_intrinsics_that_truth_contradicts_are_named(
     assert not found(report, "mesh_unit")
 
 
+def test_a_part_that_is_elsewhere_is_named_instead_of_the_camera(make: Make) -> None:
+    """The truth has the block above the plate, as a wrong state label does; it lies on the table."""
+    clean = make(with_truth=True)
+    truths: list[FrameTruth | None] = []
+    for truth in clean.truths:
+        assert truth is not None
+        T_camera_block = truth.T_camera_part["plate"].copy()
+        T_camera_block[2, 3] -= 0.09  # leaves 25 mm of air between them
+        truths.append(
+            replace(truth, T_camera_part={**truth.T_camera_part, "block": T_camera_block})
+        )
+    report = check_sequence(replace(clean, truths=tuple(truths)))
+    finding = only(report, "part_pose")
+    assert finding.severity == "warning"
+    assert finding.message.startswith("block is not where the truth has it")
+    assert finding.message.endswith(
+        "or the state that says where it is; frames looked at: 0, 1, 2."
+    )
+    assert not found(report, "intrinsics")
+    assert not found(report, "mesh_unit")
+
+
 @pytest.mark.parametrize(
     ("scales", "with_truth", "name"),
     [
