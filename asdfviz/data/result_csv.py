@@ -20,7 +20,7 @@ from asdfviz.data.csv_layout import NO_SCORE, read_lines
 from asdfviz.data.hashes import file_sha256
 from asdfviz.data.run_files import load_run
 from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run, Sequence
-from asdfviz.errors import RunError
+from asdfviz.errors import RunError, counted
 from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.geometry.transforms import is_rigid, orthonormalized, transform_from
 
@@ -161,8 +161,8 @@ def _noted(notes: list[str], rows: Rows[_Row], frames: int) -> dict[str, object]
     repeats = len(posed) - len(set(posed))
     if repeats:
         told = (
-            f"{repeats} rows repeat a part within a frame: of each part the row with the best score "
-            "counts, the first one if they are equal"
+            f"{counted(repeats, 'row')} too many: a part has several in a frame, and the one with the "
+            "best score counts, the first if they are equal"
         )
         notes = [*notes, told]
     return {**found, NOTES: notes} if notes else found

@@ -153,7 +153,7 @@ def test_rows_that_repeat_a_part_are_counted(read: Read) -> None:
     rows = f"{HEADER}\n{row}{''.join(others)}"
     twice = f"{rows}1,3,2,0.9,{EYE},2 0 500,1\n{row}"
     (note,) = read(twice).config["csv_notes"]  # pyright: ignore[reportGeneralTypeIssues]
-    assert note.startswith("2 rows repeat a part within a frame: ")
+    assert note.startswith("2 rows too many: a part has several in a frame")
     assert "csv_notes" not in read(f"{rows}1,3,2,0.9,{EYE},0 0 0,1\n").config
 
 
