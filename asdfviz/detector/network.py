@@ -37,6 +37,11 @@ _SIZES: dict[str, _Size] = {
 }
 
 
+def strides_of(scale: Scale) -> tuple[int, ...]:
+    """Input pixels a cell of each level of a network of this size."""
+    return (8, 16, 32, 64) if scale.endswith("p6") else (8, 16, 32)
+
+
 class Network(nn.Module):
     """Backbone, neck and pose head; `model` holds the layers under the public numbers."""
 
@@ -64,7 +69,7 @@ class Network(nn.Module):
         self.keypoint_width = keypoint_width
         plan = _Plan(_SIZES[scale])
         (_plan_p6 if scale.endswith("p6") else _plan_p5)(plan)
-        self.strides = (8, 16, 32, 64) if scale.endswith("p6") else (8, 16, 32)
+        self.strides = strides_of(scale)
         head = PoseHead(
             tuple(plan.channels[i] for i in plan.outputs),
             self.strides,

@@ -96,49 +96,6 @@ def write_checkpoint(path: Path, content: Mapping[str, object]) -> None:
     write_bytes(path, buffer.getvalue())
 
 
-def whole_run(
-    network: nn.Module,
-    *,
-    average: Average,
-    progress: Progress,
-    optimizer: torch.optim.Optimizer,
-    about: str,
-) -> dict[str, object]:
-    """The content of a checkpoint with one network and its optimiser.
-
-    Args:
-        network: being trained.
-        average: of its weights.
-        progress: how far the run is.
-        optimizer: with its state.
-        about: what must be the same when the run goes on.
-    """
-    return {
-        "network": network.state_dict(),
-        "average": average.state,
-        "updates": average.updates,
-        "progress": [progress.step, progress.seconds, progress.best],
-        "about": about,
-        "optimizer": optimizer.state_dict(),
-    }
-
-
-def resume_whole(
-    content: Mapping[str, Any],
-    network: nn.Module,
-    *,
-    average: Average,
-    optimizer: torch.optim.Optimizer,
-) -> Progress:
-    """Bring network, average and optimiser to where `whole_run` was; returns how far that is."""
-    network.load_state_dict(content["network"])
-    state = cast(dict[str, Tensor], content["average"])
-    average.state = {k: v.to(average.state[k].device) for k, v in state.items()}
-    average.updates = content["updates"]
-    optimizer.load_state_dict(content["optimizer"])
-    return Progress(*content["progress"])
-
-
 def keep_average(checkpoint: Path, path: Path) -> None:
     """Write a checkpoint's averaged weights and progress alone: a fraction of its size.
 
@@ -218,23 +175,29 @@ def _learned(path: Path) -> tuple[str, list[str], dict[str, Tensor]]:
 
 
 def require_same(
-    content: Mapping[str, Any], path: Path, *, network: Network, classes: Sequence[str]
+    content: Mapping[str, Any],
+    path: Path,
+    *,
+    network: Network,
+    classes: Sequence[str],
+    image_size: int,
 ) -> None:
-    """Refuse to go on from the checkpoint of another network.
+    """Refuse to go on from the checkpoint of another network, or with inputs of another size.
 
     Raises:
-        WeightsError: its classes, size or keypoint width differ.
+        WeightsError: its classes, size, keypoint width or image size differ.
     """
-    known = json.loads(content["about"])["classes"]
+    about = json.loads(content["about"])
+    known = about["classes"]
     if known != list(classes):
         raise WeightsError(
             f"'{path}' was trained for {known}, asked for are {list(classes)}: "
             "take another run folder"
         )
-    had = (content["scale"], content["keypoint_width"])
-    asked = (network.scale, network.keypoint_width or 0)
+    had = (content["scale"], content["keypoint_width"], about["image_size"])
+    asked = (network.scale, network.keypoint_width or 0, image_size)
     if had != asked:
-        sizes = f"of scale and keypoint_width {had}, asked for were {asked}"
+        sizes = f"of scale, keypoint_width and image_size {had}, asked for were {asked}"
         raise WeightsError(f"'{path}' is {sizes}: take another run folder")
 
 

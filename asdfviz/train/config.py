@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from asdfviz.detector.losses import PAPER, PUBLISHED, LossConfig
-from asdfviz.detector.network import Scale
+from asdfviz.detector.network import Scale, strides_of
 from asdfviz.errors import InputError
 from asdfviz.train.packing import AugmentConfig
 
@@ -31,9 +31,18 @@ class Stage:
     """Share of inputs packed with tiles; the others show a whole frame, 0 to 1."""
 
 
-def two_stages() -> tuple[Stage, ...]:
-    """Small packed inputs first, for the most objects a second, then full size with frames."""
-    return (Stage(0.3, 320, 192, 16, 1.0), Stage(0.7, 640, 384, 8, 0.6))
+def two_stages(image_size: int, *, stride: int) -> tuple[Stage, ...]:
+    """Small packed inputs first, for the most objects a second, then full size with frames.
+
+    Args:
+        image_size: longer side of a whole frame, pixels.
+        stride: the network's last one; sides are rounded up to it.
+    """
+    (half_width, half_height), (width, height) = (
+        tuple(math.ceil(side / stride) * stride for side in (longer, longer * 9 / 16))
+        for longer in (image_size / 2, image_size)
+    )
+    return (Stage(0.3, half_width, half_height, 16, 1.0), Stage(0.7, width, height, 8, 0.6))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +83,8 @@ class TrainConfig:
     """Budget in steps instead, which repeats exactly."""
     image_size: int = 640
     """Longer side of a whole frame, pixels; infer at the same."""
-    stages: tuple[Stage, ...] = field(default_factory=two_stages)
+    stages: tuple[Stage, ...] = ()
+    """None given: the `two_stages` that end at image_size."""
     threads: int = 1
     """CPU threads of torch; more than there are idle cores makes every step wait."""
     seed: int = 0
@@ -115,6 +125,16 @@ class TrainConfig:
     resume: bool = True
     """Go on from output/last.pt if it is there."""
 
+    def __post_init__(self) -> None:
+        if not self.stages:
+            stages = two_stages(self.image_size, stride=self.stride)
+            object.__setattr__(self, "stages", stages)
+
+    @property
+    def stride(self) -> int:
+        """The last stride of a network of this size, pixels."""
+        return strides_of(self.scale)[-1]
+
     @property
     def losses(self) -> LossConfig:
         """The losses of boxes, classes and keypoints."""
@@ -139,5 +159,11 @@ def check_config(config: TrainConfig) -> None:
     for name, smallest in least.items():
         if getattr(config, name) < smallest:
             raise InputError(f"{name} is {getattr(config, name)}, use {smallest} or more")
+    widest = max(stage.width for stage in config.stages)
+    if widest >= config.image_size + config.stride:
+        raise InputError(
+            f"a stage is {widest} pixels wide, image_size is {config.image_size}: the widest stage "
+            "is what is inferred at"
+        )
     if not (config.data or config.fresh):
         raise InputError("there is nothing to train on: name scene folders (data) or ask for fresh")

@@ -16,17 +16,11 @@ from asdfviz.data.atomic import write_text
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import load_crop_network, save_crop_network
 from asdfviz.errors import WeightsError
-from asdfviz.train.checkpoint import (
-    Average,
-    Progress,
-    load_checkpoint,
-    resume_whole,
-    whole_run,
-    write_checkpoint,
-)
+from asdfviz.train.checkpoint import Average, Progress, load_checkpoint, write_checkpoint
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_validation import CropValidation
 from asdfviz.train.record import made_by, without_places
+from asdfviz.train.whole_run import resume_whole, whole_run
 
 CROP_WEIGHTS = "crops.safetensors"
 

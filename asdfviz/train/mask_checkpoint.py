@@ -15,17 +15,11 @@ from asdfviz.data.hashes import file_sha256
 from asdfviz.detector.mask_branch import MaskBranch
 from asdfviz.detector.mask_weights import save_masks
 from asdfviz.errors import WeightsError
-from asdfviz.train.checkpoint import (
-    Average,
-    Progress,
-    load_checkpoint,
-    resume_whole,
-    whole_run,
-    write_checkpoint,
-)
+from asdfviz.train.checkpoint import Average, Progress, load_checkpoint, write_checkpoint
 from asdfviz.train.mask_config import MaskTrainConfig
 from asdfviz.train.mask_validation import MaskValidation
 from asdfviz.train.record import made_by, without_places
+from asdfviz.train.whole_run import resume_whole, whole_run
 
 MASK_WEIGHTS = "masks.safetensors"
 

@@ -255,7 +255,13 @@ class Session(Sitting):
                 self.average.state = {k: v.clone() for k, v in self.network.state_dict().items()}
             return
         content = load_checkpoint(self.last)
-        require_same(content, self.last, network=self.network, classes=self.classes)
+        require_same(
+            content,
+            self.last,
+            network=self.network,
+            classes=self.classes,
+            image_size=self.config.image_size,
+        )
         average = cast(dict[str, Tensor], content["average"])
         self.network.load_state_dict(content["network"] or average)
         self.average.state = {k: v.to(self.world.device) for k, v in average.items()}

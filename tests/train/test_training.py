@@ -5,6 +5,7 @@ import dataclasses
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,8 +117,11 @@ def test_a_run_of_another_assembly_is_not_gone_on_with(
 def test_a_run_of_another_size_is_not_gone_on_with(config: TrainConfig, assembly: Assembly) -> None:
     train(dataclasses.replace(config, steps=1), assemblies=(assembly,))
     wider = dataclasses.replace(config, keypoint_width=config.keypoint_width + 8)
-    with pytest.raises(WeightsError, match=r"'n', 64\), asked .*72\): take another run"):
+    with pytest.raises(WeightsError, match=r"'n', 64, 320\), asked .*72, 320\): take another"):
         train(wider, assemblies=(assembly,))
+    larger = dataclasses.replace(config, image_size=640)
+    with pytest.raises(WeightsError, match=r"'n', 64, 320\), asked .*64, 640\): take another"):
+        train(larger, assemblies=(assembly,))
 
 
 def test_a_few_pictures_are_learned(config: TrainConfig, assembly: Assembly) -> None:
@@ -142,6 +146,24 @@ def test_a_loss_that_blows_up_is_named(config: TrainConfig, assembly: Assembly) 
 @pytest.mark.parametrize(("share", "width"), [(0.0, 96), (0.49, 96), (0.51, 160), (1.0, 160)])
 def test_stages_follow_each_other(config: TrainConfig, share: float, width: int) -> None:
     assert stage_at(config.stages, share).width == width
+
+
+@pytest.mark.parametrize(
+    ("change", "sizes_wh"),
+    [
+        ({}, [(320, 192), (640, 384)]),
+        ({"image_size": 320}, [(160, 96), (320, 192)]),
+        ({"image_size": 480}, [(256, 160), (480, 288)]),
+        ({"image_size": 480, "scale": "x-p6"}, [(256, 192), (512, 320)]),
+        ({"image_size": 1280, "scale": "x-p6"}, [(640, 384), (1280, 768)]),
+    ],
+)
+def test_stages_end_at_the_image_size(
+    change: dict[str, Any], sizes_wh: list[tuple[int, int]]
+) -> None:
+    config = TrainConfig(assemblies=("toy",), data=(), output=Path("run"), **change)
+    assert [(stage.width, stage.height) for stage in config.stages] == sizes_wh
+    assert [(s.share, s.batch, s.packed) for s in config.stages] == [(0.3, 16, 1.0), (0.7, 8, 0.6)]
 
 
 def test_the_rate_warms_up_and_falls(config: TrainConfig) -> None:
@@ -195,6 +217,7 @@ def test_a_perfect_network_validates_perfectly(
         ({"keypoint_gain": -0.1}, "keypoint_gain is -0.1, give 0 or more"),
         ({"threads": 0}, "threads is 0, use 1 or more"),
         ({"image_size": 0}, "image_size is 0, use 32 or more"),
+        ({"image_size": 96}, "a stage is 160 pixels wide, image_size is 96"),
         ({"keypoint_width": -4}, "keypoint_width is -4, use 0 or more"),
     ],
 )
