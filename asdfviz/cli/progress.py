@@ -1,4 +1,4 @@
-"""A progress bar on stderr, and Ctrl+C as a polite stop."""
+"""A progress bar on stderr, and Ctrl+C and SIGTERM as a polite stop."""
 
 from __future__ import annotations
 
@@ -55,20 +55,25 @@ def progress_bar(title: str) -> Generator[Report]:
 
 @contextmanager
 def stop_on_interrupt() -> Generator[Callable[[], bool]]:
-    """Turn the first Ctrl+C into a flag that long jobs poll; the second one interrupts at once."""
+    """Turn the first Ctrl+C or SIGTERM into a flag that long jobs poll; a second Ctrl+C interrupts at once.
+
+    Batch queues and shutdowns send SIGTERM, some of them to every process and again by its parent:
+    however often it comes, what was begun is saved.
+    """
     asked = False
 
     def ask(signum: int, frame: FrameType | None) -> None:
         nonlocal asked
-        if asked:
+        if asked and signum == signal.SIGINT:
             raise KeyboardInterrupt
         asked = True
 
-    before = signal.signal(signal.SIGINT, ask)
+    before = {kind: signal.signal(kind, ask) for kind in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield lambda: asked
     finally:
-        signal.signal(signal.SIGINT, before)
+        for kind, handler in before.items():
+            signal.signal(kind, handler)
 
 
 def with_rate(report: Report, unit: str) -> Callable[[int, int], None]:

@@ -169,7 +169,7 @@ def _with_processes(work: Work, numbers: Sequence[int], workers: int, stop: Stop
     count = min(workers, len(numbers))
     done = 0
     with ProcessPoolExecutor(count, context, _prepare, (event, count)) as pool:
-        with _interrupts_held_back():
+        with _held_back(signal.SIGINT):
             pending = {pool.submit(_do, work, number) for number in numbers}
         try:
             while pending:
@@ -179,9 +179,10 @@ def _with_processes(work: Work, numbers: Sequence[int], workers: int, stop: Stop
                 if stop() and not event.is_set():
                     event.set()
         except BrokenProcessPool as error:
-            raise AsdfvizError(
-                "a worker process died (out of memory?); try fewer --workers: the job goes on"
-            ) from error
+            if not stop():  # SIGTERM may go to all processes
+                raise AsdfvizError(
+                    "a worker process died (out of memory?); try fewer --workers: the job goes on"
+                ) from error
         finally:
             # Reached by an error or Ctrl+C too: what waits in the queue then ends at once.
             event.set()
@@ -209,7 +210,7 @@ def spawned(
     context = multiprocessing.get_context("spawn")
     processes: list[SpawnProcess] = []
     try:
-        with _interrupts_held_back():
+        with _held_back(signal.SIGINT, signal.SIGTERM):
             for given in arguments:
                 process = context.Process(target=_beside, args=(target, *given), daemon=True)
                 process.start()
@@ -217,7 +218,8 @@ def spawned(
         yield processes
     finally:
         for process in processes:
-            process.terminate()
+            process.kill()
+        for process in processes:
             process.join()
 
 
@@ -240,9 +242,9 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
-def _interrupts_held_back() -> Generator[None]:
-    """Processes that start within never see Ctrl+C: their parent hears it and ends them in order."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def _held_back(*signals: signal.Signals) -> Generator[None]:
+    """Processes that start within never see these: their parent hears them and ends all in order."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     try:
         yield
     finally:
@@ -260,14 +262,13 @@ def _with_joblib(
     with _cluster(backend, workers), joblib.parallel_config(backend=backend, n_jobs=workers):
         for first in range(0, len(numbers), batch):
             tasks = [joblib.delayed(_do)(work, n) for n in numbers[first : first + batch]]
-            with _interrupts_held_back():
+            with _held_back(signal.SIGINT):
                 results = joblib.Parallel(return_as=kind)(tasks)
             for finished in results:
                 done += finished
                 yield done
                 if stop():
-                    # Tasks that have not begun go with the generator.
-                    return
+                    return  # tasks that have not begun go with the generator
 
 
 @contextmanager
@@ -283,7 +284,7 @@ def _cluster(backend: str, workers: int) -> Generator[None]:
     # Set by DASK_SCHEDULER_ADDRESS or a file of Dask's.
     named = dask.config.get("scheduler-address", None) is not None
     here = {} if named else {"n_workers": workers, "threads_per_worker": 1}
-    with _interrupts_held_back():
+    with _held_back(signal.SIGINT):
         client = distributed.Client(**here)
     with client:
         yield

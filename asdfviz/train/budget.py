@@ -11,6 +11,7 @@ from torch import Tensor, nn
 
 from asdfviz.errors import InputError
 from asdfviz.train.checkpoint import Progress
+from asdfviz.train.log import CsvLog
 
 
 class Budget:
@@ -69,6 +70,10 @@ class Sitting:
     def last(self) -> Path:
         """The checkpoint that a later run goes on from."""
         return self._output / "last.pt"
+
+    def csv_log(self, name: str, columns: Sequence[str]) -> CsvLog:
+        """A log of this run; a run that goes on goes on in it."""
+        return CsvLog(self._output / name, columns, step=self.progress.step)
 
 
 def descend(

@@ -38,7 +38,7 @@ from asdfviz.train.crop_scenes import CropConfig
 from asdfviz.train.crop_validation import CropValidation, validate_crops
 from asdfviz.train.crop_validation_sets import validation_sets
 from asdfviz.train.crop_views import ViewMaker, Views
-from asdfviz.train.log import CsvLog, Meter, write_curve
+from asdfviz.train.log import Meter, write_curve
 from asdfviz.train.schedule import make_optimizer, rate_at
 
 LOG_SECONDS = 20.0
@@ -98,15 +98,11 @@ class CropSession(Sitting):
             begin_crops_from(network, config.start, names=self.names, states=self.states)
             self.average.state = {k: v.clone() for k, v in network.state_dict().items()}
         self._resume()
-        self.log = CsvLog(
-            config.output / "log.csv", ("step", "minutes", "rate", "crops_per_s", *LOSSES)
-        )
+        self.log = self.csv_log("log.csv", ("step", "minutes", "rate", "crops_per_s", *LOSSES))
         self.rng = np.random.default_rng([config.seed, self.progress.step])
         self.validation_sets = validation_sets(config, self.maker, self.views, self.assemblies)
         columns = [f"{name}:{figure}" for name in self.validation_sets for figure in FIGURES]
-        self.validation_log = CsvLog(
-            config.output / "validation.csv", ("step", "minutes", "score", *columns)
-        )
+        self.validation_log = self.csv_log("validation.csv", ("step", "minutes", "score", *columns))
 
     def go(self, report: Callable[[CropReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False)."""

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from torch import Tensor
 
-from asdfviz.data.atomic import write_bytes
+from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.data.encoding import encoded
 
 LossValues: TypeAlias = Float[Tensor, "n"]
@@ -50,18 +50,30 @@ class Meter:
 class CsvLog:
     """Appends lines to a CSV file; a resumed run goes on in the same file."""
 
-    def __init__(self, path: Path, columns: Sequence[str]) -> None:
+    def __init__(self, path: Path, columns: Sequence[str], *, step: int) -> None:
+        """Begin a file, or go on in one.
+
+        Args:
+            path: the file.
+            columns: their names, the first of them "step".
+            step: that the run goes on from; rows of later ones, whose work was lost, go.
+        """
         self.path = path
         self.columns = tuple(columns)
-        path.parent.mkdir(parents=True, exist_ok=True)
         if not path.is_file():
-            path.write_text(",".join(self.columns) + "\n", encoding="utf-8")
+            write_text(path, ",".join(self.columns) + "\n")
+            return
+        head, *rows = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        last = float(_cell(float(step)))
+        kept = [row for row in rows if row.endswith("\n") and float(row.split(",")[0]) <= last]
+        if kept != rows:
+            write_text(path, "".join((head, *kept)))
 
     def add(self, values: Mapping[str, float]) -> None:
         """Append one line; a value that is missing stays empty."""
         with self.path.open("a", encoding="utf-8", newline="") as file:
             csv.writer(file).writerow(
-                [f"{values[c]:.6g}" if c in values else "" for c in self.columns]
+                [_cell(values[c]) if c in values else "" for c in self.columns]
             )
 
     def read(self) -> dict[str, list[float]]:
@@ -71,6 +83,10 @@ class CsvLog:
         return {
             c: [float(row[c]) if row[c] else float("nan") for row in rows] for c in self.columns
         }
+
+
+def _cell(value: float) -> str:
+    return f"{value:.6g}"
 
 
 def write_curve(path: Path, log: CsvLog, *, x: str, curves: Sequence[str]) -> None:

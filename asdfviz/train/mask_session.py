@@ -28,7 +28,7 @@ from asdfviz.detector.weights import load_network
 from asdfviz.errors import WeightsError
 from asdfviz.train.budget import Sitting, descend
 from asdfviz.train.checkpoint import Average
-from asdfviz.train.log import CsvLog, Meter, write_curve
+from asdfviz.train.log import Meter, write_curve
 from asdfviz.train.mask_checkpoint import export_masks, resume_masks, save_mask_checkpoint
 from asdfviz.train.mask_config import MaskTrainConfig, check_mask_config
 from asdfviz.train.mask_data import MaskBatch, collate_masks, draw, load_mask_images
@@ -98,7 +98,7 @@ class MaskSession(Sitting):
             )
             self._budget.before = self.progress.seconds
         columns = ("step", "minutes", "rate", "inputs_per_s", *LOSSES)
-        self.log = CsvLog(config.output / "log.csv", columns)
+        self.log = self.csv_log("log.csv", columns)
 
     def _begun(self, branch: MaskBranch) -> MaskBranch:
         """The branch as another run left it, if one is named."""

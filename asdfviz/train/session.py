@@ -32,7 +32,7 @@ from asdfviz.train.config import TrainConfig
 from asdfviz.train.dataset import LabelledImage, load_images
 from asdfviz.train.inputs import input_stream
 from asdfviz.train.loader import Batch, Recipe
-from asdfviz.train.log import CsvLog, Meter, write_curve
+from asdfviz.train.log import Meter, write_curve
 from asdfviz.train.rotation_hint import RotationHint
 from asdfviz.train.schedule import make_optimizer, rate_at, stage_at
 from asdfviz.train.validation import LOGGED, Validation, validate
@@ -85,11 +85,9 @@ class Session(Sitting):
         self._warm_from = 0
         self._resume()
         self._agreed = self._budget.share(self.progress.step)
-        self.log = CsvLog(config.output / "log.csv", LOG_COLUMNS)
+        self.log = self.csv_log("log.csv", LOG_COLUMNS)
         columns = [f"{n}:{f}" for n in self.classes for f in LOGGED]
-        self.validation_log = CsvLog(
-            config.output / "validation.csv", ("step", "minutes", "score", *columns)
-        )
+        self.validation_log = self.csv_log("validation.csv", ("step", "minutes", "score", *columns))
         text = json.dumps(dataclasses.asdict(config), indent=2, default=str)
         write_text(config.output / "config.json", text + "\n")
 

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures.process import BrokenProcessPool
 from functools import cache
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from asdfviz.errors import AsdfvizError, InputError
 from asdfviz.synth.assets import load_assets
 from asdfviz.synth.images import generate_images
 from asdfviz.synth.scene import SceneConfig
-from asdfviz.synth.workers import Crew, do_all
+from asdfviz.synth.workers import Crew, do_all, spawned
 
 SMALL = SceneConfig(width=96, height=64, distractors=1, duplicates=0)
 
@@ -102,6 +103,28 @@ def test_what_goes_wrong_in_a_worker_is_one_error(
 ) -> None:
     with pytest.raises(kind, match=said):
         do_all(Marks(tmp_path, mishap), range(6), crew=Crew(2))
+
+
+def test_workers_that_die_of_the_signal_that_stops_the_job_are_no_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def died(*_: object) -> None:
+        raise BrokenProcessPool
+
+    monkeypatch.setattr("asdfviz.synth.workers.wait", died)
+    assert not do_all(Marks(tmp_path), range(6), crew=Crew(2), stop=lambda: True)
+
+
+def sleep() -> None:
+    time.sleep(60)
+
+
+def test_processes_beside_a_job_outlive_sigterm_until_it_ends() -> None:
+    with spawned(sleep, [()]) as (process,):
+        process.terminate()
+        process.join(timeout=0.5)
+        assert process.is_alive()
+    assert process.exitcode == -signal.SIGKILL
 
 
 @pytest.mark.parametrize(

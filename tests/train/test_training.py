@@ -98,8 +98,12 @@ def test_a_stopped_run_goes_on_as_if_nothing_had_happened(
     calls = iter(range(100))
     first = train(broken, assemblies=(assembly,), stop=lambda: next(calls) >= 3)
     assert (first.finished, first.steps) == (False, 3)
+    log = broken.output / "log.csv"
+    with log.open("a") as file:
+        file.write("5,1.0\n")  # of steps after the checkpoint, which a kill lost
     second = train(broken, assemblies=(assembly,))
     assert (second.finished, second.steps) == (True, 6)
+    assert [row.split(",")[0] for row in log.read_text().splitlines()] == ["step", "3", "6"]
     one, other = weights_of(straight), weights_of(second)
     for name in one:
         torch.testing.assert_close(one[name], other[name], msg=name)
