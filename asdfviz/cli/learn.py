@@ -13,7 +13,7 @@ from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 @dataclass(frozen=True)
 class Train:
     """Train the detector of one or several assemblies; run the same line again to go on where it
-    stopped.
+    stopped. A run that is stopped leaves its best weights so far.
 
     Example: asdfviz train --assembly corner_clamp --data data/train --validation data/val --out runs/train
     """
@@ -21,7 +21,7 @@ class Train:
     assembly: tuple[str, ...]
     """assembly.yaml, its folder, or a bundled name; several share one network."""
     out: Path
-    """Run folder: checkpoints, log, curve.png, and weights.safetensors at the end."""
+    """Run folder: checkpoints, log, curve.png, and weights.safetensors once it ends or is stopped."""
     data: tuple[Path, ...] = ()
     """Scene folders with truth, as `asdfviz synth` writes them, of all the assemblies."""
     fresh: int = 0
@@ -56,12 +56,12 @@ class Train:
     """Of weights and augmentation."""
 
     def __call__(self) -> None:
-        """Train, export the best weights and print where they are."""
+        """Train, and print where the best weights are."""
         from asdfviz.data.atomic import make_folder
         from asdfviz.detector.device import require_device
         from asdfviz.errors import Stopped
         from asdfviz.train.config import TrainConfig
-        from asdfviz.train.loop import export_weights, train
+        from asdfviz.train.loop import train
         from asdfviz.train.session import TrainReport
 
         values = {k: v for k, v in vars(self).items() if k not in ("out", "assembly")}
@@ -79,7 +79,8 @@ class Train:
 
             result = train(config, progress=show, stop=stop)
         if not result.finished:
-            raise Stopped(f"the same command goes on from {self.out / 'last.pt'}")
-        weights = self.out / "weights.safetensors"
-        export_weights(self.out / "best.pt", weights)
-        print(weights)
+            raise Stopped(
+                f"the same command goes on from {self.out / 'last.pt'}; {result.weights} holds the "
+                "best so far"
+            )
+        print(result.weights)

@@ -66,7 +66,8 @@ def _read(
             names = cast(list[str], file.keys()) if with_tensors else []
             tensors = {name: cast(Tensor, file.get_tensor(name)) for name in names}
     except (SafetensorError, OSError, ValueError) as error:
-        raise WeightsError(f"'{path}' is not a whole safetensors file: {error}") from error
+        instead = "; a checkpoint's run leaves one beside it" if path.suffix == ".pt" else ""
+        raise WeightsError(f"'{path}' is not a whole safetensors file: {error}{instead}") from error
     if metadata.get("format") != format:
         raise WeightsError(
             f"'{path}' says format '{metadata.get('format')}', expected '{format}': {otherwise}"

@@ -173,6 +173,11 @@ def _state_dict(path: Path) -> dict[str, Tensor]:
         if isinstance(content, dict):
             content = cast(dict[object, object], content).get(key, cast(object, content))
     entries = cast(dict[object, object], content) if isinstance(content, dict) else {}
+    if {"average", "about"} <= entries.keys():
+        raise WeightsError(
+            f"'{path}' is a checkpoint, for training to go on from: give the .safetensors that the "
+            "run leaves beside it once it ends or is stopped"
+        )
     tensors = {k: v for k, v in entries.items() if isinstance(k, str) and isinstance(v, Tensor)}
     if not tensors or len(tensors) < len(entries):
         raise WeightsError(f"'{path}' does not hold a state dict (names and tensors)")

@@ -99,15 +99,15 @@ def load_images(
     Args:
         folders: scene folders.
         assemblies: give parts, symmetries and classes, in the order of the network's outputs. With
-            one, every folder shows it; with several, sequence.json of each folder says which.
+            one, folders without sequence.json show it; each other's says which.
         image_size: larger pictures are reduced to this longer side, pixels.
         smallest_visible: objects less visible than this are left out, 0 to 1.
         limit: read only this many frames, spread evenly; None means all.
         share: which of each folder's frames to read, where several processes share them.
 
     Raises:
-        SequenceError: a file is missing or broken, names none of the assemblies, or no frame has
-            truth.
+        SequenceError: a file is missing or broken, names none of the assemblies, no frame has
+            truth, or none shows a part.
     """
     subjects = subjects_of(assemblies)
     images: list[LabelledImage] = []
@@ -122,6 +122,9 @@ def load_images(
             f"no frame with truth in {[str(f) for f in folders]}: a training set has rgb/, "
             "scene_gt.json and scene_camera.json"
         )
+    if share == slice(None) and not any(image.objects for image in images):
+        names = ", ".join(s.assembly.name for s in subjects)
+        raise SequenceError(f"no part of {names} is seen in {[str(f) for f in folders]}")
     return tuple(images)
 
 
@@ -136,24 +139,28 @@ def subjects_of(assemblies: Sequence[Assembly]) -> list[Subject]:
 
 
 def shown_subject(folder: Path, subjects: Sequence[Subject]) -> Subject:
-    """Which of the assemblies a scene folder shows: the only one, or what its sequence.json says.
+    """Which of the assemblies a scene folder shows: what its sequence.json says, or the only one.
 
     Raises:
-        SequenceError: there are several, and it names none of them.
+        SequenceError: it names none of them, or nothing where there are several.
     """
-    if len(subjects) == 1:
-        return subjects[0]
     names = ", ".join(s.assembly.name for s in subjects)
     file = folder / SEQUENCE
-    if not file.is_file():
+    field = read_json(file, error=SequenceError).find("assembly") if file.is_file() else None
+    if field is None:
+        if len(subjects) == 1:
+            return subjects[0]
         raise SequenceError(
             f"{folder} has no {SEQUENCE} that says which assembly it shows: {names}"
         )
-    field = read_json(file, error=SequenceError).get("assembly")
+    named = field.text()
     for subject in subjects:
-        if subject.assembly.name == field.text():
+        file = Path(subject.assembly.path).resolve()
+        if named == subject.assembly.name or (folder / named).resolve() in (file, file.parent):
             return subject
-    raise field.fail(f"one of the assemblies that are trained: {names}")
+    raise SequenceError(
+        f"{folder} is of {named}, not of one of the assemblies that are trained: {names}"
+    )
 
 
 def _load_scene(

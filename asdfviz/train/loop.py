@@ -1,7 +1,8 @@
 """The training loop: `train(config)` runs a budget of minutes or steps and leaves a run folder.
 
-The folder holds last.pt (goes on exactly where it was), best.pt, log.csv, validation.csv,
-validation.json, curve.png and config.json; `export_weights` makes weights of a checkpoint.
+The folder holds last.pt (goes on exactly where it was), best.pt, weights.safetensors (the best so
+far, also of a run that was stopped), log.csv, validation.csv, validation.json, curve.png and
+config.json; `export_weights` makes weights of a checkpoint.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from asdfviz.train.config import check_config
 from asdfviz.train.session import Session, TrainReport
 from asdfviz.train.validation import Validation
 
+WEIGHTS = "weights.safetensors"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrainResult:
@@ -31,6 +34,8 @@ class TrainResult:
     validation: Validation | None
     finished: bool
     """False where `stop` ended the run before its budget."""
+    weights: Path
+    """The best so far, or the last where none was validated."""
 
 
 def train(
@@ -58,12 +63,17 @@ def train(
     torch.set_num_threads(config.threads)
     run = Session(config, assemblies or [load_assembly(name) for name in config.assemblies])
     finished = run.go(progress or (lambda _: None), stop or (lambda: False))
+    found = run.finish() if finished else None
+    best, weights = config.output / "best.pt", config.output / WEIGHTS
+    if run.world.is_first:
+        export_weights(best if best.is_file() else run.last, weights)
     result = TrainResult(
         output=config.output,
         steps=run.progress.step,
         best_score=run.progress.best,
-        validation=run.finish() if finished else None,
+        validation=found,
         finished=finished,
+        weights=weights,
     )
     run.world.leave()
     return result

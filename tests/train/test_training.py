@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from asdfviz.datatypes import Assembly
+from asdfviz.detector.crop_weights import load_crop_network
 from asdfviz.detector.detector import Detector, DetectorConfig
 from asdfviz.detector.network import Network
 from asdfviz.detector.weights import load_network
@@ -54,7 +55,15 @@ def test_a_run_leaves_everything_behind(
     assert reports[-1].step == 6
     assert all(np.isfinite(v) for v in reports[-1].losses.values())
     names = {p.name for p in config.output.iterdir()}
-    assert names >= {"last.pt", "best.pt", "log.csv", "curve.png", "config.json", "validation.csv"}
+    assert names >= {
+        "last.pt",
+        "best.pt",
+        "weights.safetensors",
+        "log.csv",
+        "curve.png",
+        "config.json",
+        "validation.csv",
+    }
     with (config.output / "log.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert rows[-1]["step"] == "6"
@@ -98,6 +107,11 @@ def test_a_stopped_run_goes_on_as_if_nothing_had_happened(
     calls = iter(range(100))
     first = train(broken, assemblies=(assembly,), stop=lambda: next(calls) >= 3)
     assert (first.finished, first.steps) == (False, 3)
+    assert json.loads(first.weights.with_suffix(".json").read_text())["steps"] == 3
+    with pytest.raises(WeightsError, match=r"a checkpoint, .* give the \.safetensors"):
+        load_network(broken.output / "last.pt")
+    with pytest.raises(WeightsError, match="leaves one beside it"):
+        load_crop_network(broken.output / "last.pt")
     log = broken.output / "log.csv"
     with log.open("a") as file:
         file.write("5,1.0\n")  # of steps after the checkpoint, which a kill lost
@@ -280,6 +294,26 @@ def test_a_run_begins_from_another(config: TrainConfig, assembly: Assembly, tmp_
     assert torch.equal(*rows)
     with pytest.raises(WeightsError, match="of size n, asked for was x"):
         begin_from(Network("x", classes=2), first.output / "last.pt", classes=["a", "b"])
+
+
+def test_data_of_another_assembly_are_refused(
+    config: TrainConfig, scene: Path, assembly: Assembly, tmp_path: Path
+) -> None:
+    packs = Path(shutil.copytree(scene, tmp_path / "packs"))
+    given = dataclasses.replace(config, data=(packs,), steps=1)
+    hook = dataclasses.replace(assembly.parts["bar"], name="hook", detector_class="hook")
+    other = dataclasses.replace(
+        assembly, parts={"hook": hook}, detector_classes=("hook",), states=()
+    )
+    with pytest.raises(SequenceError, match="no part of toy is seen in"):
+        train(given, assemblies=(other,))
+    about = packs / "sequence.json"
+    about.write_text(json.dumps({"assembly": "my_clip"}))
+    with pytest.raises(SequenceError, match=r"packs is of my_clip, not of .* trained: toy"):
+        train(given, assemblies=(assembly,))
+    about.write_text(json.dumps({"assembly": "../toy"}))  # where it lies
+    here = dataclasses.replace(assembly, path=str(tmp_path / "toy" / "assembly.yaml"))
+    assert train(given, assemblies=(here,)).finished
 
 
 def test_nothing_to_train_on_is_refused(config: TrainConfig) -> None:
