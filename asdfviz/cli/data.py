@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -15,18 +15,23 @@ from asdfviz.cli import BAD_INPUT
 from asdfviz.cli.progress import progress_bar
 from asdfviz.errors import InputError
 
+if TYPE_CHECKING:
+    from asdfviz.evaluate.health_report import AssemblyReport, HealthReport
+
 
 @dataclass(frozen=True)
 class Check:
-    """Look a sequence over for wrong units, intrinsics, sizes, gaps and shifted depth.
+    """Look a sequence over for wrong units, intrinsics, sizes, gaps and shifted depth; or an assembly
+    for units, parts that overlap or float, states that are alike, and symmetries left out.
 
     Example: asdfviz check sample
+    Example: asdfviz check my_model/assembly.yaml
 
     Findings exit 0, images that cannot be read 2.
     """
 
     sequence: Annotated[str, tyro.conf.Positional]
-    """Scene folder, or `sample`."""
+    """Scene folder, or `sample`; or an assembly.yaml, its folder, or a bundled name."""
     assembly: str | None = None
     """assembly.yaml, its folder, or a bundled name."""
     format: str | None = None
@@ -36,6 +41,8 @@ class Check:
 
     def __call__(self) -> int:
         """Print the findings; returns the exit code."""
+        if self.assembly is None and self.format is None and _is_assembly(self.sequence):
+            return self._check_assembly()
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
         from asdfviz.evaluate.health import check_sequence
@@ -44,15 +51,37 @@ class Check:
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         with progress_bar("check") as progress:
             report = check_sequence(sequence, progress=progress)
-        code = 0 if report.is_readable else BAD_INPUT
+        self._print(report, f"looked at {report.frames_looked_at} of {report.frames} frames")
+        return 0 if report.is_readable else BAD_INPUT
+
+    def _check_assembly(self) -> int:
+        from asdfviz.data.assembly import load_assembly
+        from asdfviz.evaluate.health_assembly import check_assembly_alone
+
+        with progress_bar("check") as progress:
+            report = check_assembly_alone(load_assembly(self.sequence), progress=progress)
+        self._print(report, f"looked at {report.parts} parts in {report.states} states")
+        return 0
+
+    def _print(self, report: HealthReport | AssemblyReport, looked: str) -> None:
         if self.json:
             print(json.dumps(report.to_json(), indent=2, allow_nan=False))
-            return code
+            return
         for finding in report.findings:
             print(f"{finding.severity:<8} {finding.message}")
-        looked = f"looked at {report.frames_looked_at} of {report.frames} frames"
         print(looked if report.findings else f"nothing found, {looked}")
-        return code
+
+
+def _is_assembly(name: str) -> bool:
+    """Whether an assembly is meant: no scene folder, but an assembly's file, its folder or its name."""
+    from asdfviz.data.resources import bundled_assemblies
+
+    path = Path(name).expanduser()
+    if (path / "rgb").is_dir():
+        return False
+    return (
+        path.suffix == ".yaml" or (path / "assembly.yaml").is_file() or name in bundled_assemblies()
+    )
 
 
 @dataclass(frozen=True)

@@ -178,6 +178,12 @@ def check_part_sizes(
                 share,
             )
             return
+    yield from check_relative_sizes(assembly)
+
+
+def check_relative_sizes(assembly: Assembly) -> Iterator[Finding]:
+    """Compare the parts with one another."""
+    sizes = {name: part.diameter for name, part in assembly.parts.items()}
     median = float(np.median(list(sizes.values())))
     for name, size in sizes.items():
         ratio = size / median

@@ -1,4 +1,4 @@
-"""What a check of a sequence reports: findings in plain words, each with the figure behind it."""
+"""What a check of a sequence or an assembly reports: findings in plain words, each with the figure behind it."""
 
 from __future__ import annotations
 
@@ -22,6 +22,10 @@ Kind: TypeAlias = Literal[
     "missing_assembly",
     "depth_shift",
     "distractors",
+    "overlap",
+    "floating",
+    "same_states",
+    "symmetry",
     "unchecked",
 ]
 
@@ -60,13 +64,38 @@ class HealthReport:
             "path": self.path,
             "frames": self.frames,
             "frames_looked_at": self.frames_looked_at,
-            "findings": [
-                {
-                    "kind": finding.kind,
-                    "severity": finding.severity,
-                    "message": finding.message,
-                    "value": finding.value,
-                }
-                for finding in self.findings
-            ],
+            "findings": _plain(self.findings),
         }
+
+
+@dataclass(frozen=True, slots=True)
+class AssemblyReport:
+    """All findings on an assembly by itself."""
+
+    assembly: str
+    path: str
+    parts: int
+    states: int
+    findings: tuple[Finding, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {
+            "assembly": self.assembly,
+            "path": self.path,
+            "parts": self.parts,
+            "states": self.states,
+            "findings": _plain(self.findings),
+        }
+
+
+def _plain(findings: tuple[Finding, ...]) -> list[dict[str, object]]:
+    return [
+        {
+            "kind": finding.kind,
+            "severity": finding.severity,
+            "message": finding.message,
+            "value": finding.value,
+        }
+        for finding in findings
+    ]

@@ -23,7 +23,7 @@ from asdfviz.annotate.records import Seed
 from asdfviz.cli.run import method_apart
 from asdfviz.cli.synth_images import SynthPacks
 from asdfviz.data.assembly import load_assembly
-from asdfviz.data.resources import sample_folder
+from asdfviz.data.resources import models_folder, sample_folder
 from asdfviz.data.result_csv import read_result_csv
 from asdfviz.data.run_files import check_run_folder, load_run, save_run
 from asdfviz.data.sequences import open_sequence
@@ -375,6 +375,29 @@ def test_check_shows_how_far_it_is_and_stops(
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.splitlines()[-1] == "stopped"
+
+
+def test_check_looks_an_assembly_over_by_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code("check", "corner_clamp", "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["assembly"], report["states"], report["findings"]) == ("corner_clamp", 4, [])
+    text = (models_folder() / "corner_clamp" / "assembly.yaml").read_text()
+    text = text.replace("t: [11.313708499, 11.313708499, 8.2]", "t: [113.1, 113.1, 8.2]")
+    shutil.copytree(models_folder() / "corner_clamp" / "parts", tmp_path / "parts")
+    file = tmp_path / "assembly.yaml"
+    file.write_text(text)
+    for given in (tmp_path, file):
+        assert exit_code("check", str(given)) == 0
+        *_, floating, last = capsys.readouterr().out.splitlines()
+        assert re.match(r"warning  jaw is \d+\.\d mm away from every other part in jaw", floating)
+        assert last == "looked at 3 parts in 4 states"
+    assert exit_code("check", str(tmp_path / "other.yaml")) == 2
+    assert "no assembly at" in capsys.readouterr().err
+    (tmp_path / "rgb").mkdir()  # a recording that has its assembly beside it
+    assert exit_code("check", str(tmp_path)) == 2
+    assert "rgb holds no frames" in capsys.readouterr().err
 
 
 def test_an_interrupt_while_modules_are_loaded_is_quiet(tmp_path: Path) -> None:
