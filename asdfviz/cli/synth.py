@@ -32,7 +32,8 @@ class SynthSequence:
     """Frames in all; hands hurry where there are few, and fewer than they can do with are refused.
     Default: as many as their pace needs."""
     frames_per_state: int | None = None
-    """So many frames for each state instead."""
+    """So many frames for each state instead, error states too, but no fewer than its hands and carried
+    parts need at their speed; the progress bar says how many that makes before the first is drawn."""
     fps: float = 10.0
     """Frames a second, 3 to 30."""
     condition: Literal["table", "normal", "dynamic", "hand", "blur"] = "table"
@@ -118,7 +119,8 @@ class SynthTestset:
     height: int = 720
     """Image height, pixels."""
     frames_per_state: int | None = None
-    """Default: the paper's numbers of frames, 22 to 24 a state."""
+    """At least so many; states with long ways take more. Default: the paper's numbers of frames, 22 to
+    24 a state."""
     masks: bool = False
     """Write BOP's mask/ and mask_visib/ too."""
     workers: int = 1

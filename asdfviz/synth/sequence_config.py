@@ -29,7 +29,7 @@ class SequenceConfig:
     """Frames in all; slower movements fill them. None for as many as the pace needs. Fewer than held
     parts need at their limits are not possible: then that is how many there are."""
     frames_per_state: int | None = None
-    """The same for each state; None for as many as the pace needs."""
+    """The same for each state, under the same condition; None for as many as the pace needs."""
     condition: Condition = "table"
     """A name for the record; `condition_config` sets what belongs to it."""
     hands: bool = True

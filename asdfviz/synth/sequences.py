@@ -88,18 +88,23 @@ def generate_sequence(
     output.begin(assembly, sequence={**about, "config": drawn}, camera=camera)
     studio = Studio.of(play, assets, seed=seed, config=chosen)
     complete = True
+    tell = progress or _untold
+    tell(0, len(play.moments))
     for index in range(len(play.moments)):
         if stop is not None and stop():
             complete = False
             break
         if not output.has(index):
             _write_frame(index, studio, output)
-        if progress is not None:
-            progress(index + 1, len(play.moments))
+        tell(index + 1, len(play.moments))
     count = output.merge()
     if complete:
         output.finish()
     return count
+
+
+def _untold(done: int, total: int) -> None:
+    """For those who do not ask how far it is."""
 
 
 def _require_frames(least: int, config: SequenceConfig) -> None:

@@ -115,6 +115,14 @@ def test_a_wished_number_of_frames_is_met(toy_assets: Assets) -> None:
     assert len(plan_sequence(toy_assets, seed=5, config=wished).moments) == free + 25
 
 
+def test_frames_for_each_state_are_met_where_hands_need_no_more(toy_assets: Assets) -> None:
+    moments = plan_sequence(toy_assets, seed=5, config=SequenceConfig(frames_per_state=40)).moments
+    names = [m.state.name for m in moments]
+    assert [names.count(name) for name in ("block", "bar", "block_turned")] == [40, 40, 40]
+    short = plan_sequence(toy_assets, seed=5, config=SequenceConfig(frames_per_state=1)).moments
+    assert len(short) > len({m.state.name for m in short})
+
+
 def test_too_few_frames_are_refused_with_the_least_number(
     toy: Assembly, toy_assets: Assets, tmp_path: Path
 ) -> None:
@@ -135,14 +143,16 @@ def test_too_few_frames_are_refused_with_the_least_number(
 
 def test_files_hold_the_script(toy: Assembly, toy_assets: Assets, tmp_path: Path) -> None:
     config = SequenceConfig(width=160, height=90)
-    done: list[int] = []
+    told: list[tuple[int, int]] = []
     folder = tmp_path / "sequence"
     count = generate_sequence(
-        toy, seed=4, folder=folder, config=config, stop=lambda: len(done) >= 3,
-        progress=lambda i, _: done.append(i),
+        toy, seed=4, folder=folder, config=config, stop=lambda: len(told) > 3,
+        progress=lambda done, total: told.append((done, total)),
     )  # fmt: skip
     assert count == 3
     moments = plan_sequence(toy_assets, seed=4, config=config).moments
+    # How many there will be is told before the first is drawn.
+    assert told == [(done, len(moments)) for done in range(4)]
     states = json.loads((folder / "states.json").read_text())
     truth = json.loads((folder / "scene_gt.json").read_text())
     for k, state in enumerate(states):
