@@ -19,7 +19,7 @@ from asdfviz.state.twins import twin_groups
 SURFACE_POINTS, PROBES = 40_000, 500
 MISFIT = 0.015
 """As a share of the diameter: what keeps nearer than this to the surface is the same to a camera."""
-OF_SURFACE = 95.0
+OF_SURFACE = 99.0
 """Percent of the surface that must; the rest is what a small mark may cover."""
 FREE_TURNS = (0.7, 1.9, 2.6)
 """Angles that no part with a few like sides is turned onto itself by, radians."""
@@ -56,7 +56,7 @@ def check_symmetries(assembly: Assembly) -> Iterator[Finding]:
 
 
 def own_turns(part: Part) -> tuple[Turn, ...]:
-    """The turns about the frame's axes and the surface's main ones that leave 95 % of it in place."""
+    """The turns about the frame's axes and the surface's main ones that leave 99 % of it in place."""
     mesh = part.mesh
     surface = nearest_points(surface_points(mesh.vertices, mesh.faces, SURFACE_POINTS))
     probes = surface_points(mesh.vertices, mesh.faces, PROBES, seed=1)
