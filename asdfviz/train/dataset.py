@@ -158,6 +158,9 @@ def shown_subject(folder: Path, subjects: Sequence[Subject]) -> Subject:
         file = Path(subject.assembly.path).resolve()
         if named == subject.assembly.name or (folder / named).resolve() in (file, file.parent):
             return subject
+    is_path = len(Path(named).parts) > 1
+    if len(subjects) == 1 and is_path and not (folder / named).exists():
+        return subjects[0]  # made elsewhere, where the assembly lay there
     raise SequenceError(
         f"{folder} is of {named}, not of one of the assemblies that are trained: {names}"
     )

@@ -25,7 +25,7 @@ def test_the_generator_needs_torch_numpy_and_opencv_alone(toy: Assembly, tmp_pat
         "small = dict(width=64, height=64)\n"
         "done = []\n"
         "n = generate_sequence(toy, seed=1, folder=folder / 'b', config=SequenceConfig(**small),\n"
-        "    progress=lambda i, _: done.append(i), stop=lambda: bool(done))\n"
+        "    progress=lambda i, _: done.append(i), stop=lambda: any(done))\n"
         "print(n)\n"
     )
     line = [sys.executable, "-c", code, str(tmp_path)]

@@ -311,8 +311,10 @@ def test_data_of_another_assembly_are_refused(
     about.write_text(json.dumps({"assembly": "my_clip"}))
     with pytest.raises(SequenceError, match=r"packs is of my_clip, not of .* trained: toy"):
         train(given, assemblies=(assembly,))
-    about.write_text(json.dumps({"assembly": "../toy"}))  # where it lies
     here = dataclasses.replace(assembly, path=str(tmp_path / "toy" / "assembly.yaml"))
+    for place in ("../toy", "/on/another/machine/toy/assembly.yaml"):  # where it lies, where it lay
+        about.write_text(json.dumps({"assembly": place}))
+        assert load_images((packs,), assemblies=(here,), image_size=64)
     assert train(given, assemblies=(here,)).finished
 
 
