@@ -186,4 +186,6 @@ def _flat(config: Mapping[str, object], prefix: str = "") -> dict[str, object]:
 
 
 def _text(value: object) -> str:
+    if isinstance(value, list | tuple):  # a saved config has lists for tuples
+        return ", ".join(_text(one) for one in cast("list[object] | tuple[object, ...]", value))
     return "" if value is None else str(value)

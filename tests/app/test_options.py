@@ -7,10 +7,14 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
+from tiny_sequence import make_run
 
 from asdfviz.app.options import config_from, differences, option_groups
+from asdfviz.data.run_files import load_run, save_run
+from asdfviz.datatypes import Assembly
 from asdfviz.errors import MethodError
 from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 
 
 @dataclass(frozen=True)
@@ -82,6 +86,15 @@ def test_runs_tell_what_was_changed() -> None:
     saved["network"]["size"] = 320
     assert differences(Outer(), saved) == {"network.size": "320", "solver": "fast"}
     assert differences(Outer(), asdict(Outer())) == {}
+
+
+def test_a_run_with_the_defaults_tells_of_no_change_once_it_was_saved(
+    tmp_path: Path, clamp: Assembly
+) -> None:
+    run = replace(make_run(clamp), config=asdict(AsdfPlusConfig()))
+    save_run(run, tmp_path / "run")
+    saved = load_run(tmp_path / "run").config
+    assert differences(AsdfPlusConfig(), saved) == {}
 
 
 def test_all_options_of_asdf_have_hints_and_read_back() -> None:
