@@ -21,7 +21,7 @@ from asdfviz.datatypes import Assembly, FrameTruth, State
 from asdfviz.errors import AnnotationError, counted
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
-from asdfviz.state.joints import deviation
+from asdfviz.state.joints import off_place
 
 Key = tuple[int, str]
 """Number of a frame, and a part."""
@@ -56,7 +56,7 @@ def follows(workspace: Workspace, place: int, part: str) -> bool:
     return workspace.said().get((workspace.indices[place], part)) == _FOLLOWS
 
 
-def off_place(
+def unfitting(
     assembly: Assembly, state: State | None, poses: Poses, said: Collection[str]
 ) -> list[str]:
     """The parts, of those that were placed by the state, that no longer fit the base.
@@ -75,15 +75,8 @@ def off_place(
         if name not in state.attached:
             off.append(name)
         elif name in poses and name != assembly.base:
-            part = assembly.parts[name]
-            apart = deviation(
-                inverse(base) @ poses[name],
-                state.T_base_part[name],
-                center_part=part.middle,
-                symmetries=part.symmetries,
-                joint=state.joints.get(name),
-            )
-            if not apart.within(_OFF, _OFF_DEG):
+            T_base_part = inverse(base) @ poses[name]
+            if not off_place(T_base_part, assembly.parts[name], state).within(_OFF, _OFF_DEG):
                 off.append(name)
     return off
 
@@ -105,7 +98,7 @@ def told_off(workspace: Workspace, base: str | None, truth: Mapping[int, FrameTr
         place = workspace.place_of.get(frame)
         if place is not None and frame in truth:
             state = workspace.state(place, base)
-            count += bool(off_place(workspace.assembly, state, truth[frame].T_camera_part, names))
+            count += bool(unfitting(workspace.assembly, state, truth[frame].T_camera_part, names))
     words = "parts that were placed by the state no longer fit the base, or the state, in"
     return f"{words} {counted(count, 'frame')}: mark them and press Shift G" if count else ""
 

@@ -8,7 +8,7 @@ that the camera saw through has a wrong pose: no camera is wrong for one part al
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from collections.abc import Sequence as Rows
 
 import numpy as np
@@ -51,7 +51,11 @@ def check_against_truth(posed: Rows[Posed], assembly: Assembly) -> Iterator[Find
     seen = [p for p in posed if p.part in surfaces]
     giants = list(_giants(seen, assembly))
     yield from giants
-    sights = [s for p in seen if (s := sight_of(p, surfaces[p.part])) is not None]
+    by_part = {
+        name: [s for p in seen if p.part == name and (s := sight_of(p, surfaces[name])) is not None]
+        for name in dict.fromkeys(p.part for p in seen)
+    }
+    sights = [sight for of_part in by_part.values() for sight in of_part]
     ratio = _median_ratio(sights)
     if giants or ratio is None:
         return
@@ -64,12 +68,12 @@ def check_against_truth(posed: Rows[Posed], assembly: Assembly) -> Iterator[Find
             ratio,
         )
         return
-    misplaced = _misplaced(seen, surfaces)
+    misplaced = _misplaced(seen, by_part)
     cameras = [] if misplaced else list(_camera_findings(sights))
     yield from cameras
     # A wrong camera makes tiny meshes fit better, too: they hide within the parts' outlines.
     if not cameras:
-        for name in dict.fromkeys(p.part for p in seen):
+        for name in by_part:
             mesh = _mesh_finding(name, seen, surfaces[name], assembly)
             finding = misplaced.get(name) if mesh is None else mesh
             if finding is not None:
@@ -96,15 +100,9 @@ def _giants(posed: Rows[Posed], assembly: Assembly) -> Iterator[Finding]:
             )
 
 
-def _misplaced(posed: Rows[Posed], surfaces: dict[str, Points]) -> dict[str, Finding]:
+def _misplaced(posed: Rows[Posed], sights: Mapping[str, Rows[Sight]]) -> dict[str, Finding]:
     """What is to be said of the parts that the camera saw through while the others fit, by part."""
-    counts: dict[str, tuple[int, int]] = {}
-    frames: dict[str, list[int]] = {}
-    for name in dict.fromkeys(p.part for p in posed):
-        of_part = [p for p in posed if p.part == name]
-        sights = [s for p in of_part if (s := sight_of(p, surfaces[name])) is not None]
-        counts[name] = seen_through(sights)
-        frames[name] = [p.frame.index for p in of_part]
+    counts = {name: seen_through(of_part) for name, of_part in sights.items()}
     off = {
         name: fitting / (fitting + beyond)
         for name, (fitting, beyond) in counts.items()
@@ -122,7 +120,7 @@ def _misplaced(posed: Rows[Posed], surfaces: dict[str, Points]) -> dict[str, Fin
             f"{name} is not where the truth has it: the camera measured more depth behind "
             f"{100 * (1 - share):.0f} % of what nothing hides of it, while the other parts fit "
             f"({100 * others[0] / others.sum():.0f} %). Its pose is wrong, or the state that says where "
-            f"it is; frames looked at: {some(frames[name])}.",
+            f"it is; frames looked at: {some(p.frame.index for p in posed if p.part == name)}.",
             share,
         )
         for name, share in off.items()

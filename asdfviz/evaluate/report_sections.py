@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from asdfviz.errors import counted
 from asdfviz.evaluate.protocols import VISIBLE
 from asdfviz.evaluate.report_charts import (
     Curve,
@@ -55,17 +56,13 @@ def page(runs: Sequence[JudgedRun]) -> str:
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f"<title>asdfviz report: {escape(names)}</title><style>{STYLE}</style></head><body><main>"
-        f"<h1>{escape(names)}</h1><p>{_count(len(runs), 'run')} on {_count(len(groups), 'sequence')}, "
+        f"<h1>{escape(names)}</h1><p>{counted(len(runs), 'run')} on {counted(len(groups), 'sequence')}, "
         f"{frames} frames with truth.</p>"
         f'<nav><a href="#tables">Tables</a>{links}<a href="#runs">Runs, part by part</a></nav>'
         f'<h2 id="tables">Tables</h2>{_tables(runs)}{strips}<h2 id="runs">Runs</h2>{details}'
         "<footer>Made by asdfviz report. Shares in percent; lengths in mm; nothing on this page is "
         "loaded from elsewhere.</footer></main></body></html>\n"
     )
-
-
-def _count(count: int, noun: str) -> str:
-    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def _tables(runs: Sequence[JudgedRun]) -> str:
@@ -249,7 +246,7 @@ def _transitions(transitions: Sequence[Mapping[str, Any]]) -> str:
 def _when(delay: int) -> str:
     if delay == 0:
         return "on time"
-    return f"{_count(abs(delay), 'frame')} {'late' if delay > 0 else 'early'}"
+    return f"{counted(abs(delay), 'frame')} {'late' if delay > 0 else 'early'}"
 
 
 def _calibration(run: JudgedRun, details: Mapping[str, Any]) -> str:

@@ -159,9 +159,10 @@ class Follower:
         sure = {name: tracker.judged(seen) for name, seen in evidence.items()}
         lying, least = dict[str, Transform](), tracker.config.confidence.lost_below
         for name, T_lies in self._rest.expected(_estimates(poses, sure)).items():
+            if name in held or name not in poses:
+                continue
             centre = self._bodies[name].model.centre
-            near = point_distance(poses[name], T_lies, centre) if name in poses else 0.0
-            if name in held or near < self._config.astray:
+            if point_distance(poses[name], T_lies, centre) < self._config.astray:
                 continue
             found = Trial(poses[name], evidence[name], 0.0)
             (there,) = tracker.trials(frame, name, [T_lies])
@@ -177,8 +178,9 @@ class Follower:
         T_before = self._rest.T_camera_stage
         self._rest.see(_estimates(self._tracker.poses, sure), joined=held)
         T_now_before = self._rest.T_camera_stage @ inverse(T_before)
-        for path in [path for path in self._paths.values() if path.unsure]:
-            path.T_now = T_now_before @ path.T_now
+        for path in self._paths.values():
+            if path.unsure:
+                path.T_now = T_now_before @ path.T_now
 
     def _better(self, name: str, frame: Frame, seen: Evidence) -> Transform | None:
         """Where a pose is in doubt, a better one near it if there is one."""

@@ -88,7 +88,7 @@ def generate_sequence(
     output.begin(assembly, sequence={**about, "config": drawn}, camera=camera)
     studio = Studio.of(play, assets, seed=seed, config=chosen)
     complete = True
-    tell = progress or _untold
+    tell: Callable[[int, int], None] = progress or (lambda done, total: None)
     tell(0, len(play.moments))
     for index in range(len(play.moments)):
         if stop is not None and stop():
@@ -101,10 +101,6 @@ def generate_sequence(
     if complete:
         output.finish()
     return count
-
-
-def _untold(done: int, total: int) -> None:
-    """For those who do not ask how far it is."""
 
 
 def _require_frames(least: int, config: SequenceConfig) -> None:

@@ -154,12 +154,13 @@ def shown_subject(folder: Path, subjects: Sequence[Subject]) -> Subject:
             f"{folder} has no {SEQUENCE} that says which assembly it shows: {names}"
         )
     named = field.text()
+    place = folder / named
     for subject in subjects:
-        file = Path(subject.assembly.path).resolve()
-        if named == subject.assembly.name or (folder / named).resolve() in (file, file.parent):
+        own = Path(subject.assembly.path).resolve()
+        if named == subject.assembly.name or place.resolve() in (own, own.parent):
             return subject
     is_path = len(Path(named).parts) > 1
-    if len(subjects) == 1 and is_path and not (folder / named).exists():
+    if len(subjects) == 1 and is_path and not place.exists():
         return subjects[0]  # made elsewhere, where the assembly lay there
     raise SequenceError(
         f"{folder} is of {named}, not of one of the assemblies that are trained: {names}"

@@ -23,6 +23,7 @@ from asdfviz.annotate.records import Seed
 from asdfviz.cli.run import method_apart
 from asdfviz.cli.synth_images import SynthPacks
 from asdfviz.data.assembly import load_assembly
+from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.resources import models_folder, sample_folder
 from asdfviz.data.result_csv import read_result_csv
 from asdfviz.data.run_files import check_run_folder, load_run, save_run
@@ -485,18 +486,25 @@ def test_recordings_of_one_name_keep_their_runs_and_longer_parts_stay(
     assert sorted(kept) == [2, 5, 95, 95]
 
 
-def test_export_names_what_it_leaves_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    scene, notes, out = tmp_path / "scene", tmp_path / "notes", tmp_path / "out"
+@pytest.fixture
+def short(tmp_path: Path) -> tuple[FolderSequence, Assembly]:
+    """The sample's first ten frames, in a folder of their own, and their assembly."""
+    scene = tmp_path / "scene"
     shutil.copytree(sample_folder(), scene, ignore=shutil.ignore_patterns("0000[1-9]*"))
     sequence = open_sequence(scene)
     assert sequence.assembly is not None
+    return sequence, sequence.assembly
+
+
+def test_export_names_what_it_leaves_out(
+    tmp_path: Path, short: tuple[FolderSequence, Assembly], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (sequence, assembly), notes, out = short, tmp_path / "notes", tmp_path / "out"
     image = sequence.files.rgb[4]
     image.write_bytes(image.read_bytes()[:40])
-    with open_annotation(sequence, sequence.assembly, folder=notes) as store:
+    with open_annotation(sequence, assembly, folder=notes) as store:
         store.set_seed(Seed("truth"))
-    line = ("export", str(scene), "--annotations", str(notes))
+    line = ("export", sequence.path, "--annotations", str(notes))
     assert exit_code(*line, "--out", str(out)) == 0
     said = capsys.readouterr()
     assert said.out == f"{out}\n"
@@ -507,19 +515,16 @@ def test_export_names_what_it_leaves_out(
 
 
 def test_export_leaves_out_what_nobody_checked_of_a_run(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, short: tuple[FolderSequence, Assembly], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene, notes, run = tmp_path / "scene", tmp_path / "notes", tmp_path / "run"
-    shutil.copytree(sample_folder(), scene, ignore=shutil.ignore_patterns("0000[1-9]*"))
-    sequence = open_sequence(scene)
-    assert sequence.assembly is not None
+    (sequence, assembly), notes, run = short, tmp_path / "notes", tmp_path / "run"
     pose = PoseEstimate("base", np.eye(4) + np.eye(4, k=4), 1.0, "pnp")
     said = tuple(FramePrediction(i, {"base": pose}, None) for i in sequence.frame_indices)
-    save_run(Run("asdf", {}, str(scene), sequence.assembly.path, "0", said), run)
-    with open_annotation(sequence, sequence.assembly, folder=notes) as store:
+    save_run(Run("asdf", {}, sequence.path, assembly.path, "0", said), run)
+    with open_annotation(sequence, assembly, folder=notes) as store:
         store.set_seed(Seed("run", str(run), "asdf"))
         store.set_pose(3, "base", pose.T_camera_part)
-    line = ("export", str(scene), "--annotations", str(notes), "--out", str(tmp_path / "out"))
+    line = ("export", sequence.path, "--annotations", str(notes), "--out", str(tmp_path / "out"))
     for more, frames in (((), 1), (("--unchecked",), len(sequence))):
         assert exit_code(*line, *more) == 0
         assert ("nobody checked a pose (--unchecked" in capsys.readouterr().err) == (not more)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from asdfviz.app.by_state import follows, off_place, told_parts
+from asdfviz.app.by_state import follows, told_parts, unfitting
 from asdfviz.app.history import range_in_words
 from asdfviz.app.markup import act, button
 from asdfviz.app.snapshot import Snapshot
@@ -34,7 +34,7 @@ def joined(snap: Snapshot) -> str:
     missing = [name for name in told if name not in snap.poses and name not in snap.said]
     again = [name for name in workspace.assembly.parts if follows(workspace, place, name)]
     poses = {name: shown.T_camera_part for name, shown in snap.poses.items()}
-    off = off_place(workspace.assembly, workspace.state(place, base), poses, again)
+    off = unfitting(workspace.assembly, workspace.state(place, base), poses, again)
     if not missing and not again:
         return ""
     count = f"{len(missing)} joined without a pose"
