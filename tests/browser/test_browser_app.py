@@ -382,11 +382,37 @@ def test_a_pose_is_typed_and_wrong_figures_are_told(page: Page, app: App) -> Non
     page.keyboard.press("Escape")
 
 
+def test_figures_go_to_the_frame_in_which_typing_began(page: Page, app: App) -> None:
+    page.keyboard.press("Home")
+    page.get_by_test_id("part-jaw").click()
+    edits = len(app.workspace.store.history())
+    page.get_by_test_id("pose-x").click()
+    # As where playing stops late: a later frame's panel comes before the one that is held.
+    page.evaluate(
+        """() => {
+        const typed = document.querySelector("[data-typed]").dataset;
+        typed.typed = JSON.stringify({...JSON.parse(typed.typed), place: 3});
+    }"""
+    )
+    page.keyboard.type("61.5")
+    page.keyboard.press("Tab")
+    page.keyboard.type("12")
+    page.keyboard.press("Enter")
+    until(lambda: len(app.workspace.store.history()) == edits + 2, "both are kept")
+    frames = {edit.frame for edit in app.workspace.store.history()[edits:]}
+    assert frames == {app.workspace.indices[0]}
+    assert view(app).place == 0
+    for _ in range(2):
+        page.keyboard.press("Control+z")
+    page.keyboard.press("Escape")
+
+
 def test_what_is_half_typed_survives_what_the_server_renews(page: Page, app: App) -> None:
     page.keyboard.press("Home")
     page.get_by_test_id("part-jaw").click()
     edits, step = len(app.workspace.store.history()), view(app).step
     page.keyboard.press("Space")  # every frame that is played renews the panel
+    until(lambda: view(app).playing, "it plays")
     page.get_by_test_id("pose-x").click()
     until(lambda: not view(app).playing, "it pauses")
     place = view(app).place

@@ -12,27 +12,34 @@
 
   // ---- a pose: what was changed is sent, as it was typed
   const GONE_MS = 1000;
-  let editing = null; // { part, option, value, from, to }
+  // The place stays that of the frame in which it began: a later one may be shown until playing has stopped.
+  let editing = null; // { part, place, option, value, from, to }
+  let passed = null; // that place, on the way to the next field
   const typedOf = (field) => JSON.parse(field.closest("[data-typed]").dataset.typed);
   const isTyped = (target) => target instanceof Element && target.matches("[data-typed] input");
-  const note = (field) => {
+  const note = (field, place = editing.place) => {
     editing = {
-      part: typedOf(field).part, option: field.dataset.option, value: field.value,
+      part: typedOf(field).part, place, option: field.dataset.option, value: field.value,
       from: field.selectionStart, to: field.selectionEnd,
     };
   };
   const take = (field) => {
-    if (editing && editing.option === field.dataset.option) editing = null; // the next one has begun
+    const typed = typedOf(field);
+    if (editing && editing.option === field.dataset.option) {
+      typed.place = editing.place;
+      editing = null; // the next one has begun
+    }
     const said = field.value.trim();
     if (said === field.dataset.default) return;
-    NS.send({ ...typedOf(field), options: { [field.dataset.option]: said } });
+    NS.send({ ...typed, options: { [field.dataset.option]: said } });
     field.value = field.dataset.default; // until the server says otherwise
   };
   document.addEventListener("focusin", ({ target }) => {
     if (!isTyped(target) || editing) return;
-    hold(typedOf(target).place);
+    const place = passed ?? typedOf(target).place;
+    hold(place);
     target.select();
-    note(target);
+    note(target, place);
   });
   for (const kind of ["input", "keyup", "pointerup"]) {
     document.addEventListener(kind, ({ target }) => { if (isTyped(target) && editing) note(target); });
@@ -45,6 +52,10 @@
     if (!isTyped(target)) return;
     event.stopPropagation(); // figures are no commands
     if (key === "Escape") target.value = target.dataset.default;
+    if (key === "Tab") {
+      passed = editing?.place ?? null;
+      setTimeout(() => { passed = null; }, 0);
+    }
     if (key === "Enter" || key === "Tab") take(target);
     if (key === "Enter" || key === "Escape") {
       editing = null;
