@@ -106,7 +106,7 @@ class Asdf:
         first = crop_poses(config.first_pose, config.crops, assembly, looker=given, sunk=sunk)
         detector = self._given_detector or load_detector(config.detector, assembly)
         contests = None
-        if first is not None and config.refinement != "none":
+        if first is not None:
             contests = Contests(assembly, partial(self._looked_at, first), config.contests)
         self._scene = _Scene(
             assembly=assembly,
@@ -116,7 +116,7 @@ class Asdf:
                 shapes,
                 looker=None if first is None else first.looker,
                 names=config.names,
-                second_look=config.second_look,
+                second_look=config.second_look.chosen(crops=first is not None),
                 contests=contests,
             ),
             shapes=shapes,
@@ -234,9 +234,7 @@ class Asdf:
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
         config, scene = self._config, self._started()
         if scene.crop_poses is not None:
-            looks = scene.crop_poses.looked_at(
-                found, frame, use_depth=config.refinement != "none", previous=self._before
-            )
+            looks = scene.crop_poses.looked_at(found, frame, use_depth=True, previous=self._before)
             self.looked_at |= looks
             return best_settled(looks, found)
         poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)

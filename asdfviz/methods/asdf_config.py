@@ -57,8 +57,7 @@ class AsdfConfig:
     second_look: SecondLookConfig = field(default_factory=SecondLookConfig)
     """Where the detector looks again for parts that it missed: off, the paper does not."""
     contests: ContestsConfig = field(default_factory=ContestsConfig)
-    """Things that look about as much like a part as its best box, where first poses come from crops
-    and depth refines them."""
+    """Things that look about as much like a part as its best box, where first poses come from crops."""
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     """Further boxes of a part whose best one depth rules out."""
     state_looks: StateLooksFrom | None = None

@@ -31,7 +31,9 @@ class SecondLookConfig:
     """Where and how often the detector looks again."""
 
     enabled: bool = False
-    """Whether it does."""
+    """Whether it does,"""
+    keypoints: bool = True
+    """also where first poses come from keypoints."""
     share: float = 0.5
     """Of the picture's width and height that a window has, 0 to 1."""
     remembered: int = 5
@@ -50,6 +52,10 @@ class SecondLookConfig:
                 f"second_look.share is {self.share:g} and second_look.every {self.every}: share "
                 "must be above 0 and at most 1, every 1 or more"
             )
+
+    def chosen(self, *, crops: bool) -> SecondLookConfig:
+        """The same, off where it is not meant for what first poses come from: crops, or keypoints."""
+        return replace(self, enabled=self.enabled and (crops or self.keypoints))
 
 
 class SecondLook:

@@ -75,8 +75,8 @@ def first_poses(config: Any, assembly: Assembly) -> list[FirstPose]:
 
 def refinement_variants(assembly: Assembly) -> list[Variant]:
     """Table 2: nothing, the paper's ICP and the other direction, masks where their weights are, the
-    shift, and the whole methods."""
-    base, masked = Yolov8PoseConfig(), AsdfSegConfig()
+    shift, and the whole methods; first poses by colour alone, and what depth says in them instead."""
+    base, masked = Yolov8PoseConfig(first_depth=False), AsdfSegConfig(first_depth=False)
     other = replace(PAPER_ICP, direction="scan_to_model")
     has_masks = masks_path(masked.masks, masked.detector, assembly).is_file()
     rows = [
@@ -102,12 +102,15 @@ def refinement_variants(assembly: Assembly) -> list[Variant]:
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf_plus", "asdf_plus", AsdfPlusConfig()),
     ]
-    return _with_first_poses(rows, assembly)
+    measured = Yolov8PoseConfig(first_pose="hypotheses")
+    more = [Variant("depth in first poses, hypotheses", "yolov8pose", measured)]
+    has_crops = "hypotheses" in first_poses(measured, assembly)
+    return [*_with_first_poses(rows, assembly), *more * has_crops]
 
 
 def weighting_variants(assembly: Assembly) -> list[Variant]:
     """Every weight function W(d) of section 3.1.1: in the steps that are the default, and in one."""
-    base = Yolov8PoseConfig(refinement="translation")
+    base = Yolov8PoseConfig(refinement="translation", first_depth=False)
     several = [
         Variant(kind, "yolov8pose", replace(base, translation=TranslationConfig(weights=kind)))
         for kind in get_args(Weighting)

@@ -1,7 +1,8 @@
 """YOLOv8-pose with PnP: the paper's baseline. Poses from keypoints, the state from its box alone.
 
-With crop weights, first poses come from crops instead (colour alone: no depth); the paper's own are
-`--first-pose keypoints`.
+With crop weights, first poses come from crops instead, in which depth has a say where there is some, and
+the crop network names what the detector finds, or misses at first; the paper's own are `--first-pose
+keypoints`.
 """
 
 from __future__ import annotations
@@ -11,8 +12,6 @@ from pathlib import Path
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, StateEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box
-from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.first_pose import (
     CropPoseConfig,
     CropPoses,
@@ -21,6 +20,7 @@ from asdfviz.methods.first_pose import (
     crop_poses,
 )
 from asdfviz.methods.network import Detects, NetworkConfig, load_detector, masks_path
+from asdfviz.methods.part_finder import PartFinder
 from asdfviz.methods.part_poses import (
     PAPER_ICP,
     AnyRefinement,
@@ -29,13 +29,21 @@ from asdfviz.methods.part_poses import (
     poses_from_keypoints,
     poses_refined_by_depth,
 )
+from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.state_looks import StateLooks, StateLooksFrom
+from asdfviz.methods.strangers import StrangersConfig
+from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import PnpConfig
+from asdfviz.pose.table import SunkConfig
 from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.appearance import AppearanceConfig
+
+_BY_SCORE = NamesConfig(enabled=False, strangers=StrangersConfig(enabled=False))
+LOOKS_AGAIN = SecondLookConfig(enabled=True, keypoints=False)
+"""For the baselines: the paper's own look once."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +59,13 @@ class Yolov8PoseConfig:
     Default: hypotheses if crop weights lie beside the assembly (crops.safetensors) or are named,
     else keypoints."""
     crops: CropPoseConfig = field(default_factory=CropPoseConfig)
-    """First poses from crops."""
+    """First poses from crops,"""
+    first_depth: bool = True
+    """in which measured depth has a say, or colour alone;"""
+    names: NamesConfig = field(default_factory=NamesConfig)
+    """what their network makes of boxes, where it was taught names;"""
+    second_look: SecondLookConfig = LOOKS_AGAIN
+    """and where the detector looks again for parts that it missed."""
     refinement: AnyRefinement = "none"
     """What depth does to first poses: none (the baseline), translation, icp or segmentation (rows
     of Table 2)."""
@@ -92,10 +106,9 @@ class Yolov8Pose:
         self._given_detector, self._given_looker = detector, looker
         self._crop_poses: CropPoses | None = None
         self._looks: StateLooks | None = None
-        self._detector: Detects | None = None
+        self._finder: PartFinder | None = None
         self._assembly: Assembly | None = None
         self._shapes: dict[str, PartShape] = {}
-        self._boxes: dict[str, Box] = {}
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the networks for this assembly.
@@ -107,11 +120,24 @@ class Yolov8Pose:
         masks: Path | None = None
         if config.refinement == "segmentation":
             masks = masks_path(config.masks, config.detector, assembly)
-        self._detector = self._given_detector or load_detector(
-            config.detector, assembly, masks=masks
+        detector = self._given_detector or load_detector(config.detector, assembly, masks=masks)
+        first = crop_poses(
+            config.first_pose,
+            config.crops,
+            assembly,
+            looker=self._given_looker,
+            sunk=SunkConfig() if config.first_depth else None,
         )
-        self._crop_poses = crop_poses(
-            config.first_pose, config.crops, assembly, looker=self._given_looker
+        self._crop_poses = first
+        self._shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
+        self._finder = PartFinder(
+            assembly,
+            detector,
+            self._shapes,
+            looker=first and first.looker,
+            names=_BY_SCORE if first is None else config.names,
+            second_look=config.second_look.chosen(crops=first is not None),
+            by_size=first is not None,
         )
         self._looks = StateLooks.of(
             assembly,
@@ -122,24 +148,20 @@ class Yolov8Pose:
             crop_poses=self._crop_poses,
         )
         self._assembly = assembly
-        if config.refinement != "none":
-            self._shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
-        self._boxes = {}
 
     def step(self, frame: Frame) -> FramePrediction:
-        """Poses and state of one frame; frames before do not matter but to tell twins apart."""
-        if self._detector is None or self._assembly is None or self._looks is None:
+        """Poses and state of one frame; those before matter only for which box is which part."""
+        if self._finder is None or self._assembly is None or self._looks is None:
             raise MethodError("yolov8pose: reset() must come before step()")
         config, assembly, timed = self._config, self._assembly, StageTimer()
         with timed("detect"):
-            detections = self._detector.detect(frame.rgb)
+            detections, found = self._finder.find(frame)
+            self._finder.keep(found)
         with timed("pnp" if self._crop_poses is None else "crops"):
-            found = assign_detections(detections, assembly, previous=self._boxes)
-            self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
             if self._crop_poses is None:
                 poses = poses_from_keypoints(found, frame, assembly, config=config.pnp)
             else:
-                poses = self._crop_poses.poses(found, frame, use_depth=False)
+                poses = self._crop_poses.poses(found, frame, use_depth=config.first_depth)
         if config.refinement != "none":
             with timed("refine"):
                 poses = poses_refined_by_depth(

@@ -8,7 +8,9 @@ from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.part_poses import Refinement
 from asdfviz.methods.rivals import RivalsConfig
+from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
+from asdfviz.methods.yolov8pose import LOOKS_AGAIN
 from asdfviz.pose.box_fit import BoxFitConfig
 from asdfviz.pose.depth_check import DepthCheckConfig
 from asdfviz.pose.pnp import PnpConfig
@@ -16,12 +18,14 @@ from asdfviz.pose.pnp import PnpConfig
 
 @dataclass(frozen=True)
 class Yolov8PoseStateConfig(AsdfConfig):
-    """Options of `asdf` without what depth does, and PnP as the authors have it."""
+    """Options of `asdf` with first poses as the baseline has them, which depth does not refine."""
 
     pnp: PnpConfig = field(default_factory=PnpConfig)
     """From keypoints to a pose."""
     box_fit: BoxFitConfig = field(default_factory=lambda: BoxFitConfig(enabled=False))
     """Distances that the boxes contradict."""
+    second_look: SecondLookConfig = LOOKS_AGAIN
+    """Where the detector looks again for parts that it missed."""
     refinement: Refinement = "none"
     """What depth does to first poses."""
     rivals: RivalsConfig = field(
@@ -36,7 +40,7 @@ class Yolov8PoseStateConfig(AsdfConfig):
 
 SPEC = MethodSpec(
     name="yolov8pose_state",
-    summary="YOLOv8-pose and Pose2State: no depth in the poses, the state fused over time",
+    summary="YOLOv8-pose and Pose2State: poses are not refined, the state is fused over time",
     config=Yolov8PoseStateConfig,
     factory="asdfviz.methods.asdf:Asdf",
 )

@@ -68,10 +68,10 @@ def test_it_runs_on_the_sample(first_pose: str, short: Path) -> None:
     sequence = open_sequence(str(short))
     assert sequence.assembly is not None
     spec = find_method("asdf_seg")
-    config = dataclasses.replace(spec.config(), first_pose=first_pose)
+    config = dataclasses.replace(spec.config(), first_pose=first_pose, first_depth=False)
     result = run(spec, sequence, config=config)
     plain = find_method("yolov8pose")
-    bare = run(plain, sequence, config=plain.config(first_pose=first_pose))
+    bare = run(plain, sequence, config=plain.config(first_pose=first_pose, first_depth=False))
     assert len(result.predictions) == 3
     masks = masks_path(None, NetworkConfig(), sequence.assembly)
     assert result.hashes["masks"] == file_sha256(masks)

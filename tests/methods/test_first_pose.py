@@ -22,6 +22,7 @@ from asdfviz.methods.first_pose import CropPoseConfig, CropPoses, FirstPose, cho
 from asdfviz.methods.gbot_reinit import GbotReinit, GbotReinitConfig
 from asdfviz.methods.looked_at import Before
 from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig
+from asdfviz.methods.yolov8pose_state import Yolov8PoseStateConfig
 from asdfviz.pose.hypotheses import Candidates, HypothesisConfig
 
 OFF = rotation_about(np.array([0.3, 1.0, -0.2]), np.deg2rad(8.0))
@@ -121,17 +122,45 @@ def test_a_least_score_that_is_none_is_refused(least: float) -> None:
         AsdfConfig(least_score=least)
 
 
-def test_yolov8pose_takes_them_without_depth(toy, detector, scene) -> None:
+@pytest.mark.parametrize("first_depth", [True, False])
+def test_yolov8pose_takes_them_with_depth_or_without(
+    toy, detector, scene, first_depth: bool
+) -> None:
     poses, frame, looker = scene
-    config = Yolov8PoseConfig(first_pose="hypotheses")
+    config = Yolov8PoseConfig(first_pose="hypotheses", first_depth=first_depth)
     method = Yolov8Pose(config, detector=detector, looker=looker)
     method.reset(toy.assembly, frame.camera, None)
     for shown in (frame, replace(frame, depth=None)):
-        prediction = method.step(shown)
-        assert {p.stage for p in prediction.poses.values()} == {"crop"}
+        said = method.step(shown).poses
+        assert {p.stage for p in said.values()} == {"crop"}
+        measured = first_depth and shown.depth is not None
         for name, T in poses.items():
-            assert distance_mm(prediction.poses[name], T) < 40
-            assert is_near(prediction.poses[name], T, 14)
+            assert distance_mm(said[name], T) < (8 if measured else 40)
+            assert is_near(said[name], T, 6 if measured else 14)
+        if not measured:
+            assert max(distance_mm(said[name], T) for name, T in poses.items()) > 10
+
+
+@pytest.mark.parametrize(("first_pose", "looks"), [("keypoints", 2), ("hypotheses", 3)])
+@pytest.mark.parametrize("fused", [False, True])
+def test_the_baselines_look_again_only_where_crops_give_first_poses(
+    toy, detector, scene, monkeypatch, fused: bool, first_pose: FirstPose, looks: int
+) -> None:
+    poses, frame, looker = scene
+    seen: list[int] = []
+    answer = detector.detect
+    monkeypatch.setattr(type(detector), "detect", lambda _, rgb: seen.append(1) or answer(rgb))
+    made = (
+        Asdf(Yolov8PoseStateConfig(first_pose=first_pose), detector=detector, looker=looker)
+        if fused
+        else Yolov8Pose(Yolov8PoseConfig(first_pose=first_pose), detector=detector, looker=looker)
+    )
+    made.reset(toy.assembly, frame.camera, None)
+    detector.answers[1] = tuple(toy.detection(name, T) for name, T in poses.items())
+    made.step(frame)
+    detector.answers[1] = detector.answers[1][:1]  # the block is missed
+    made.step(frame)
+    assert len(seen) == looks
 
 
 def test_keypoints_stay_the_paper_to_the_letter(toy, detector, scene) -> None:
