@@ -13,6 +13,7 @@ from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
 from asdfviz.errors import WeightsError
 from asdfviz.geometry.sampling import hull_corners, oriented_surface_points
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.threads import side_by_side
 from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box
 from asdfviz.pose.depth_fit import DepthFit, depth_fit
 from asdfviz.pose.icp import IcpConfig, ModelCloud, register
@@ -89,9 +90,9 @@ def poses_from_keypoints(
     Raises:
         WeightsError: the network was trained with another number of keypoints.
     """
-    poses: dict[str, PoseEstimate] = {}
-    for name, detection in found.items():
-        keypoints = assembly.parts[name].keypoints
+
+    def solved(name: str) -> PoseEstimate | None:
+        keypoints, detection = assembly.parts[name].keypoints, found[name]
         if len(detection.keypoints_px) != len(keypoints):
             raise WeightsError(
                 f"the network gives {len(detection.keypoints_px)} keypoints, "
@@ -106,10 +107,12 @@ def poses_from_keypoints(
             box_xyxy=detection.box_xyxy,
             image_width=frame.camera.width,
         )
-        if solution is not None:
-            score = detection.score * solution.inliers / len(detection.keypoints_px)
-            poses[name] = PoseEstimate(name, solution.T_camera_part, score, "pnp")
-    return poses
+        if solution is None:
+            return None
+        score = detection.score * solution.inliers / len(detection.keypoints_px)
+        return PoseEstimate(name, solution.T_camera_part, score, "pnp")
+
+    return {pose.part: pose for pose in side_by_side(solved, found) if pose is not None}
 
 
 def poses_fitted_to_boxes(

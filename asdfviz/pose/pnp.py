@@ -17,7 +17,6 @@ import numpy as np
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Intrinsics, Pixels, Points, Scores, Transform
 from asdfviz.geometry.transforms import apply, apply_to_point, transform_from
-from asdfviz.pose.reprojection import minimize_reprojection
 
 REFERENCE_WIDTH_PX = 1280
 """Image width at which the paper's threshold in pixels is meant."""
@@ -108,6 +107,9 @@ def solve_pnp(
             keypoints_part, keypoints_px, K, threshold, config.iterations, cv2.SOLVEPNP_ITERATIVE
         )
     else:
+        # Compiled loops, which a machine that only trains does without.
+        from asdfviz.pose.reprojection import minimize_reprojection
+
         starts = list(_starts(keypoints_part, keypoints_px, K, threshold, config))
         T_camera_part = minimize_reprojection(
             starts,

@@ -102,11 +102,14 @@ class Table:
         rows: np.ndarray,
         columns: np.ndarray,
         K: Intrinsics,
-    ) -> Float64[np.ndarray, "a b"]:
+    ) -> Float32[np.ndarray, "a b"]:
         """How high readings in these rows and columns of the image lie above it, metres."""
         x, y = (columns - K[0, 2]) / K[0, 0], (rows - K[1, 2]) / K[1, 1]
-        slope = self.normal[0] * x + self.normal[1] * y + self.normal[2]
-        return depth * slope + self.offset
+        # Whole images pass here: in place, and in their own precision, it takes a third of the time.
+        above = np.add(self.normal[0] * x + self.normal[2], self.normal[1] * y, dtype=np.float32)
+        above *= depth
+        above += np.float32(self.offset)
+        return above
 
 
 def largest_plane(depth: Depth, K: Intrinsics, *, config: TableConfig) -> Table | None:

@@ -36,6 +36,16 @@ def test_blobs_are_found_on_a_tilted_table_the_largest_first() -> None:
     np.testing.assert_allclose(found[1], [79.5, 149.5, 94.5, 159.5], atol=1.5)
 
 
+def test_what_stands_in_a_ring_is_found_beside_it() -> None:
+    depth = table()
+    depth[60:120, 100:160] -= 0.03
+    depth[70:110, 110:150] += 0.03
+    depth[84:96, 124:136] -= 0.03
+    ring, inside = found_in(depth)
+    np.testing.assert_allclose(ring, [99.5, 59.5, 159.5, 119.5], atol=1.5)
+    np.testing.assert_allclose(inside, [123.5, 83.5, 135.5, 95.5], atol=1.5)
+
+
 @pytest.mark.parametrize("fault", ["too flat", "too small", "below", "too high", "hole"])
 def test_what_is_no_part_is_left_out(fault: str) -> None:
     depth = table()
