@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from asdfviz.cli.given_runs import given_runs
 from asdfviz.cli.judged_runs import (
     give_table,
     judged,
@@ -25,8 +26,11 @@ if TYPE_CHECKING:
 
     from asdfviz.data.folder_sequence import FolderSequence
     from asdfviz.datatypes import Run
+    from asdfviz.evaluate.judgement import Judgement
     from asdfviz.evaluate.paper_layout import Layout
     from asdfviz.evaluate.paper_table1 import SetFacts
+    from asdfviz.evaluate.paper_table4 import JudgedSet
+    from asdfviz.evaluate.paper_table5 import JudgedRun
     from asdfviz.methods.spec import MethodSpec
 
 CONDITIONS = ("normal", "dynamic", "hand", "blur")
@@ -41,7 +45,8 @@ class Tables:
 
     table1 lists the test sets. table4 is methods on the sets of Table 1, with first poses from
     keypoints and, where crop weights are, from hypotheses. gbot is Table 5: all methods on
-    GBOT-style test sets. Runs that are there already are taken.
+    GBOT-style test sets. Runs that are there already are taken; results of a method of your own are
+    further rows, as in asdfviz tables gbot --data testsets --runs mine.csv
 
     Example: asdfviz tables gbot --data testsets --out table5.md
     """
@@ -52,6 +57,9 @@ class Tables:
     """Folder with <assembly>/table1, normal, dynamic, ..., as `asdfviz synth testset` writes it."""
     methods: tuple[str, ...] = ()
     """Default: the paper's, and our own."""
+    runs: tuple[Path, ...] = ()
+    """Folders that `asdfviz run` wrote, or csv files of BOP or GBOT, for further rows. A csv calls the
+    scenes as in vise/hand (or just hand, where one assembly has it), or lies in the scene's folder."""
     out: Path | None = None
     """File for the table, .md, .csv or .tex. Default: Markdown on stdout."""
     models: Path | None = None
@@ -64,6 +72,8 @@ class Tables:
         from asdfviz.evaluate.paper_layout import layout_of
 
         layout = layout_of(self.out)
+        if self.runs and self.table == "table1":
+            raise InputError("table1 lists test sets and no methods: leave out --runs")
         if self.table == "table1":
             give_table(self._table1(layout), NOTE_TABLE1, self.out)
         elif self.table == "table4":
@@ -78,13 +88,13 @@ class Tables:
         return table1([set_facts(self._open(folder)) for folder in folders], layout=layout)
 
     def _table4(self, layout: Layout) -> str:
-        from asdfviz.evaluate.evaluate import protocol_report
-        from asdfviz.evaluate.paper_table4 import METHODS, JudgedSet, table4
+        from asdfviz.evaluate.paper_table4 import METHODS, table4
         from asdfviz.methods.registry import find_method
         from asdfviz.methods.variants import first_poses
 
         specs = [find_method(name) for name in self.methods or METHODS]
         sequences = [self._open(f) for f in condition_folders(self.data, names=TABLE1)]
+        given = given_runs(self.runs, sequences, taken=[spec.name for spec in specs])
         sets: list[JudgedSet] = []
         for spec in specs:
             for sequence in sequences:
@@ -97,25 +107,17 @@ class Tables:
                     name = f"table4-{spec.name}" + ("" if kind is None else f"-{kind}")
                     run = self._run(spec, sequence, chosen, name)
                     if run is not None:
-                        found = judged(run, sequence, option="--models")
-                        sets.append(
-                            JudgedSet(
-                                run.method,
-                                kind or "-",
-                                assembly.name,
-                                protocol_report(found, protocol="gbot"),
-                                protocol_report(found, protocol="strict"),
-                            )
-                        )
+                        sets.append(judged_set(judged(run, sequence, option="--models"), kind))
+        sets += [judged_set(one.found, one.run.config.get("first_pose")) for one in given]
         return table4(sets, layout=layout)
 
     def _table5(self, layout: Layout) -> str:
-        from asdfviz.evaluate.evaluate import protocol_report
-        from asdfviz.evaluate.paper_table5 import METHODS, JudgedRun, table5
+        from asdfviz.evaluate.paper_table5 import METHODS, table5
         from asdfviz.methods.registry import find_method
 
         specs = [find_method(name) for name in self.methods or METHODS]
         sequences = [self._open(f) for f in condition_folders(self.data, names=CONDITIONS)]
+        given = given_runs(self.runs, sequences, taken=[spec.name for spec in specs])
         runs: list[JudgedRun] = []
         for spec in specs:
             config = knowing_no_loss(spec)
@@ -126,17 +128,8 @@ class Tables:
                 found = judged(run, sequence, option="--models")
                 told = without_lost(run, config)
                 kept = found if told is run else judged(told, sequence, option="--models")
-                assembly = known_assembly(sequence, "--models")
-                runs.append(
-                    JudgedRun(
-                        run.method,
-                        f"{assembly.name}/{Path(sequence.path).name}",
-                        run.initial,
-                        protocol_report(found, protocol="gbot"),
-                        protocol_report(kept, protocol="gbot"),
-                        protocol_report(found, protocol="strict"),
-                    )
-                )
+                runs.append(judged_run(found, kept, sequence))
+        runs += [judged_run(one.found, one.found, one.sequence) for one in given]
         return table5(runs, layout=layout)
 
     def _open(self, folder: Path) -> FolderSequence:
@@ -169,6 +162,35 @@ class Tables:
             return None
         save_run(result, folder)
         return result
+
+
+def judged_set(found: Judgement, first_pose: object) -> JudgedSet:
+    """A judged run as Table 4 takes it."""
+    from asdfviz.evaluate.evaluate import protocol_report
+    from asdfviz.evaluate.paper_table4 import JudgedSet
+
+    return JudgedSet(
+        found.run.method,
+        str(first_pose or "-"),
+        found.assembly.name,
+        protocol_report(found, protocol="gbot"),
+        protocol_report(found, protocol="strict"),
+    )
+
+
+def judged_run(found: Judgement, kept: Judgement, sequence: FolderSequence) -> JudgedRun:
+    """A judged run as Table 5 takes it; `kept` is the same without the poses that it says are lost."""
+    from asdfviz.evaluate.evaluate import protocol_report
+    from asdfviz.evaluate.paper_table5 import JudgedRun
+
+    return JudgedRun(
+        found.run.method,
+        f"{found.assembly.name}/{Path(sequence.path).name}",
+        found.run.initial,
+        protocol_report(found, protocol="gbot"),
+        protocol_report(kept, protocol="gbot"),
+        protocol_report(found, protocol="strict"),
+    )
 
 
 def set_facts(sequence: FolderSequence) -> SetFacts:

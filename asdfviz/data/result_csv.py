@@ -124,8 +124,22 @@ def _parts_by_id(assembly: Assembly) -> dict[str, str]:
     return {**known, **{name: name for name in assembly.parts}}
 
 
+def scenes_in(path: Path) -> list[str]:
+    """The scenes that a csv has rows of, as it calls them.
+
+    Raises:
+        RunError: it cannot be read.
+    """
+    lines, is_bop = read_lines(path)
+    return _scenes(lines[1 if is_bop else 0 :])
+
+
+def _scenes(lines: Rows[Rows[str]]) -> list[str]:
+    return sorted({cells[0].strip() for cells in lines})
+
+
 def _wanted_scene(path: Path, lines: Rows[Rows[str]], scene: str | None, *, folder: str) -> str:
-    scenes = sorted({cells[0].strip() for cells in lines})
+    scenes = _scenes(lines)
     if scene is None and len(scenes) == 1:
         return scenes[0]
     wanted = folder if scene is None else scene

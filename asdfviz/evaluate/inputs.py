@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -101,6 +101,22 @@ def refuse_csv_options(paths: Sequence[Path], *, sequence: str | None, scene: st
             f"{paths[0]} is a run folder, which knows its frames: use --truth for the folder with "
             "another truth to judge it by"
         )
+
+
+def run_names(runs: Sequence[tuple[Path, Run]], *, taken: Collection[str] = ()) -> list[str]:
+    """What runs are called beside each other: their methods, and their folders or files where needed.
+
+    Args:
+        runs: each with where it came from.
+        taken: names of others; runs of one sequence and method are told apart as well.
+    """
+    keys = [(run.sequence, run.method) for _, run in runs]
+    return [
+        run.method
+        if keys.count(key) == 1 and run.method not in taken
+        else f"{run.method} ({source.name or source.resolve().name})"
+        for (source, run), key in zip(runs, keys, strict=True)
+    ]
 
 
 def changed_inputs(run: Run, assembly: Assembly) -> list[str]:

@@ -15,6 +15,7 @@ from typing import Any
 from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.paper_table1 import CALIPER, CORNER_CLAMP, SCREW_CLAMP, VISE, counterpart
 from asdfviz.evaluate.protocols import TWINS, mean
+from asdfviz.evaluate.summary import frames_lacking
 from asdfviz.evaluate.tables import number
 
 
@@ -112,4 +113,5 @@ def _row(
         mean(report[protocol][group].get(key) for report in reports)
         for protocol, group, key, _ in COLUMNS
     ]
-    return [method, first_pose, assembly, *map(number, (*theirs, *ours))]
+    named = assembly + frames_lacking([one.strict for one in sets])
+    return [method, first_pose, named, *map(number, (*theirs, *ours))]

@@ -16,6 +16,7 @@ from typing import Any
 
 from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.protocols import TWINS, mean
+from asdfviz.evaluate.summary import frames_lacking
 from asdfviz.evaluate.tables import number
 
 
@@ -120,6 +121,6 @@ def _row(method: str, sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
     return [
         method if paper is None else paper.title,
         "truth" if from_truth else "none",
-        sequences,
+        sequences + frames_lacking([run.strict for run in runs]),
         *map(number, (*theirs, *gbot, *kept, *strict, ms)),
     ]

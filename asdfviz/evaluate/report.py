@@ -11,7 +11,7 @@ from pathlib import Path
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.atomic import make_folder, write_text
 from asdfviz.errors import RunError
-from asdfviz.evaluate.inputs import Result, open_result, refuse_csv_options
+from asdfviz.evaluate.inputs import open_result, refuse_csv_options, run_names
 from asdfviz.evaluate.report_runs import JudgedRun, judged_run
 from asdfviz.evaluate.report_sections import page
 
@@ -55,7 +55,7 @@ def write_report(
         open_result(path, truth_folder=truth_folder, assembly=known, sequence=sequence, scene=scene)
         for path in paths
     ]
-    names = _names(results)
+    names = run_names([(result.source, result.run) for result in results])
     places = {name: place for place, name in enumerate(dict.fromkeys(names))}
     titles = _short_names(list(dict.fromkeys(result.run.sequence for result in results)))
     share = min(PICTURES_BYTES // max(pictures * len(results), 1), _LARGEST_SHOT)
@@ -85,16 +85,6 @@ def _check(paths: Sequence[Path], out: Path, pictures: int) -> None:
         raise RunError(f"the page is to be {out}: name a file that ends in .html")
     if pictures < 0:
         raise RunError(f"{pictures} pictures: use 0 or more")
-
-
-def _names(results: Sequence[Result]) -> list[str]:
-    keys = [(result.run.sequence, result.run.method) for result in results]
-    return [
-        result.run.method
-        if keys.count(key) == 1
-        else f"{result.run.method} ({result.source.name or result.source.resolve().name})"
-        for result, key in zip(results, keys, strict=True)
-    ]
 
 
 def _short_names(paths: Sequence[str]) -> dict[str, str]:

@@ -43,6 +43,14 @@ def frames_told(report: Mapping[str, Any]) -> str:
     return f"{report[HELD]}/{total}" if HELD in report else total
 
 
+def frames_lacking(reports: Sequence[Mapping[str, Any]]) -> str:
+    """What a table without a column of frames says of a mean over runs that lack some; else nothing."""
+    if not any(HELD in report for report in reports):
+        return ""
+    held = sum(int(report.get(HELD, report["n_frames"])) for report in reports)
+    return f" ({held}/{sum(int(report['n_frames']) for report in reports)} frames)"
+
+
 def _summary(
     method: str, assembly: str | None, reports: Sequence[Mapping[str, Any]]
 ) -> dict[str, Any]:

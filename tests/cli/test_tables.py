@@ -1,14 +1,22 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import shutil
+from collections.abc import Iterable
+from csv import DictReader
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from exits import exit_code
 
+from asdfviz.cli.given_runs import given_runs
 from asdfviz.cli.judged_runs import kept_run
 from asdfviz.cli.tables import Tables, condition_folders, knowing_no_loss, without_lost
+from asdfviz.data.csv_layout import COLUMNS as CSV_COLUMNS
+from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.resources import sample_folder
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import open_sequence
@@ -68,22 +76,134 @@ def test_table1_counts_the_test_sets(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert cells[5:9] == ["3", "3", "1", str(frames)]
 
 
-def test_a_kept_run_is_taken_only_with_the_same_config(tmp_path: Path) -> None:
-    sequence = open_sequence("sample")
+def empty_run(
+    sequence: FolderSequence, method: str, frames: Iterable[int], **options: object
+) -> Run:
     assert sequence.assembly is not None
-    spec = find_method("asdf")
-    config = spec.config()
-    run = Run(
-        "asdf",
+    config: Any = dataclasses.replace(find_method(method).config(), **options)
+    return Run(
+        method,
         dataclasses.asdict(resolved_config(config, sequence.assembly)),
         sequence.path,
         sequence.assembly.path,
         "0",
-        tuple(FramePrediction(index, {}, None) for index in sequence.frame_indices),
+        tuple(FramePrediction(index, {}, None) for index in frames),
         input_hashes(sequence, sequence.assembly, config),
     )
-    save_run(run, tmp_path / "kept")
+
+
+def test_a_kept_run_is_taken_only_with_the_same_config(tmp_path: Path) -> None:
+    sequence = open_sequence("sample")
+    config = find_method("asdf").config()
+    save_run(empty_run(sequence, "asdf", sequence.frame_indices), tmp_path / "kept")
     assert kept_run(tmp_path / "kept", sequence, config) is not None
     other = dataclasses.replace(config, refinement="none")
     assert kept_run(tmp_path / "kept", sequence, other) is None
     assert kept_run(tmp_path / "elsewhere", sequence, config) is None
+
+
+FRAMES = len(json.loads((sample_folder() / "scene_gt.json").read_text()))
+POSED = 12
+
+
+def written_csv(file: Path, scenes: dict[str, int]) -> Path:
+    """The sample's truth 5 mm too far right, in BOP's layout; of each scene so many frames."""
+    truth: dict[str, Any] = json.loads((sample_folder() / "scene_gt.json").read_text())
+    rows = [",".join(CSV_COLUMNS)]
+    for scene, count in scenes.items():
+        for frame in [*truth][:count]:
+            for entry in truth[frame]:
+                R, (x, y, z) = " ".join(map(str, entry["cam_R_m2c"])), entry["cam_t_m2c"]
+                rows.append(f"{scene},{frame},{entry['obj_id']},0.5,{R},{x + 5} {y} {z},0.02")
+    file.write_text("\n".join(rows) + "\n")
+    return file
+
+
+@pytest.fixture(scope="module")
+def testsets(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two of GBOT's sets and Table 1's, with runs there that found nothing."""
+    data = tmp_path_factory.mktemp("testsets")
+    kinds = {f"table4-asdf-{kind}": kind for kind in ("keypoints", "hypotheses")}
+    for name, kept in (
+        ("normal", {"table5-asdf": None}),
+        ("hand", {"table5-asdf": None}),
+        ("table1", kinds),
+    ):
+        folder = data / "corner_clamp" / name
+        shutil.copytree(sample_folder(), folder, ignore=shutil.ignore_patterns("annotations"))
+        sequence = open_sequence(folder)
+        for run, kind in kept.items():
+            empty = empty_run(sequence, "asdf", sequence.frame_indices, first_pose=kind)
+            save_run(empty, folder / "runs" / run)
+    return data
+
+
+def table(data: Path, kind: str, *runs: Path) -> list[dict[str, str]]:
+    out = data.parent / f"{kind}.csv"
+    named = ("--methods", "asdf", "--runs", *map(str, runs))
+    assert exit_code("tables", kind, "--data", str(data), "--out", str(out), *named) == 0
+    return list(DictReader(out.read_text().splitlines()))
+
+
+def test_results_made_elsewhere_are_rows_beside_ours(
+    testsets: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sequence = open_sequence(testsets / "corner_clamp" / "normal")
+    save_run(empty_run(sequence, "asdf", range(1, 3)), tmp_path / "again")
+    csv = written_csv(
+        tmp_path / "mine.csv", {"corner_clamp/normal": FRAMES, "hand": POSED, "moon": 1}
+    )
+    rows = table(testsets, "gbot", csv, tmp_path / "again")
+    means = {row["Method"]: row for row in rows[:3]}
+    assert list(means) == ["ASDF", "asdf (again)", "mine"]
+    assert means["ASDF"]["Sequences"] == "2"
+    assert means["ASDF"]["paper ADD(S)"] == "95.8"
+    assert means["asdf (again)"]["Sequences"] == f"1 (2/{FRAMES} frames)"
+    assert means["mine"]["Sequences"] == f"2 ({FRAMES + POSED}/{2 * FRAMES} frames)"
+    assert means["mine"]["gbot e_t mm"] == means["mine"]["strict e_t mm"] == "5.0"
+    assert means["mine"]["paper ADD(S)"] == "-"
+    assert means["mine"]["ms a frame"] == "20.0"
+    assert [row["Sequences"] for row in rows if row["Method"] == "mine"][1:] == [
+        "corner_clamp/normal",
+        f"corner_clamp/hand ({POSED}/{FRAMES} frames)",
+    ]
+    said = capsys.readouterr().err
+    assert "scenes that are not of this table: moon" in said
+    assert f"only {POSED} of {FRAMES} frames have rows" in said
+
+
+def test_results_made_elsewhere_are_rows_of_table_4(testsets: Path, tmp_path: Path) -> None:
+    csv = written_csv(tmp_path / "mine.csv", {"corner_clamp": FRAMES})
+    last = table(testsets, "table4", csv)[-2:]
+    assert [(row["Method"], row["First pose"]) for row in last] == [("mine", "-")] * 2
+    assert [row["Assembly"] for row in last] == ["corner_clamp", "mean of 1"]
+    assert last[0]["strict e_t mm"] == "5.0"
+    assert last[0]["gbot F1"] == "-"  # a csv says no states
+
+
+def test_a_csv_in_a_scenes_folder_is_of_that_scene(testsets: Path) -> None:
+    sequences = [open_sequence(testsets / "corner_clamp" / name) for name in ("normal", "hand")]
+    csv = written_csv(testsets / "corner_clamp" / "hand" / "runs" / "mine.csv", {"1": POSED})
+    (one,) = given_runs([csv], sequences, taken=())
+    assert one.sequence is sequences[1]
+    assert one.run.method == "mine"
+
+
+def test_results_of_no_scene_of_the_table_are_refused(
+    testsets: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run, csv = tmp_path / "run", written_csv(tmp_path / "mine.csv", {"1": POSED, "2": POSED})
+    save_run(empty_run(open_sequence("sample"), "asdf", [1]), run)
+    line = ("tables", "gbot", "--data", str(testsets), "--methods", "asdf", "--runs")
+    for given, said in (
+        (run, f"{run} is a run on {sample_folder()}, which is no scene of this table; it has"),
+        (csv, f"{csv} has rows of the scene 1, 2, which is none of this table: call it as here"),
+        (tmp_path / "none.csv", "there is no file"),
+    ):
+        assert exit_code(*line, str(given)) == 2
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count("\n") == 1
+        assert given.name == "none.csv" or "corner_clamp/normal, corner_clamp/hand" in error
+    assert exit_code("tables", "table1", "--data", str(testsets), "--runs", str(run)) == 2
+    assert "leave out --runs" in capsys.readouterr().err
