@@ -30,7 +30,6 @@ from asdfviz.app.snapshot import take
 from asdfviz.app.view import View
 from asdfviz.app.welcome import is_first_visit, remember_visit
 from asdfviz.app.workspace import Workspace
-from asdfviz.app.worst import WorstFrame, worst_frames
 from asdfviz.errors import AsdfvizError, MethodError
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
@@ -72,8 +71,6 @@ class Controller:
         self._drag: act.MovePart | None = None
         self._heard = heard
         self._on_shown = on_shown
-        self._worst: tuple[WorstFrame, ...] = ()
-        self._judged: object = None
         self._is_closed = False
         self._end = workspace.subscribe(lambda: self.emit(act.Changed()))
         workspace.pages.add(self.view.page)
@@ -288,12 +285,4 @@ class Controller:
         snap = take(self._workspace, view, frame=frame, status=self._status)
         if self._drag is not None and self._drag.place == view.place:
             snap.poses.update(dragged(self._workspace, view, self._drag))
-        return self._display.show(snap, self._worst_now())
-
-    def _worst_now(self) -> tuple[WorstFrame, ...]:
-        reports = self._workspace.reports
-        stamp = (id(reports), self.view.base)
-        if reports is not None and self.view.tab == "results" and self._judged != stamp:
-            self._judged = stamp
-            self._worst = worst_frames(self._workspace, self.view.base)
-        return self._worst
+        return self._display.show(snap)

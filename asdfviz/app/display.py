@@ -15,7 +15,6 @@ from asdfviz.app.scene import Scene
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
-from asdfviz.app.worst import WorstFrame
 from asdfviz.datatypes import Frame
 from asdfviz.errors import InputError
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
@@ -55,7 +54,7 @@ class Display:
         """Whether a gizmo is held."""
         return self._scene.gizmo.dragged is not None
 
-    def show(self, snap: Snapshot, worst: tuple[WorstFrame, ...]) -> bool:
+    def show(self, snap: Snapshot) -> bool:
         """Show a snapshot; True where the page has answered meanwhile, so that it keeps up."""
         place, frame = snap.view.place, snap.frame
         is_new = frame is not None and self._scene.load(place, frame)
@@ -65,7 +64,7 @@ class Display:
                 wait_until_shown(self._client)
         with self._client.atomic():
             self._scene.apply(snap)
-            self._page.show(snap, worst)
+            self._page.show(snap)
         self._place_camera(snap)
         if snap.view.playing:
             self._send_ahead(snap.view)

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from asdfviz.annotate.records import gone_of
 from asdfviz.app.by_state import told_off
 from asdfviz.app.carrying import Carry, CarryJob
-from asdfviz.app.items import Message
+from asdfviz.app.items import LoadedRun, Message
 from asdfviz.app.method_job import MethodJob
 from asdfviz.app.truths import exported_truth, truth_of
 from asdfviz.app.workspace import Workspace
+from asdfviz.datatypes import FrameTruth
 from asdfviz.errors import AsdfvizError, MethodError
-from asdfviz.evaluate.evaluate import evaluate_run
+from asdfviz.evaluate.evaluate import protocol_report
 from asdfviz.evaluate.health import Finding, check_sequence
+from asdfviz.evaluate.judgement import judge
+from asdfviz.evaluate.worst import worst_frames
 from asdfviz.export.bop import export_bop
 from asdfviz.export.gaps import told_gaps
 from asdfviz.export.readable import told_left_out
@@ -118,25 +122,31 @@ def start_judging(workspace: Workspace) -> threading.Thread:
             # Read first: what is corrected meanwhile may or may not be in the truth.
             corrections = workspace.store.corrections()
             truth = truth_of(workspace)
-            reports = tuple(
-                {
-                    **evaluate_run(
-                        loaded.run,
-                        assembly=workspace.assembly,
-                        truth=truth,
-                        camera=workspace.frames.camera,
-                        is_complete=workspace.has_truth,
-                        sequence_name=workspace.frames.name,
-                    ),
-                    "run": loaded.id,
-                }
-                for loaded in workspace.runs
-            )
+            reports = tuple(_judged(workspace, loaded, truth) for loaded in workspace.runs)
             workspace.reports, workspace.judged = reports, corrections
         finally:
             workspace.is_judging = False
 
     return _start(workspace, work, "judge")
+
+
+def _judged(
+    workspace: Workspace, loaded: LoadedRun, truth: Mapping[int, FrameTruth]
+) -> dict[str, Any]:
+    """A run's report, whose it is, and where it is worst."""
+    found = judge(
+        loaded.run,
+        assembly=workspace.assembly,
+        truth=truth,
+        camera=workspace.frames.camera,
+        is_complete=workspace.has_truth,
+    )
+    name = workspace.frames.name
+    return {
+        **protocol_report(found, protocol="strict", sequence_name=name),
+        "run": loaded.id,
+        "worst": worst_frames(found.comparison.records),
+    }
 
 
 def start_export(

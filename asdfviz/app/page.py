@@ -11,7 +11,6 @@ from asdfviz.app.bridge import parse
 from asdfviz.app.markup import mount
 from asdfviz.app.panels import annotate, methods, options, results, sequence
 from asdfviz.app.snapshot import Snapshot
-from asdfviz.app.worst import WorstFrame
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
 
@@ -49,7 +48,7 @@ class Page:
         uuid: str = self._bridge._impl.uuid
         self._put("bridge", mount("bridge", "", uuid=uuid, opened=opened, sequence=path))
 
-    def show(self, snap: Snapshot, worst: tuple[WorstFrame, ...]) -> None:
+    def show(self, snap: Snapshot) -> None:
         """Bring every field to a snapshot."""
         self._put("top", mount("top", chrome.top_bar(snap)))
         self._put("tabs", mount("tabs", chrome.tabs(snap.view)))
@@ -57,7 +56,7 @@ class Page:
         self._put("timeline", mount("timeline", chrome.timeline_rows(snap)))
         self._put("view", self._view(snap))
         self._put("card", mount("card", self._card(snap)))
-        content = f'<div class="ax-panel" data-tab="{snap.view.tab}">{self._tab(snap, worst)}</div>'
+        content = f'<div class="ax-panel" data-tab="{snap.view.tab}">{self._tab(snap)}</div>'
         if self._sent.get("panel") != content:
             self._sent["panel"] = content
             self._panel.content = content
@@ -70,7 +69,7 @@ class Page:
 
         return receive
 
-    def _tab(self, snap: Snapshot, worst: tuple[WorstFrame, ...]) -> str:
+    def _tab(self, snap: Snapshot) -> str:
         match snap.view.tab:
             case "sequence":
                 return sequence.content(snap)
@@ -79,7 +78,7 @@ class Page:
             case "annotate":
                 return annotate.content(snap)
             case "results":
-                return results.content(snap, worst)
+                return results.content(snap)
 
     def _view(self, snap: Snapshot) -> str:
         """What the script itself has to know: it moves the cursor and guards keys and wheel."""

@@ -14,6 +14,7 @@ from asdfviz.errors import RunError
 from asdfviz.evaluate.inputs import open_result, refuse_csv_options, run_names
 from asdfviz.evaluate.report_runs import JudgedRun, judged_run
 from asdfviz.evaluate.report_sections import page
+from asdfviz.evaluate.worst import SHOWN
 
 PICTURES_BYTES = 1_600_000
 """JPEG bytes of all pictures together; base64 adds a third, and the page stays below 3 MB."""
@@ -28,7 +29,7 @@ def write_report(
     assembly: str | None = None,
     sequence: str | None = None,
     scene: str | None = None,
-    pictures: int = 4,
+    pictures: int = SHOWN,
     progress: Callable[[int, int, str], None] | None = None,
 ) -> None:
     """Judge runs (folders or csv files) and write the page.

@@ -15,17 +15,15 @@ from asdfviz.datatypes import Assembly, Frame
 from asdfviz.evaluate.inputs import Result
 from asdfviz.evaluate.judgement import Judgement
 from asdfviz.evaluate.pose_errors import PoseError
-from asdfviz.evaluate.protocols import VISIBLE
 from asdfviz.evaluate.records import PoseRecord
 from asdfviz.evaluate.report_style import part_color
+from asdfviz.evaluate.worst import worst_frames
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Rgb, Transform
 from asdfviz.geometry.transforms import apply
 from asdfviz.render.overlay import draw_outlines, draw_overlay
 from asdfviz.render.renderer import Renderer
 
-_APART = 5
-"""Frames nearer than this look alike: only the worst of them is shown."""
 _SHOT_WH = (480, 360)
 _CONTEXT = 2.2
 """How much wider than the part the picture is."""
@@ -42,23 +40,6 @@ class Shot:
     """As a data URI."""
 
 
-def worst_records(judgement: Judgement, *, count: int) -> tuple[PoseRecord, ...]:
-    """The visible parts that lie farthest from the truth, one a frame, worst first."""
-    by_frame: dict[int, PoseRecord] = {}
-    for record in judgement.comparison.records:
-        if record.error is None or record.visible < VISIBLE:
-            continue
-        other = by_frame.get(record.frame_index)
-        if other is None or other.error is None or record.error.add_s > other.error.add_s:
-            by_frame[record.frame_index] = record
-    ranked = sorted(by_frame.values(), key=lambda r: -r.error.add_s if r.error else 0.0)
-    chosen: list[PoseRecord] = []
-    for record in ranked:
-        if all(abs(record.frame_index - other.frame_index) >= _APART for other in chosen):
-            chosen.append(record)
-    return tuple(chosen[:count])
-
-
 def worst_shots(
     result: Result, judgement: Judgement, *, count: int, max_bytes: int
 ) -> Iterator[Shot]:
@@ -68,14 +49,14 @@ def worst_shots(
         SequenceError: the frames are gone or broken.
         RenderError: nothing can be drawn here.
     """
-    records = worst_records(judgement, count=count)
-    if not records:
+    worst = worst_frames(judgement.comparison.records, count=count)
+    if not worst:
         return
     sequence = result.sequence
     places = {index: place for place, index in enumerate(sequence.frame_indices)}
     with Renderer(sequence.camera.width, sequence.camera.height) as renderer:
-        for record in records:
-            if record.frame_index not in places or record.error is None:
+        for record, error in ((one.record, one.error) for one in worst):
+            if record.frame_index not in places:
                 continue
             frame = sequence[places[record.frame_index]]
             said = judgement.predictions[record.frame_index].poses
@@ -83,7 +64,7 @@ def worst_shots(
             picture = _draw(frame, record, poses, judgement.assembly, renderer)
             data = _jpeg(_crop(picture, frame, record, judgement.assembly), max_bytes)
             uri = f"data:image/jpeg;base64,{base64.b64encode(data).decode('ascii')}"
-            yield Shot(record.frame_index, record.part, record.error, uri)
+            yield Shot(record.frame_index, record.part, error, uri)
 
 
 def _draw(

@@ -35,6 +35,7 @@ from asdfviz.evaluate.report_tables import (
     runs_table,
 )
 from asdfviz.evaluate.summary import summaries
+from asdfviz.evaluate.worst import MEASURE, TOLD
 
 _ADD_LIMIT_MM = 100.0
 _DIAMETER_LIMIT = 50.0
@@ -285,12 +286,12 @@ def _shots(shots: Sequence[Shot]) -> str:
         return "<p>No pose to show.</p>"
     figures = "".join(
         f'<figure><img src="{shot.jpeg}" alt="{escape(f"{shot.part} in frame {shot.frame_index}")}">'
-        f"<figcaption><b>{escape(shot.part)}</b>, frame {shot.frame_index}<br>ADD(S) "
-        f"{1000 * shot.error.add_s:.0f} mm, e<sub>t</sub> {1000 * shot.error.e_t:.0f} mm, e<sub>r</sub> "
-        f"{np.rad2deg(shot.error.e_r_sym):.0f}°</figcaption></figure>"
+        f"<figcaption><b>{escape(shot.part)}</b>, frame {shot.frame_index}<br>{MEASURE} "
+        f"{1000 * shot.error.add_s:.1f} mm, e<sub>t</sub> {1000 * shot.error.e_t:.1f} mm, e<sub>r</sub> "
+        f"{np.rad2deg(shot.error.e_r_sym):.1f}°</figcaption></figure>"
         for shot in shots
     )
     return (
-        "<p>Filled: all poses of the run, in the colours of the parts. White outline: where the "
+        f"<p>{TOLD}</p><p>Filled: all poses of the run, in the colours of the parts. White outline: where the "
         f'named part truly is.</p><div class="shots">{figures}</div>'
     )

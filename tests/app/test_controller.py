@@ -32,9 +32,9 @@ class Screen:
     def frame(self, place: int) -> None:
         del place
 
-    def show(self, snap: Any, worst: object) -> bool:
+    def show(self, snap: Any) -> bool:
         time.sleep(self._seconds)
-        self.shown.append((snap, worst))
+        self.shown.append(snap)
         return True
 
     def tell(self, title: str, body: str, *, color: str) -> None:
@@ -142,13 +142,13 @@ def test_a_tab_that_is_open_keeps_its_steps_to_itself(opened: Open, with_run: Wo
 def test_beside_undo_stands_what_was_tracked_last(opened: Open, with_run: Workspace) -> None:
     tab, screen = opened()
     tab.emit(act.Nudge(0, 1))
-    until(lambda: "moved" in screen.shown[-1][0].status)
+    until(lambda: "moved" in screen.shown[-1].status)
     for done, said in ((5, "5 frames"), (1, "1 frame")):
         with_run.carrying = JobStatus("jaw", "done", done=done, total=5)
         with_run.changed()
-        until(lambda said=said: screen.shown[-1][0].status == f"jaw tracked to {said}, saved")
+        until(lambda said=said: screen.shown[-1].status == f"jaw tracked to {said}, saved")
     tab.emit(act.Nudge(0, 1))
-    until(lambda: "moved" in screen.shown[-1][0].status)
+    until(lambda: "moved" in screen.shown[-1].status)
     tab.close()
 
 
@@ -204,14 +204,3 @@ def test_what_corrections_start_from_is_drawn_in_every_tab(
     for one in (tab, other):
         one.close()
         one.wait(30.0)
-
-
-def test_results_open_where_nothing_is_known_to_be_right(opened: Open, with_run: Workspace) -> None:
-    with_run.truths = (None,) * len(with_run.indices)
-    with_run.reports = ({"run": "first"},)
-    tab, screen = opened(base="first", tab="results")
-    tab.emit(act.Step(1))
-    until(lambda: tab.view.place == 3 and len(screen.shown) > 1)
-    assert screen.shown[-1][1] == ()
-    tab.close()
-    tab.wait(30.0)

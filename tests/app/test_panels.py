@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from typing import get_args
 
 import numpy as np
 import pytest
+from tiny_sequence import FIRST
 
 from asdfviz.annotate.records import StateLabel
 from asdfviz.app import actions as act
@@ -21,11 +23,11 @@ from asdfviz.app.panels import annotate, methods, options, results, sequence
 from asdfviz.app.session import settled
 from asdfviz.app.snapshot import Snapshot, take
 from asdfviz.app.typed_pose import euler_deg
-from asdfviz.app.view import View
+from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import Workspace
-from asdfviz.app.worst import WorstFrame
 from asdfviz.datatypes import Assembly, Run, Stage
 from asdfviz.evaluate.health_report import Finding
+from asdfviz.evaluate.worst import TOLD
 from asdfviz.geometry.transforms import rotation_about
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
@@ -39,7 +41,7 @@ TABS: dict[str, Callable[[Snapshot], str]] = {
     "sequence": sequence.content,
     "methods": lambda snap: methods.content(snap, METHODS),
     "annotate": annotate.content,
-    "results": lambda snap: results.content(snap, ()),
+    "results": results.content,
     "top": chrome.top_bar,
     "controls": chrome.controls,
     "timeline": chrome.timeline_rows,
@@ -257,18 +259,18 @@ def test_a_run_with_other_options_says_which(workspace: Workspace, clamp: Assemb
 
 def test_nothing_can_be_judged_where_nothing_is_known(with_run: Workspace) -> None:
     with_run.truths = (None,) * len(with_run.indices)
-    html = results.content(snapshot(with_run), ())
+    html = results.content(snapshot(with_run))
     assert "correct some frames" in html
     assert "Evaluate" not in html
     with_run.store.set_pose(100, "jaw", np.eye(4))
-    assert "Evaluate" in results.content(snapshot(with_run), ())
+    assert "Evaluate" in results.content(snapshot(with_run))
 
 
 def test_figures_that_are_stale_say_so(with_run: Workspace) -> None:
     start_judging(with_run).join(60)
-    assert "judge again" not in results.content(snapshot(with_run), ())
+    assert "judge again" not in results.content(snapshot(with_run))
     with_run.store.remove_pose(103, "jaw")
-    html = results.content(snapshot(with_run), ())
+    html = results.content(snapshot(with_run))
     assert html.index("Corrections were made since: judge again") < html.index(
         'data-testid="report"'
     )
@@ -276,18 +278,35 @@ def test_figures_that_are_stale_say_so(with_run: Workspace) -> None:
 
 def test_what_makes_figures_doubtful_stands_beside_them(with_run: Workspace) -> None:
     start_judging(with_run).join(60)
-    assert 'data-testid="doubt"' not in results.content(snapshot(with_run), ())
+    assert 'data-testid="doubt"' not in results.content(snapshot(with_run))
     assert with_run.reports is not None
     doubtful = {**with_run.reports[0], "warnings": ["in <another> unit?"]}
     with_run.reports = (doubtful, *with_run.reports[1:])
-    assert "in &lt;another&gt; unit?" in results.content(snapshot(with_run), ())
+    assert "in &lt;another&gt; unit?" in results.content(snapshot(with_run))
 
 
 def test_a_worst_frame_is_gone_to_with_its_part(with_run: Workspace) -> None:
-    html = results.content(snapshot(with_run), (WorstFrame(3, 103, "jaw", 12.34),))
+    assert "Worst frames" not in results.content(snapshot(with_run))
+    start_judging(with_run).join(60)
+    html = results.content(snapshot(with_run, base="first", chosen=True))
+    assert "Worst frames of asdf" in html
+    assert TOLD in unescape(html)
+    assert "<small>ADD(S) </small>2.0<small> mm</small>" in html
     pressed = Pressed()
     pressed.feed(html)
-    assert act.Seek(3, "jaw") in [parse(message) for message in pressed.messages]
+    assert with_run.reports is not None
+    first = with_run.reports[0]["worst"][0].record
+    gone_to = act.Seek(first.frame_index - FIRST, first.part)
+    assert gone_to in [parse(message) for message in pressed.messages]
+    assert "Worst frames" not in results.content(snapshot(with_run, base=TRUTH, chosen=True))
+
+
+def test_results_open_where_nothing_is_known_to_be_right_any_more(with_run: Workspace) -> None:
+    start_judging(with_run).join(60)
+    with_run.truths = (None,) * len(with_run.indices)
+    html = results.content(snapshot(with_run, base="first", chosen=True))
+    assert "correct some frames" in html
+    assert "Worst frames" not in html
 
 
 def test_a_method_that_needs_truth_cannot_be_run_without(with_run: Workspace) -> None:

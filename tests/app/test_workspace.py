@@ -23,7 +23,6 @@ from asdfviz.app.timeline import Verdict
 from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
-from asdfviz.app.worst import worst_frames
 from asdfviz.data.run_files import load_run, save_run
 from asdfviz.datatypes import Assembly, Frame, FramePrediction, PoseEstimate, Run
 from asdfviz.errors import MethodError, SequenceError
@@ -193,9 +192,10 @@ def test_judging(with_run: Workspace) -> None:
     report = with_run.reports[0]
     assert report["run"] == "first"
     assert report["mean"]["e_t_mm"] == pytest.approx(2.0)
-    worst = worst_frames(with_run, "first", count=2)
-    assert len(worst) == 2
-    assert worst[0].error_mm == pytest.approx(2.0)
+    worst = report["worst"]
+    first, second = (one.record.frame_index for one in worst)
+    assert abs(first - second) >= 5
+    assert [one.add_s_mm for one in worst] == pytest.approx([2.0, 2.0])
 
 
 def test_the_annotation_row_tells_verdicts(with_run: Workspace) -> None:

@@ -15,8 +15,10 @@ import cv2
 import numpy as np
 import pytest
 
+from asdfviz.cli.report import Report
 from asdfviz.data.assembly import load_assembly
-from asdfviz.data.run_files import save_run
+from asdfviz.data.run_files import load_run, save_run
+from asdfviz.data.sequences import read_folder_truth
 from asdfviz.datatypes import (
     Assembly,
     FramePrediction,
@@ -29,7 +31,7 @@ from asdfviz.errors import InputError
 from asdfviz.evaluate.judgement import judge
 from asdfviz.evaluate.report import write_report
 from asdfviz.evaluate.report_charts import confusion_table, error_line, recall_curve, state_strip
-from asdfviz.evaluate.report_pictures import worst_records
+from asdfviz.evaluate.worst import SHOWN, TOLD, worst_frames
 from asdfviz.geometry.transforms import transform_from
 
 HOSTILE = "<script>alert(\"1\")</script> & 'co'"
@@ -197,6 +199,22 @@ def test_the_pictures_show_run_and_truth(text: str) -> None:
         assert grey > 0.3
 
 
+def test_the_worst_frames_are_those_that_the_app_lists(
+    text: str, runs: list[Path], clamp: Assembly
+) -> None:
+    assert Report(()).pictures == SHOWN
+    page = Page(text)
+    assert TOLD in page.words
+    loaded = load_run(runs[0])
+    truth = read_folder_truth(Path(loaded.sequence), clamp)
+    worst = worst_frames(judge(loaded, assembly=clamp, truth=truth).comparison.records)
+    assert [one.record.frame_index for one in worst] == [5, 0]
+    for one in worst:
+        index = page.words.index(f", frame {one.record.frame_index}")
+        assert page.words[index - 1] == one.record.part
+        assert page.words[index + 1].startswith(f"ADD(S) {one.add_s_mm:.1f} mm, e")
+
+
 def test_pictures_are_left_out_where_the_frames_are_gone(
     runs: list[Path], scene: Path, tmp_path: Path
 ) -> None:
@@ -335,5 +353,6 @@ def test_worst_frames_are_not_neighbours(
         for i, off in enumerate(offs)
     ]
     found = judge(make_run(said), assembly=assembly, truth=truth)
-    worst = worst_records(found, count=2)
-    assert [(r.frame_index, r.part) for r in worst] == [(2, "plate"), (7, "plate")]
+    worst = worst_frames(found.comparison.records, count=2)
+    assert [(w.record.frame_index, w.record.part) for w in worst] == [(2, "plate"), (7, "plate")]
+    assert [w.add_s_mm for w in worst] == pytest.approx([100.0, 30.0])

@@ -7,7 +7,7 @@ from typing import Any
 
 from asdfviz.app.markup import act, button, chip, empty, heading, number, table, text
 from asdfviz.app.snapshot import Snapshot
-from asdfviz.app.worst import WorstFrame
+from asdfviz.evaluate.worst import MEASURE, TOLD, WorstFrame
 
 _POSE = (
     ("ADD(S) < 10 cm", "add_s_10cm", "%"),
@@ -26,12 +26,12 @@ _STATE = (
 )
 
 
-def content(snap: Snapshot, worst: tuple[WorstFrame, ...]) -> str:
+def content(snap: Snapshot) -> str:
     """The tab as HTML."""
     return (
         heading("How good the runs are", _judge(snap))
         + _tables(snap)
-        + _worst(worst, snap.source_name(snap.view.base or ""))
+        + _worst(snap)
         + _export(snap)
     )
 
@@ -112,18 +112,28 @@ def _by_part(label: str, report: Mapping[str, Any]) -> str:
     return table(heads, rows)
 
 
-def _worst(worst: tuple[WorstFrame, ...], label: str) -> str:
-    if not worst:
+def _worst(snap: Snapshot) -> str:
+    """Where the run that is drawn is worst, as it was judged."""
+    work, base = snap.workspace, snap.view.base
+    reports = work.reports or ()
+    worst: tuple[WorstFrame, ...] = next((r["worst"] for r in reports if r["run"] == base), ())
+    if not worst or not _is_known(snap):
         return ""
-    items = "".join(
-        f'<li class="ax-item ax-pick" {act("Seek", place=frame.place, part=frame.part)}><span class="ax-main">'
-        f"<b>frame {frame.index}</b><small>{text(frame.part)}</small></span>"
-        f'<span class="ax-num">{number(frame.error_mm, decimals=1, unit="mm")}</span></li>'
-        for frame in worst
-    )
+    items = "".join(_worst_item(work.place_of[one.record.frame_index], one) for one in worst)
     return (
-        heading(f"Worst frames of {label}")
+        heading(f"Worst frames of {snap.source_name(base or '')}")
+        + f'<p class="ax-note">{text(TOLD)}</p>'
         + f'<ul class="ax-list" data-testid="worst">{items}</ul>'
+    )
+
+
+def _worst_item(place: int, one: WorstFrame) -> str:
+    index, part = one.record.frame_index, one.record.part
+    return (
+        f'<li class="ax-item ax-pick" {act("Seek", place=place, part=part)}><span class="ax-main">'
+        f"<b>frame {index}</b><small>{text(part)}</small></span>"
+        f'<span class="ax-num"><small>{MEASURE} </small>'
+        f"{number(one.add_s_mm, decimals=1, unit='mm')}</span></li>"
     )
 
 
