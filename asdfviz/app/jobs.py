@@ -133,7 +133,7 @@ def start_judging(workspace: Workspace) -> threading.Thread:
 def _judged(
     workspace: Workspace, loaded: LoadedRun, truth: Mapping[int, FrameTruth]
 ) -> dict[str, Any]:
-    """A run's report, whose it is, and where it is worst."""
+    """A run's report, whose it is, whether it compares with others, and where it is worst."""
     found = judge(
         loaded.run,
         assembly=workspace.assembly,
@@ -145,6 +145,7 @@ def _judged(
     return {
         **protocol_report(found, protocol="strict", sequence_name=name),
         "run": loaded.id,
+        "is_comparable": found.is_comparable,
         "worst": worst_frames(found.comparison.records),
     }
 

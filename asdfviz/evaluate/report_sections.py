@@ -35,6 +35,7 @@ from asdfviz.evaluate.report_tables import (
     runs_table,
 )
 from asdfviz.evaluate.summary import summaries
+from asdfviz.evaluate.tables import NEVER_BEST
 from asdfviz.evaluate.worst import MEASURE, TOLD
 
 _ADD_LIMIT_MM = 100.0
@@ -93,8 +94,7 @@ def _doubtful(runs: Sequence[JudgedRun]) -> str:
     told = [f"{r.name} on {r.sequence_name}" for r in runs if not r.judgement.is_comparable]
     if not told:
         return ""
-    why = "Never marked as best, as frames are missing or the unit is in doubt"
-    return f"<p>{why}: {escape(', '.join(told))}. See the notes on each run.</p>"
+    return f"<p>{NEVER_BEST}: {escape(', '.join(told))}. See the notes on each run.</p>"
 
 
 def _means(runs: Sequence[JudgedRun], protocol: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 from asdfviz.evaluate.protocols import TWINS, twins_matter
 from asdfviz.evaluate.report_style import escape, part_color
 from asdfviz.evaluate.summary import HELD, frames_told
-from asdfviz.evaluate.tables import UNDEFINED
+from asdfviz.evaluate.tables import UNDEFINED, is_best
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,17 +137,10 @@ def _text_cell(text: str, color: str | None) -> str:
 
 
 def _cell(report: Mapping[str, Any], column: Column, rivals: Sequence[Mapping[str, Any]]) -> str:
-    """A figure; it stands out where no rival's is better as shown, and not all are the same."""
     value = report[column.section].get(column.key)
     others = [r[column.section].get(column.key) for r in rivals]
-    known = {column.better * round(other, column.decimals) for other in others if other is not None}
-    is_best = (
-        value is not None
-        and column.better != 0
-        and len(known) > 1
-        and column.better * round(value, column.decimals) == max(known)
-    )
-    mark = ' class="best"' if is_best else ""
+    stands_out = is_best(value, others, better=column.better, decimals=column.decimals)
+    mark = ' class="best"' if stands_out else ""
     return f"<td{mark}>{_number(value, column)}</td>"
 
 

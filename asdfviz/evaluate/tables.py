@@ -6,7 +6,7 @@ Names come from datasets and plug-ins, so what Markdown, HTML or MDX would read 
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from asdfviz.evaluate.paper_layout import Layout, laid_out
@@ -14,6 +14,8 @@ from asdfviz.evaluate.protocols import TWINS, twins_matter
 from asdfviz.evaluate.summary import frames_told
 
 UNDEFINED = "-"
+NEVER_BEST = "Never marked as best, as frames are missing or the unit is in doubt"
+"""What to say of runs whose figures never stand out."""
 
 # Heading and key of the report.
 POSE_COLUMNS = (
@@ -154,6 +156,31 @@ def pose_columns(means: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, str], .
     """The columns of poses, those of twins among them where they differ from the plain ones."""
     has_twins = twins_matter(means, (key for _, key in TWIN_COLUMNS))
     return (*POSE_COLUMNS, *TWIN_COLUMNS) if has_twins else POSE_COLUMNS
+
+
+def is_best(
+    value: float | int | None,
+    rivals: Iterable[float | int | None],
+    *,
+    better: int,
+    decimals: int = 1,
+) -> bool:
+    """Whether a figure stands out in its table: no rival's is better as shown, and not all are the same.
+
+    Args:
+        value: the figure.
+        rivals: the same figure of all runs that are comparable, itself among them; none where its own
+            run is not.
+        better: 1 where more is better, -1 where less is, 0 where neither.
+        decimals: as it is shown.
+    """
+    known = {better * round(rival, decimals) for rival in rivals if rival is not None}
+    return (
+        value is not None
+        and better != 0
+        and len(known) > 1
+        and better * round(value, decimals) == max(known)
+    )
 
 
 def number(value: float | int | None) -> str:

@@ -10,7 +10,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from tiny_sequence import FIRST
+from tiny_sequence import COUNT, FIRST, make_run
 
 from asdfviz.annotate.records import StateLabel
 from asdfviz.app import actions as act
@@ -283,6 +283,26 @@ def test_what_makes_figures_doubtful_stands_beside_them(with_run: Workspace) -> 
     doubtful = {**with_run.reports[0], "warnings": ["in <another> unit?"]}
     with_run.reports = (doubtful, *with_run.reports[1:])
     assert "in &lt;another&gt; unit?" in results.content(snapshot(with_run))
+
+
+def test_a_run_that_lacks_frames_never_stands_out(with_run: Workspace, clamp: Assembly) -> None:
+    worse, better = (
+        make_run(clamp, method=name, shift=off) for name, off in (("b", 0.004), ("c", 0.001))
+    )
+    with_run.put_run(worse, "second")
+    start_judging(with_run).join(60)
+    html = results.content(snapshot(with_run))
+    assert "Never marked as best" not in html
+    assert f"<tr><td>frames</td><td>{COUNT}</td><td>{COUNT}</td></tr>" in html
+    assert '<b class="ax-good">2.0<small> mm</small></b>' in html
+    assert '<b class="ax-good">4.0' not in html
+    with_run.put_run(replace(better, predictions=better.predictions[:3]), "third")
+    start_judging(with_run).join(60)
+    html = results.content(snapshot(with_run))
+    assert f'<td><span class="ax-bad">3/{COUNT}</span></td>' in html
+    assert "<td>1.0<small> mm</small></td>" in html
+    assert '<b class="ax-good">2.0<small> mm</small></b>' in html
+    assert "the unit is in doubt: c." in html
 
 
 def test_a_worst_frame_is_gone_to_with_its_part(with_run: Workspace) -> None:

@@ -7,22 +7,25 @@ from typing import Any
 
 from asdfviz.app.markup import act, button, chip, empty, heading, number, table, text
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.evaluate.summary import HELD, frames_told
+from asdfviz.evaluate.tables import NEVER_BEST, is_best
 from asdfviz.evaluate.worst import MEASURE, TOLD, WorstFrame
 
+# What it is called, its key and unit, and whether more or less of it is better.
 _POSE = (
-    ("ADD(S) < 10 cm", "add_s_10cm", "%"),
-    ("ADD(S) < 0.1 d", "add_s_01d", "%"),
-    ("parts found", "detection_recall", "%"),
-    ("found in place", "box_recall", "%"),
-    ("poses in place", "box_precision", "%"),
-    ("translation, mean", "e_t_mm", "mm"),
-    ("translation, median", "e_t_mm_median", "mm"),
-    ("rotation up to symmetry", "e_r_sym_deg", "°"),
+    ("ADD(S) < 10 cm", "add_s_10cm", "%", 1),
+    ("ADD(S) < 0.1 d", "add_s_01d", "%", 1),
+    ("parts found", "detection_recall", "%", 1),
+    ("found in place", "box_recall", "%", 1),
+    ("poses in place", "box_precision", "%", 1),
+    ("translation, mean", "e_t_mm", "mm", -1),
+    ("translation, median", "e_t_mm_median", "mm", -1),
+    ("rotation up to symmetry", "e_r_sym_deg", "°", -1),
 )
 _STATE = (
-    ("state right", "accuracy", "%"),
-    ("state right, ± 2 frames", "accuracy_tol2", "%"),
-    ("errors noticed", "error_recall", "%"),
+    ("state right", "accuracy", "%", 1),
+    ("state right, ± 2 frames", "accuracy_tol2", "%", 1),
+    ("errors noticed", "error_recall", "%", 1),
 )
 
 
@@ -68,11 +71,14 @@ def _tables(snap: Snapshot) -> str:
     known = [report for report in work.reports if report["run"] in labels]
     heads = ["", *(labels[report["run"]].label for report in known)]
     chips = [chip(labels[report["run"]].color) for report in known]
-    rows = [[f"<small>strict, {known[0]['n_frames']} frames</small>", *chips]] if known else []
-    rows += [_figures(label, "mean", key, unit, known) for label, key, unit in _POSE]
-    rows += [_figures(label, "state", key, unit, known) for label, key, unit in _STATE]
-    rows.append(_figures("time of a frame", "runtime_ms", "total_median", "ms", known))
+    rows = [["<small>strict</small>", *chips], ["frames", *map(_frames, known)]] if known else []
+    rows += [_figures("mean", *row, known) for row in _POSE]
+    rows += [_figures("state", *row, known) for row in _STATE]
+    rows.append(_figures("runtime_ms", "time of a frame", "total_median", "ms", -1, known))
+    doubtful = [labels[report["run"]].label for report in known if not report["is_comparable"]]
     judged = f'{_stale(snap)}<div data-testid="report">{table(heads, rows)}</div>'
+    if doubtful and len(known) > 1:
+        judged += f'<p class="ax-note">{NEVER_BEST}: {text(", ".join(doubtful))}.</p>'
     judged += "".join(_doubts(labels[report["run"]].label, report) for report in known)
     return judged + "".join(_by_part(labels[report["run"]].label, report) for report in known)
 
@@ -91,11 +97,24 @@ def _stale(snap: Snapshot) -> str:
     return '<p class="ax-stale" data-testid="stale">Corrections were made since: judge again.</p>'
 
 
+def _frames(report: Mapping[str, Any]) -> str:
+    """How many frames count, and how many of them a run has that lacks some."""
+    told = frames_told(report)
+    return f'<span class="ax-bad">{told}</span>' if HELD in report else told
+
+
 def _figures(
-    label: str, section: str, key: str, unit: str, reports: list[Mapping[str, Any]]
+    section: str, label: str, key: str, unit: str, better: int, reports: list[Mapping[str, Any]]
 ) -> list[str]:
-    cells = [number(report[section].get(key), decimals=1, unit=unit) for report in reports]
-    return [text(label), *cells]
+    """A row; the best figure of the runs that compare stands out."""
+    rivals = [report[section].get(key) for report in reports if report["is_comparable"]]
+    cells = [text(label)]
+    for report in reports:
+        value = report[section].get(key)
+        cell = number(value, decimals=1, unit=unit)
+        stands_out = report["is_comparable"] and is_best(value, rivals, better=better)
+        cells.append(f'<b class="ax-good">{cell}</b>' if stands_out else cell)
+    return cells
 
 
 def _by_part(label: str, report: Mapping[str, Any]) -> str:
