@@ -12,10 +12,12 @@ from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 
 @dataclass(frozen=True)
 class TrainCrops:
-    """Train the crop network on crops rendered meanwhile; run the same line again to go on.
+    """Train the crop network on crops rendered meanwhile; run the same line again to go on where it
+    stopped.
 
-    The best weights so far lie in the run folder as crops.safetensors; put them beside
-    assembly.yaml, and methods take their first poses, and the state's looks, from them.
+    The best weights so far, also of a run that is stopped, lie in the run folder as
+    crops.safetensors; put them beside assembly.yaml, and methods take their first poses, and the
+    state's looks, from them.
 
     Example: asdfviz train-crops --assembly corner_clamp --minutes 120 --out runs/crops
     """
@@ -57,6 +59,7 @@ class TrainCrops:
         from asdfviz.data.atomic import make_folder
         from asdfviz.detector.device import require_device
         from asdfviz.errors import Stopped
+        from asdfviz.train.crop_checkpoint import CROP_WEIGHTS
         from asdfviz.train.crop_config import CropTrainConfig
         from asdfviz.train.crop_session import CropReport, CropSession
 
@@ -77,6 +80,9 @@ class TrainCrops:
             if finished:
                 for found in session.validate():
                     print(found.table(), file=sys.stderr)
+        weights = self.out / CROP_WEIGHTS
         if not finished:
-            raise Stopped(f"the same command goes on from {session.last}")
-        print(self.out / "crops.safetensors")
+            raise Stopped(
+                f"the same command goes on from {session.last}; {weights} holds the best so far"
+            )
+        print(weights)

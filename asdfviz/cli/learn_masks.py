@@ -12,7 +12,7 @@ from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 @dataclass(frozen=True)
 class TrainMasks:
     """Train a mask branch beside a trained detector, which stays as it is; run the same line again
-    to go on where it stopped.
+    to go on where it stopped. A run that is stopped leaves its weights, not validated.
 
     Put masks.safetensors beside the detector's weights, and the method asdf_seg finds it.
 
@@ -22,7 +22,7 @@ class TrainMasks:
     assembly: tuple[str, ...]
     """assembly.yaml, its folder, or a bundled name; all that the detector knows, in its order."""
     out: Path
-    """Run folder: checkpoint, log, curve.png, and masks.safetensors at the end."""
+    """Run folder: checkpoint, log, curve.png, and masks.safetensors once it ends or is stopped."""
     data: tuple[Path, ...]
     """Scene folders with masks, as `asdfviz synth packs --masks` writes them."""
     validation: tuple[Path, ...] = ()
@@ -49,6 +49,7 @@ class TrainMasks:
         from asdfviz.detector.device import require_device
         from asdfviz.errors import InputError, Stopped
         from asdfviz.methods.network import NetworkConfig, weights_path
+        from asdfviz.train.mask_checkpoint import MASK_WEIGHTS
         from asdfviz.train.mask_config import MaskTrainConfig
         from asdfviz.train.mask_session import MaskReport, MaskSession
 
@@ -78,9 +79,12 @@ class TrainMasks:
 
             session = MaskSession(config)
             finished = session.go(show, stop)
+        weights = self.out / MASK_WEIGHTS
         if not finished:
-            raise Stopped(f"the same command goes on from {session.last}")
+            raise Stopped(
+                f"the same command goes on from {session.last}; {weights} holds what it has learnt"
+            )
         found = session.finish()
         if found is not None:
             print(found.table(), file=sys.stderr)
-        print(self.out / "masks.safetensors")
+        print(weights)

@@ -1,7 +1,7 @@
 """One training run of the crop network: `train_crops(config)` runs a budget and leaves a run folder.
 
-The folder holds last.pt (goes on where it was), best.pt, crops.safetensors and .json (the best
-weights, kept up to date), log.csv, validation.csv, validation.json and curve.png; pool/ holds the
+The folder holds last.pt (goes on where it was), crops.safetensors and .json (the best weights, kept
+up to date; those of a run that was stopped before any were judged), log.csv, validation.csv, validation.json and curve.png; pool/ holds the
 crops, where processes make them, and validation/ those that are judged on.
 """
 
@@ -105,7 +105,7 @@ class CropSession(Sitting):
         self.validation_log = self.csv_log("validation.csv", ("step", "minutes", "score", *columns))
 
     def go(self, report: Callable[[CropReport], None], stop: Callable[[], bool]) -> bool:
-        """Step until the budget is used (True) or `stop` says so (False)."""
+        """Step until the budget is used (True) or `stop` says so (False), which leaves weights, too."""
         checkpointed = validated = logged = self.seconds
         meter = Meter()
         for pool in self._pools(stop):
@@ -126,7 +126,10 @@ class CropSession(Sitting):
         if meter.steps:
             report(self._logged(meter))
         self.checkpoint()
-        return self.share >= 1
+        finished = self.share >= 1
+        if not finished and self.progress.best < 0:
+            self._export(self._averaged(), ())
+        return finished
 
     def step(self, pool: CropPool, meter: Meter) -> None:
         """Take one optimiser step."""
@@ -181,9 +184,7 @@ class CropSession(Sitting):
     def validate(self) -> tuple[CropValidation, ...]:
         """Validate the averaged weights; keep and export them if they are the best so far."""
         config = self.config
-        network = network_of_shape(self.network.shape).to(config.device)
-        network.load_state_dict(self.average.state)
-        network.eval()
+        network = self._averaged()
         found = tuple(
             validate_crops(network, sets, self.views, self.classes, name=name)
             for name, sets in self.validation_sets.items()
@@ -204,16 +205,19 @@ class CropSession(Sitting):
         path = config.output / "validation.png"
         write_curve(path, self.validation_log, x="minutes", curves=shown)
         if score > self.progress.best:
-            self.progress.best, self.progress.seconds = score, self.seconds
-            export(
-                self.config,
-                network,
-                self.progress,
-                names=self.names,
-                states=self.states,
-                found=found,
-            )
+            self.progress.best = score
+            self._export(network, found)
         return found
+
+    def _averaged(self) -> CropNetwork:
+        network = network_of_shape(self.network.shape).to(self.config.device)
+        network.load_state_dict(self.average.state)
+        return network.eval()
+
+    def _export(self, network: CropNetwork, found: tuple[CropValidation, ...]) -> None:
+        self.progress.seconds = self.seconds
+        names, states = self.names, self.states
+        export(self.config, network, self.progress, names=names, states=states, found=found)
 
     def _pools(self, stop: Callable[[], bool]) -> Iterator[CropPool]:
         """The pool before every step, renewed as fresh crops come."""

@@ -1,14 +1,15 @@
 """One training run of a mask branch: `MaskSession(config).go()` runs a budget and leaves a run folder.
 
 The detector is frozen: it computes the features and says, by its own assigner, which anchors learn
-which object. The folder holds last.pt (goes on where it was), masks.safetensors and .json, log.csv
-and curve.png.
+which object. The folder holds last.pt (goes on where it was), masks.safetensors and .json (also of a
+run that was stopped), log.csv and curve.png.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -111,7 +112,7 @@ class MaskSession(Sitting):
         return other
 
     def go(self, report: Callable[[MaskReport], None], stop: Callable[[], bool]) -> bool:
-        """Step until the budget is used (True) or `stop` says so (False)."""
+        """Step until the budget is used (True) or `stop` says so (False), which leaves weights, too."""
         checkpointed = logged = self.seconds
         meter = Meter()
         while self.share < 1 and not stop():
@@ -126,7 +127,10 @@ class MaskSession(Sitting):
         if meter.steps:
             report(self._logged(meter))
         self.checkpoint()
-        return self.share >= 1
+        finished = self.share >= 1
+        if not finished:
+            self._export(None)
+        return finished
 
     def batch(self, step: int) -> MaskBatch:
         """The inputs of a step; the same for the same seed, step and pictures."""
@@ -189,9 +193,7 @@ class MaskSession(Sitting):
 
     def finish(self) -> MaskValidation | None:
         """Export the averaged weights and judge them on unseen pictures, if there are any."""
-        branch = MaskBranch(self.branch.channels)
-        branch.load_state_dict({k: v.cpu() for k, v in self.average.state.items()})
-        path = export_masks(self.config, branch, self.progress, classes=self.classes, found=None)
+        path = self._export(None)
         if not self.unseen:
             return None
         detectors = {
@@ -204,8 +206,13 @@ class MaskSession(Sitting):
             for name in {image.picture.assembly for image in self.unseen}
         }
         found = validate_masks(detectors.__getitem__, self.unseen, self.names)
-        export_masks(self.config, branch, self.progress, classes=self.classes, found=found)
+        self._export(found)
         return found
+
+    def _export(self, found: MaskValidation | None) -> Path:
+        branch = MaskBranch(self.branch.channels)
+        branch.load_state_dict({k: v.cpu() for k, v in self.average.state.items()})
+        return export_masks(self.config, branch, self.progress, classes=self.classes, found=found)
 
     def checkpoint(self) -> None:
         """Write last.pt with all that is needed to go on."""

@@ -274,6 +274,13 @@ def run_config(folder: Path, **values: object) -> CropTrainConfig:
     return CropTrainConfig(**chosen)  # pyright: ignore[reportArgumentType]
 
 
+def left_of(folder: Path) -> tuple[int, list[object]]:
+    """Of how many steps the weights in a run folder are, and what was said of them."""
+    assert load_crop_network(folder / "crops.safetensors").classes
+    record = json.loads((folder / "crops.json").read_text())
+    return record["steps"], record["validation"]
+
+
 def test_a_run_trains_stops_goes_on_and_exports(tmp_path: Path) -> None:
     (tmp_path / "pool").mkdir()
     clamp = CropMaker([load_assembly("corner_clamp")])
@@ -281,10 +288,13 @@ def test_a_run_trains_stops_goes_on_and_exports(tmp_path: Path) -> None:
     session = CropSession(run_config(tmp_path))
     steps: list[int] = []
     assert not session.go(lambda report: None, lambda: session.progress.step >= 2)
+    assert left_of(tmp_path) == (2, [])
     before = {k: v.clone() for k, v in session.network.state_dict().items()}
     again = CropSession(run_config(tmp_path))
     assert again.progress.step == 2
     assert all(torch.equal(v, before[k]) for k, v in again.network.state_dict().items())
+    assert not again.go(lambda report: None, lambda: again.progress.step >= 3)
+    assert left_of(tmp_path) == (3, [])  # nor were the first ones judged
     assert again.go(lambda report: steps.append(report.step), lambda: False)
     assert steps[-1] == 4
     found = again.validate()
@@ -298,6 +308,11 @@ def test_a_run_trains_stops_goes_on_and_exports(tmp_path: Path) -> None:
     assert record["states"] == {"corner_clamp//group": ["base", "jaw", "bolt", "jaw_reversed"]}
     assert [score["label"] for score in record["validation"][0]["classes"]]
     assert (tmp_path / "curve.png").is_file()
+    judged = (tmp_path / "crops.json").read_text()
+    longer = CropSession(run_config(tmp_path, steps=6))
+    longer.progress.best = again.progress.best
+    assert not longer.go(lambda report: None, lambda: longer.progress.step >= 5)
+    assert (tmp_path / "crops.json").read_text() == judged  # the best so far
     with pytest.raises(WeightsError, match="another run folder"):
         CropSession(run_config(tmp_path, grid=240))
 

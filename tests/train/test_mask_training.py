@@ -172,6 +172,9 @@ def test_a_run_learns_goes_on_and_leaves_the_detector_alone(config: MaskTrainCon
     torch.manual_seed(0)
     first = float(session.losses(batch)[0].detach())
     assert session.go(lambda _: None, lambda: session.progress.step == 2) is False
+    assert load_masks(config.output / "masks.safetensors", detector=config.detector).classes
+    left = json.loads((config.output / "masks.json").read_text())
+    assert (left["steps"], left["validation"]) == (2, None)
     gone_on = MaskSession(config)
     assert gone_on.progress.step == 2
     reports = []
