@@ -1,12 +1,10 @@
-"""A progress bar on stderr, and Ctrl+C and SIGTERM as a polite stop."""
+"""A progress bar on stderr."""
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from types import FrameType
 
 from rich.console import Console
 from rich.progress import (
@@ -17,6 +15,8 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+
+from asdfviz.data.interrupts import stop_on_interrupt as stop_on_interrupt
 
 Report = Callable[[int, int, str], None]
 """Done, total, what to say beside the bar."""
@@ -51,29 +51,6 @@ def progress_bar(title: str) -> Generator[Report]:
     finally:
         if bar.live.is_started:
             bar.stop()
-
-
-@contextmanager
-def stop_on_interrupt() -> Generator[Callable[[], bool]]:
-    """Turn the first Ctrl+C or SIGTERM into a flag that long jobs poll; a second Ctrl+C interrupts at once.
-
-    Batch queues and shutdowns send SIGTERM, some of them to every process and again by its parent:
-    however often it comes, what was begun is saved.
-    """
-    asked = False
-
-    def ask(signum: int, frame: FrameType | None) -> None:
-        nonlocal asked
-        if asked and signum == signal.SIGINT:
-            raise KeyboardInterrupt
-        asked = True
-
-    before = {kind: signal.signal(kind, ask) for kind in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: asked
-    finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
 
 
 def with_rate(report: Report, unit: str) -> Callable[[int, int], None]:

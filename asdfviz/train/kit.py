@@ -5,7 +5,8 @@
 
 Data are rendered there while it trains, on CPU cores unless told otherwise, so nothing but the
 assemblies travels, and weights to begin with. What comes back is small: the weights, the log, and the
-state of the run cut into pieces. The same line with `--carried` naming these pieces goes on.
+state of the run cut into pieces. The same line with `--carried` naming these pieces goes on. Ctrl+C and
+SIGTERM end a sitting early; what it learnt comes back as well.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from asdfviz.data.interrupts import stop_on_interrupt
 from asdfviz.detector.device import require_device
 from asdfviz.detector.weights import SCALES
 from asdfviz.errors import AsdfvizError, Stopped
@@ -68,8 +70,12 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     return line.parse_args(arguments)
 
 
-def run_sitting(options: argparse.Namespace) -> bool:
-    """Train for one sitting and leave what comes back in `out`; True once the whole run is done."""
+def run_sitting(options: argparse.Namespace, asked: Callable[[], bool]) -> bool:
+    """Train for one sitting, or until asked to end it, and leave what comes back in `out`.
+
+    Returns:
+        Whether the whole run is done.
+    """
     for device in (options.device, options.render_device):
         require_device(device)
     work: Path = options.work
@@ -78,13 +84,13 @@ def run_sitting(options: argparse.Namespace) -> bool:
         join_file(STATE, options.carried, work / "last.pt")
     options.out.mkdir(parents=True, exist_ok=True)
     sit = _sit_with_crops if options.network == "crops" else _sit_with_detector
-    is_done = sit(options, work)
+    is_done = sit(options, work, asked)
     cut_file(work / STATE, options.out)
     shutil.copyfile(work / "log.csv", options.out / "log.csv")
     return is_done
 
 
-def _sit_with_crops(options: argparse.Namespace, work: Path) -> bool:
+def _sit_with_crops(options: argparse.Namespace, work: Path, asked: Callable[[], bool]) -> bool:
     config = CropTrainConfig(
         assemblies=tuple(options.assemblies),
         output=work,
@@ -103,9 +109,10 @@ def _sit_with_crops(options: argparse.Namespace, work: Path) -> bool:
         seed=options.seed,
     )
     session = CropSession(config)
-    is_done = session.go(_minute_lines(), _sitting_over(options))
-    session.validate()
-    session.checkpoint()
+    is_done = session.go(_minute_lines(), _sitting_over(options, asked))
+    if not asked():  # who sends SIGTERM does not wait for long
+        session.validate()
+        session.checkpoint()
     shutil.copyfile(session.last, work / STATE)
     for name in ("crops.safetensors", "crops.json"):
         if (work / name).is_file():
@@ -113,7 +120,7 @@ def _sit_with_crops(options: argparse.Namespace, work: Path) -> bool:
     return is_done
 
 
-def _sit_with_detector(options: argparse.Namespace, work: Path) -> bool:
+def _sit_with_detector(options: argparse.Namespace, work: Path, asked: Callable[[], bool]) -> bool:
     size: int = options.image_size
     config = TrainConfig(
         assemblies=tuple(options.assemblies),
@@ -136,18 +143,18 @@ def _sit_with_detector(options: argparse.Namespace, work: Path) -> bool:
         device=options.device,
         seed=options.seed,
     )
-    result = train(config, progress=_minute_lines(), stop=_sitting_over(options))
+    result = train(config, progress=_minute_lines(), stop=_sitting_over(options, asked))
     keep_average(work / "last.pt", work / STATE)
     export_weights(work / STATE, options.out / "weights.safetensors")
     return result.finished
 
 
-def _sitting_over(options: argparse.Namespace) -> Callable[[], bool]:
+def _sitting_over(options: argparse.Namespace, asked: Callable[[], bool]) -> Callable[[], bool]:
     end = time.monotonic() + options.sitting * 60
-    asked = itertools.count()
+    steps = itertools.count()
     if options.sitting_steps is not None:
-        return lambda: next(asked) >= options.sitting_steps
-    return lambda: time.monotonic() > end
+        return lambda: next(steps) >= options.sitting_steps or asked()
+    return lambda: time.monotonic() > end or asked()
 
 
 def _minute_lines() -> Callable[[TrainReport | CropReport], None]:
@@ -168,10 +175,12 @@ def _minute_lines() -> Callable[[TrainReport | CropReport], None]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one sitting; 0 when the whole run is done, 130 when there is more to do, 2 on bad input."""
+    options = parse(sys.argv[1:] if arguments is None else arguments)
     try:
-        return 0 if run_sitting(parse(sys.argv[1:] if arguments is None else arguments)) else 130
-    except Stopped as stopped:
-        sys.stderr.write(f"{stopped}\n")
+        with stop_on_interrupt() as asked:
+            return 0 if run_sitting(options, asked) else 130
+    except (KeyboardInterrupt, Stopped) as stopped:
+        sys.stderr.write(f"stopped{f': {stopped}' if str(stopped) else ''}\n")
         return 130
     except AsdfvizError as error:
         sys.stderr.write(f"error: {error}\n")

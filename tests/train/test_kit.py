@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,7 @@ import pytest
 from asdfviz.errors import InputError
 from asdfviz.train import pieces
 from asdfviz.train.checkpoint import load_checkpoint
+from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.kit import main
 from asdfviz.train.pieces import cut_file, join_file
 
@@ -54,6 +58,55 @@ def test_a_run_goes_on_from_what_a_sitting_brought_back(
     told = capsys.readouterr().err
     assert told.startswith("error: ")
     assert "state.pt.json" in told
+
+
+def test_a_sitting_that_is_ended_early_brings_back_what_it_learnt(tmp_path: Path) -> None:
+    out, work = tmp_path / "out", tmp_path / "work"
+    begun = subprocess.Popen(
+        [sys.executable, "-m", "asdfviz.train.kit", *line(out=out, work=work)[:-2]],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while not (work / "config.json").is_file():
+        assert begun.poll() is None
+        time.sleep(0.05)
+    begun.terminate()
+    told = begun.communicate(timeout=120)[1]
+    assert begun.returncode == 130, told
+    assert "Traceback" not in told
+    assert {p.name for p in out.iterdir()} >= {"weights.safetensors", "state.pt.json", "log.csv"}
+    assert load_checkpoint(work / "last.pt")["progress"][0] < 100
+
+
+def test_crops_are_not_judged_first_where_a_sitting_is_ended_early(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+
+    class Session:
+        last = tmp_path / "work" / "last.pt"
+
+        def __init__(self, config: CropTrainConfig) -> None:
+            (config.output / "log.csv").write_text("")
+
+        def go(self, report: object, stop: Callable[[], bool]) -> bool:
+            assert not stop()
+            signal.raise_signal(signal.SIGTERM)
+            assert stop()
+            self.checkpoint()
+            return False
+
+        def validate(self) -> None:
+            done.append("judged")
+
+        def checkpoint(self) -> None:
+            self.last.write_text("all of it")
+
+    monkeypatch.setattr("asdfviz.train.kit.CropSession", Session)
+    crops = ("--network", "crops")
+    assert main(line(*crops, out=tmp_path / "out", work=tmp_path / "work")) == 130
+    assert not done
+    assert (tmp_path / "out" / "state.pt.000").read_text() == "all of it"
 
 
 def test_pieces_join_to_the_same_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,7 @@ import signal
 
 import pytest
 
-from asdfviz.cli.progress import stop_on_interrupt
+from asdfviz.data.interrupts import stop_on_interrupt
 
 
 @pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
