@@ -65,13 +65,13 @@ def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
         for result in results
         for warning in result.get("warnings", ())
     ]
-    table = _table(headings, rows, texts=_TEXTS)
+    table = _table(headings, rows)
     return "\n".join([table, "", *notes]) if notes else table
 
 
 def means_table(means: Sequence[Mapping[str, Any]]) -> str:
     """Two rows a method (and one assembly of it): the plain and the frame-weighted mean over runs."""
-    return _table(*_means(means, escaped), texts=_TEXTS)
+    return _table(*_means(means, escaped))
 
 
 def runs_in(layout: Layout, results: Sequence[Mapping[str, Any]]) -> str:
@@ -135,23 +135,6 @@ def _means(
     return headings, rows
 
 
-def parts_table(result: Mapping[str, Any]) -> str:
-    """One row a part of one result, and the mean as the last row."""
-    poses = pose_columns([result["mean"]])
-    headings = ["Part", "Visible", "Poses", "Extra", *(title for title, _ in poses)]
-    counts = ("n_visible", "n_poses", "false_positives")
-    rows = [
-        [
-            escaped(str(name)),
-            *(str(figures[key]) for key in counts),
-            *(number(figures.get(key)) for _, key in poses),
-        ]
-        for name, figures in result["parts"].items()
-    ]
-    means = [number(result["mean"].get(key)) for _, key in poses]
-    return _table(headings, [*rows, ["**mean**", "", "", "", *means]], texts=1)
-
-
 def pose_columns(means: Sequence[Mapping[str, Any]]) -> tuple[tuple[str, str], ...]:
     """The columns of poses, those of twins among them where they differ from the plain ones."""
     has_twins = twins_matter(means, (key for _, key in TWIN_COLUMNS))
@@ -196,16 +179,18 @@ def escaped(text: str) -> str:
     return shown
 
 
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, texts: int) -> str:
-    """Lay out a table whose first `texts` columns are text (left) and the others figures (right)."""
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Lay out a table, text at the left of its columns and figures at the right."""
     widths = [max(len(row[i]) for row in (headings, *rows)) for i in range(len(headings))]
 
     def line(cells: Sequence[str]) -> str:
         padded = [
-            cell.ljust(width) if i < texts else cell.rjust(width)
+            cell.ljust(width) if i < _TEXTS else cell.rjust(width)
             for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
         ]
         return f"| {' | '.join(padded)} |"
 
-    rule = ["-" * width if i < texts else "-" * (width - 1) + ":" for i, width in enumerate(widths)]
+    rule = [
+        "-" * width if i < _TEXTS else "-" * (width - 1) + ":" for i, width in enumerate(widths)
+    ]
     return "\n".join([line(headings), line(rule), *(line(row) for row in rows)])

@@ -16,7 +16,7 @@ from asdfviz.evaluate.evaluate import evaluate_run
 from asdfviz.evaluate.pose_errors import add, error_model
 from asdfviz.evaluate.protocols import MEAN_FIGURES, ProtocolName, gbot_evaluated_parts
 from asdfviz.evaluate.summary import summaries
-from asdfviz.evaluate.tables import escaped, markdown_table, means_table, parts_table
+from asdfviz.evaluate.tables import escaped, markdown_table, means_table
 from asdfviz.evaluate.terminal_table import means_summary, runs_summary
 from asdfviz.geometry.transforms import rotation_about, transform_from
 
@@ -412,9 +412,6 @@ def test_tables(
     assert "&#124;&lt;b&gt;&#123;c&#125;" in lines[2]
     assert "nan" not in markdown_table([report]).lower()
     assert lines[-1].startswith("- a&#124;")
-    rows = parts_table(report).splitlines()
-    assert len(rows) == 2 + len(assembly.parts) + 1
-    assert len({line.count("|") for line in rows}) == 1
 
 
 @pytest.mark.parametrize(
