@@ -144,7 +144,7 @@ def await_shards(
         for crops in folder.fresh(limit=1000):
             pool.add(crops)
         if stop():
-            raise Stopped("nothing was trained yet")
+            raise Stopped("before the first step of this sitting")
         if not alive():
             if len(pool):
                 return
