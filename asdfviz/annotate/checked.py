@@ -24,20 +24,22 @@ class Checked:
     """A truth without its guesses, and how many there were."""
 
     truth: dict[int, FrameTruth]
-    """By frame number: poses where one at least was set, tracked or verified, and states that were set."""
+    """By frame number: poses that were set, tracked or verified, and states that were set."""
     frames: int = 0
-    """Frames that are left out."""
+    """Frames with poses of which nobody touched one; all of them are left out,"""
     poses: int = 0
-    """Poses in the others that nobody touched."""
+    """and poses in the others that nobody touched, which are left out, too."""
 
     @property
     def told(self) -> str:
-        """What was left out, and what nobody touched; empty where there is neither."""
+        """What was left out; empty where nothing was."""
         said: list[str] = []
         if self.frames:
             said.append(f"{counted(self.frames, 'frame')} left out in which nobody checked a pose")
         if self.poses:
-            said.append(f"{counted(self.poses, 'pose')} as the run has them, beside checked ones")
+            said.append(
+                f"{counted(self.poses, 'pose')} left out that nobody checked, beside checked ones"
+            )
         return "; ".join(said)
 
 
@@ -60,13 +62,15 @@ def checked_truth(
     for index, frame in truth.items():
         if index not in labels:
             frame = replace(frame, state=None, is_error=None, attached=None, error=None)
-        if index in touched:
-            poses += len(frame.T_camera_part.keys() - touched[index])
-        else:
-            left_out += bool(frame.T_camera_part)
-            frame = replace(frame, T_camera_part={}, visible={})
-        if index in touched or index in labels:
-            kept[index] = frame
+        mine = {n: T for n, T in frame.T_camera_part.items() if n in touched.get(index, ())}
+        guessed = len(frame.T_camera_part) - len(mine)
+        # Where a part was taken away and the others are guesses, nobody said that nothing is there.
+        says_poses = bool(mine) or (index in touched and not guessed)
+        left_out += bool(guessed) and not says_poses
+        poses += guessed if says_poses else 0
+        if says_poses or index in labels:
+            visible = {n: share for n, share in frame.visible.items() if n in mine}
+            kept[index] = replace(frame, T_camera_part=mine, visible=visible)
     return Checked(kept, left_out, poses)
 
 

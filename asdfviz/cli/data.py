@@ -127,8 +127,8 @@ class Export:
     """What obj_id is in a BOP scene: the parts' names (GBOT) or their numbers (BOP's own tools)."""
 
     unchecked: bool = False
-    """Also frames, and states, that nobody set, tracked or verified, as the run has them that
-    corrections started from."""
+    """Also poses that nobody set, tracked or verified, and states that nobody set, as the run has
+    them that corrections started from."""
 
     def __call__(self) -> None:
         """Export what the annotation holds."""

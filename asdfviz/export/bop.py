@@ -91,7 +91,8 @@ def export_bop(
     _write_json(folder / "camera.json", camera_content(first or source.camera, scale))
     _write_json(folder / "scene_camera.json", cameras)
     known = {i: t for i, t in truth.items() if i not in left_out}
-    posed = {i: t for i, t in known.items() if says_what_is_there(t, gone)}
+    parts = {part for _, part in gone} if source.assembly is None else source.assembly.parts
+    posed = {i: t for i, t in known.items() if says_what_is_there(t, parts, gone)}
     _write_json(folder / "scene_gt.json", {str(i): gt[str(i)] for i in sorted(posed)})
     _write_info(posed, folder)
     _write_json(folder / "states.json", states(known, source.assembly))

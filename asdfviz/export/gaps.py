@@ -25,13 +25,15 @@ def lacking(
     return [part for part in parts if part not in posed and (frame, part) not in gone]
 
 
-def says_what_is_there(frame: FrameTruth, gone: Collection[tuple[int, str]]) -> bool:
+def says_what_is_there(
+    frame: FrameTruth, parts: Iterable[str], gone: Collection[tuple[int, str]]
+) -> bool:
     """Whether a frame's truth tells parts that are there from parts that are not: poses do, and so does
-    a part of which a person said that it is gone, but not a state alone.
+    a person who said of every part that it is gone, but not a state alone.
     """
     if frame.T_camera_part or frame.state is None:
         return True
-    return any(index == frame.frame_index for index, _ in gone)
+    return not lacking(frame.frame_index, (), parts, gone=gone)
 
 
 def told_gaps(
@@ -49,7 +51,7 @@ def told_gaps(
         parts: names of the assembly's parts.
         gone: frame numbers and parts that a person said are not there.
     """
-    said = [i for i in frames if i in truth and says_what_is_there(truth[i], gone)]
+    said = [i for i in frames if i in truth and says_what_is_there(truth[i], parts, gone)]
     counts = Counter(
         part for i in said for part in lacking(i, truth[i].T_camera_part, parts, gone=gone)
     )

@@ -67,7 +67,7 @@ def export_yolo(
     places = [
         place
         for place, index in enumerate(source.frame_indices)
-        if index in truth and says_what_is_there(truth[index], gone)
+        if index in truth and says_what_is_there(truth[index], source.assembly.parts, gone)
     ]
     if not places:
         raise SequenceError(f"no frame of {source.name} has truth to make labels from")

@@ -14,23 +14,36 @@ T = np.eye(4)
 
 def guessed(*frames: int) -> dict[int, FrameTruth]:
     """A run's: both parts, and a state, in every frame."""
-    poses = {"base": T, "lid": T}
-    return {i: FrameTruth(i, poses, state=1, is_error=False, attached=("base",)) for i in frames}
+    return {
+        i: FrameTruth(i, {"base": T, "lid": T}, state=1, is_error=False, attached=("base",))
+        for i in frames
+    }
 
 
-def test_frames_that_nobody_touched_are_guesses(store: AnnotationStore, boxes: Assembly) -> None:
+def test_poses_that_nobody_touched_are_guesses(store: AnnotationStore, boxes: Assembly) -> None:
     store.set_pose(5, "lid", T)
     store.verify(6, "base", T, provenance="method:asdf")
     store.remove_pose(7, "lid")
-    found = checked_truth(store, guessed(4, 5, 6, 7, 8), boxes)
-    assert sorted(found.truth) == [5, 6, 7]
-    assert all(set(frame.T_camera_part) == {"base", "lid"} for frame in found.truth.values())
+    truth = {**guessed(4, 5, 6, 8), 7: FrameTruth(7, {"base": T}, state=1, is_error=False)}
+    found = checked_truth(store, truth, boxes)
+    told = {frame: set(found.truth[frame].T_camera_part) for frame in found.truth}
+    assert told == {5: {"lid"}, 6: {"base"}}
     assert all(frame.state is frame.attached is None for frame in found.truth.values())
-    assert (found.frames, found.poses) == (2, 3)
+    assert (found.frames, found.poses) == (3, 2)
     assert found.told == (
-        "2 frames left out in which nobody checked a pose; "
-        "3 poses as the run has them, beside checked ones"
+        "3 frames left out in which nobody checked a pose; "
+        "2 poses left out that nobody checked, beside checked ones"
     )
+
+
+def test_a_frame_whose_parts_are_all_taken_away_says_so(
+    store: AnnotationStore, boxes: Assembly
+) -> None:
+    for part in ("base", "lid"):
+        store.remove_pose(5, part)
+    found = checked_truth(store, {5: FrameTruth(5, {}, None)}, boxes)
+    assert found == Checked({5: found.truth[5]})
+    assert found.truth[5].T_camera_part == {}
 
 
 def test_a_state_that_was_set_brings_no_poses(store: AnnotationStore, boxes: Assembly) -> None:

@@ -60,12 +60,16 @@ def assert_same_frames(read: list[Frame], written: Sequence) -> None:
             np.testing.assert_allclose(frame.depth, expected.depth, atol=1e-6)
 
 
+def gone_in(frame: int, assembly: Assembly) -> set[tuple[int, str]]:
+    return {(frame, part) for part in assembly.parts}
+
+
 def test_a_state_alone_does_not_say_that_no_part_is_there(
     memory: Sequence, assembly: Assembly, tmp_path: Path
 ) -> None:
     only = {i: FrameTruth(i, {}, state=1, is_error=False) for i in memory.frame_indices[:2]}
     first, second = only
-    export_bop(memory, only, tmp_path / "out", gone={(second, "jaw")})
+    export_bop(memory, only, tmp_path / "out", gone={(first, "jaw")} | gone_in(second, assembly))
     assert json.loads((tmp_path / "out" / "scene_gt.json").read_text()) == {str(second): []}
     read = read_back(tmp_path / "out", assembly)[1]
     assert {i: frame.state for i, frame in read.items()} == {first: 1, second: 1}

@@ -55,6 +55,9 @@ def test_a_frame_of_which_only_the_state_is_known_is_no_background(
     export_yolo(sequence, known, tmp_path)
     assert [file.name for file in (tmp_path / "images").iterdir()] == ["000000.png"]
     export_yolo(sequence, known, tmp_path, gone={(5, "jaw")})
+    assert not (tmp_path / "labels" / "000005.txt").exists()  # where the others are, nobody said
+    assert sequence.assembly is not None
+    export_yolo(sequence, known, tmp_path, gone={(5, part) for part in sequence.assembly.parts})
     assert (tmp_path / "labels" / "000005.txt").read_text() == ""
 
 
