@@ -34,7 +34,7 @@ ONLY_IN = {
     "tyro": {"cli"},
     "manifold3d": {"synth", "data"},
 }
-DISTRIBUTION = {"cv2": "opencv-python-headless", "yaml": "pyyaml"}
+DISTRIBUTION = {"PIL": "pillow", "cv2": "opencv-python-headless", "yaml": "pyyaml"}
 """Packages that go by other names where they are installed from."""
 
 

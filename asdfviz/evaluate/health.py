@@ -1,8 +1,8 @@
 """The sanity gate: looks a sequence over for what makes every later result wrong.
 
 Units, intrinsics, mesh sizes, gaps, images cut off, missing depth, and depth that is shifted against
-colour. It looks at a dozen frames at most and at how the other images end, so that the app can run
-it on opening.
+colour. It looks at a dozen frames at most and at how the other images begin and end, so that the app can
+run it on opening.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from asdfviz.evaluate.health_depth import (
     median_depth,
 )
 from asdfviz.evaluate.health_files import (
+    check_alike,
     check_assembly,
     check_numbering,
     check_objects,
@@ -68,12 +69,13 @@ def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> H
     places = spread(len(source), MOST_FRAMES)
     tell = progress or _untold
     frames, unread = _read_frames(source, places, tell)
+    findings = list(check_alike(source)) if isinstance(source, FolderSequence) else []
     images_wh = None if frames else _common_size(unread)
     if images_wh is None:
-        findings = list(_check_sizes(unread, len(places)))
+        findings += _check_sizes(unread, len(places))
         findings += check_intrinsics(source.camera)
     else:
-        findings = [size_finding(source.camera, images_wh)]
+        findings.append(size_finding(source.camera, images_wh))
     findings += check_unread(unread, source)
     findings += check_numbering(source.frame_indices)
     if isinstance(source, FolderSequence):

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterator
 from collections.abc import Sequence as Rows
 from itertools import pairwise
 from pathlib import Path
+
+from PIL import Image
 
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.images import ImageSizeError
@@ -76,6 +79,34 @@ def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
             f"{some(files.ignored)}. Name them like 000000.png.",
             float(len(files.ignored)),
         )
+
+
+def check_alike(sequence: FolderSequence) -> Iterator[Finding]:
+    """Name the images of another size than most of their kind; only the beginning of each file is read."""
+    for kind, images in (("colour", sequence.files.rgb), ("depth", sequence.files.depth)):
+        sizes = {file: _size_wh(file) for file in images.values()}
+        counts = Counter(size for size in sizes.values() if size is not None)
+        if len(counts) < 2:
+            continue
+        (width, height), _ = counts.most_common(1)[0]
+        others = {f: s for f, s in sizes.items() if s is not None and s != (width, height)}
+        named = some(f"{f.parent.name}/{f.name} ({w} x {h})" for f, (w, h) in others.items())
+        yield Finding(
+            "size_mismatch",
+            "error",
+            f"{len(others)} of {counted(len(sizes), f'{kind} image')} not {width} x {height} as the others: "
+            f"{named}. Copy them again, or take them out.",
+            float(len(others)),
+        )
+
+
+def _size_wh(image: Path) -> tuple[int, int] | None:
+    """Width and height that a file begins with; None where it cannot be told."""
+    try:
+        with Image.open(image) as opened:
+            return opened.size
+    except OSError:
+        return None
 
 
 def check_unread(unread: Rows[SequenceError], sequence: Sequence) -> Iterator[Finding]:

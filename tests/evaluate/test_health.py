@@ -438,8 +438,23 @@ def test_sizes_that_differ_are_a_finding_not_an_error(folder: Path, kind: str) -
     report = check_sequence(Prefetcher(open_sequence(folder)))
     finding = only(report, "size_mismatch")
     assert (finding.severity, finding.value) == ("error", 1.0)
-    assert f"{kind}/000002.png is 320 x 240 pixels, but the camera is 640 x 480" in finding.message
+    assert "not 640 x 480 as the others" in finding.message
+    assert f"{kind}/000002.png (320 x 240)" in finding.message
     assert report.findings[0] is finding
+
+
+def test_another_size_is_seen_in_frames_that_are_not_looked_at(folder: Path) -> None:
+    for kind in ("rgb", "depth"):
+        first = folder / kind / "000000.png"
+        for number in range(100, 140):
+            shutil.copy(first, folder / kind / f"{number:06d}.png")
+    sequence = open_sequence(folder)
+    unseen = max(set(range(len(sequence))) - set(spread(len(sequence), 12)))
+    file = folder / "depth" / f"{sequence.frame_indices[unseen]:06d}.png"
+    cv2.imwrite(str(file), np.full((240, 320), 700, np.uint16))
+    message = only(check_sequence(sequence), "size_mismatch").message
+    assert "depth images not 640 x 480 as the others" in message
+    assert f"depth/{file.name} (320 x 240)" in message
 
 
 @pytest.mark.parametrize(
