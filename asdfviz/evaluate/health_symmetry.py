@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from asdfviz.datatypes import Assembly, Mesh, Part
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.evaluate.pose_errors import NearestPoints, nearest_points
 from asdfviz.geometry.sampling import surface_middle, surface_points
-from asdfviz.geometry.shapes import Points, Vector
+from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, turn_about
 from asdfviz.state.twins import twin_groups
 
@@ -24,6 +24,8 @@ OF_SURFACE = 99.0
 FREE_TURNS = (0.7, 1.9, 2.6)
 """Angles that no part with a few like sides is turned onto itself by, radians."""
 MOST_FOLDS = 12
+MOST_TURNS = 60
+"""No body with edges has more turns, but prisms of many sides."""
 PARALLEL = math.cos(math.radians(5.0))
 
 
@@ -49,10 +51,54 @@ def check_symmetries(assembly: Assembly) -> Iterator[Finding]:
             "warning",
             f"{' and '.join(names)} look{'' if names[1:] else 's'} the same turned {how}, through ({x:.1f}, {y:.1f}, "
             f"{z:.1f}) mm, but has no 'symmetries': turned poses will count as wrong, and networks "
-            "are taught what cannot be seen. Declare them in assembly.yaml, unless marks or colours "
-            "tell the sides apart.",
+            "are taught what cannot be seen. Unless marks or colours tell the sides apart, give it in "
+            f"assembly.yaml (lengths in mm) symmetries: {declared(part.mesh, turns)}",
             float(len(turns)),
         )
+
+
+def declared(mesh: Mesh, turns: Sequence[Turn]) -> str:
+    """Turns about the middle of a mesh's surface as assembly.yaml takes them, lengths in mm.
+
+    Turns that follow from others are there as well, but for those that a free turn gives.
+    """
+    middle = surface_middle(mesh.vertices, mesh.faces)
+    free = [turn.axis for turn in turns if turn.folds == 0]
+    steps = [
+        turn_about(turn.axis, middle, 2 * math.pi / turn.folds) for turn in turns if turn.folds
+    ]
+    said: list[str] = []
+    if free:
+        steps = [T for T in steps if free[0] @ T[:3, :3] @ free[0] < -PARALLEL][:1]
+        offset = _listed(1e3 * middle)
+        axes = [f"{{axis: {_listed(axis)}, offset: {offset}}}" for axis in free]
+        said.append(f"continuous: [{', '.join(axes)}]")
+    rows = [_listed(_in_mm(T).reshape(-1)) for T in _generated(steps)]
+    if rows:
+        said.append(f"discrete: [{', '.join(rows)}]")
+    return f"{{{', '.join(said)}}}"
+
+
+def _generated(steps: Sequence[Transform]) -> list[Transform]:
+    """Every transform that these give when done one after the other, but the identity."""
+    found: list[Transform] = [np.eye(4)]
+    for T in found:  # grows while it is read
+        for step in steps:
+            product = step @ T
+            known = any(np.abs(product - other)[:3, :3].max() < 0.05 for other in found)
+            if not known and len(found) <= MOST_TURNS:
+                found.append(product)
+    return found[1:]
+
+
+def _in_mm(T: Transform) -> Transform:
+    scaled = T.copy()
+    scaled[:3, 3] *= 1e3
+    return scaled
+
+
+def _listed(numbers: np.ndarray) -> str:
+    return f"[{', '.join(f'{x:.6g}' for x in numbers.round(5) + 0.0)}]"
 
 
 def own_turns(part: Part) -> tuple[Turn, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from asdfviz.data.resources import bundled_assemblies
 from asdfviz.datatypes import Assembly, Joint, Mesh, Part, State
 from asdfviz.evaluate.health_assembly import check_assembly_alone
 from asdfviz.evaluate.health_report import Kind
-from asdfviz.evaluate.health_symmetry import own_turns
+from asdfviz.evaluate.health_symmetry import declared, own_turns
+from asdfviz.evaluate.pose_errors import nearest_points
 from asdfviz.geometry.sampling import diameter
 from asdfviz.geometry.symmetry import Axis, Symmetries
 from asdfviz.geometry.transforms import apply, rotation_about, transform_from, turn_about
@@ -169,6 +171,33 @@ def test_turns_of_a_part_onto_itself_are_found(
         assert named.get("z") == folds.get("z")
     else:
         assert named == folds
+
+
+@pytest.mark.parametrize(
+    ("mesh", "discrete", "continuous"),
+    [
+        (box((0.02, 0.03, 0.05)), 3, 0),
+        (box((0.03, 0.03, 0.05)), 7, 0),
+        (cylinder(64), 1, 1),
+        (cylinder(64, bump=True), 1, 0),
+    ],
+)
+def test_what_to_declare_is_told_as_the_file_takes_it(
+    mesh: Mesh, discrete: int, continuous: int, tmp_path: Path
+) -> None:
+    moved = Mesh(mesh.vertices + np.array([0.02, 0.01, 0.4]), mesh.faces)
+    trimesh.Trimesh(1e3 * moved.vertices, moved.faces).export(tmp_path / "one.ply")
+    said = declared(moved, own_turns(part("one", moved, Symmetries())))
+    about = (
+        f"{{name: a, unit: mm, base: one, parts: {{one: {{mesh: one.ply, symmetries: {said}}}}}, "
+    )
+    (tmp_path / "assembly.yaml").write_text(f"{about}states: [{{name: one}}]}}")
+    found = load_assembly(str(tmp_path)).parts["one"].symmetries
+    assert (len(found.discrete), len(found.continuous)) == (discrete, continuous)
+    places = nearest_points(moved.vertices)
+    for S in found.transforms(step=0.7):
+        corners = apply(S, moved.vertices)
+        assert continuous or places.query(corners)[0].max() < 5e-4
 
 
 def test_symmetries_that_are_not_declared_are_told_once_for_copies() -> None:
