@@ -20,7 +20,7 @@ from asdfviz.data.csv_layout import NO_SCORE, read_lines
 from asdfviz.data.hashes import file_sha256
 from asdfviz.data.run_files import load_run
 from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run, Sequence
-from asdfviz.errors import RunError, counted
+from asdfviz.errors import RunError, counted, some
 from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.geometry.transforms import is_rigid, orthonormalized, transform_from
 
@@ -95,6 +95,11 @@ def read_result_csv(
             continue
         where, time_unit = f"{path} line {number}", 1.0 if is_bop else 1e-3
         rows.append(_parse_row(cells, part, where=where, time_unit=time_unit))
+    if not any(row.T_camera_part is not None for row in rows):
+        strangers = f": its objects are {some(sorted(unknown))}" if unknown else ""
+        raise RunError(
+            f"{path} has no pose of a known part{strangers}; {assembly.name} has {some(known)}"
+        )
     predictions = _predictions(rows, sequence, path, is_bop=is_bop)
     is_started = predictions[0].frame_index != sequence.frame_indices[0]
     notes = [] if is_bop else [_told_gbot(path, predictions, sequence)]
@@ -231,8 +236,6 @@ def _predictions(
             row.part not in of_frame or row.score > of_frame[row.part].score
         ):
             of_frame[row.part] = row
-    if not any(best.values()):
-        raise RunError(f"{path} has no pose of a known part; is it of another assembly?")
     start, spread = min(sequence.frame_indices if is_bop else best), _spread(rows)
     return tuple(
         _prediction(i, best.get(i, {}), spread) for i in sequence.frame_indices if i >= start

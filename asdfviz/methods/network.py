@@ -113,8 +113,8 @@ def load_detector(
     path = weights_path(config, assembly)
     if not path.is_file():
         raise WeightsError(
-            f"no weights for '{assembly.name}' at {path}: train them with "
-            f"`asdfviz train --assembly {assembly.path}`, or name a file with --detector.weights"
+            f"no weights for '{assembly.name}' at {path}: train some (`asdfviz train --assembly "
+            f"{assembly.path} --fresh 500 --out FOLDER`), or name a file with --detector.weights"
         )
     from asdfviz.detector.detector import Detector, DetectorConfig
     from asdfviz.detector.device import require_device

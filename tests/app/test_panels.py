@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -30,6 +31,7 @@ from asdfviz.evaluate.health_report import Finding
 from asdfviz.evaluate.worst import TOLD
 from asdfviz.geometry.transforms import rotation_about
 from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.icg import IcgConfig
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 from asdfviz.state.fusion import FusionConfig
 
@@ -330,12 +332,27 @@ def test_results_open_where_nothing_is_known_to_be_right_any_more(with_run: Work
 
 
 def test_a_method_that_needs_truth_cannot_be_run_without(with_run: Workspace) -> None:
-    given = {"icg": MethodSpec("icg", "Tracks", AsdfConfig, "x:Y", initial="first_frame_truth")}
+    given = {"icg": MethodSpec("icg", "Tracks", IcgConfig, "x:Y", initial="first_frame_truth")}
     assert "ax-disabled" not in methods.content(snapshot(with_run), given)
     with_run.truths = (None, *with_run.truths[1:])
     html = methods.content(snapshot(with_run), given)
-    assert html.count("ax-disabled") == 2
+    assert html.count("ax-disabled") == 1
     assert "Tracks. Not here: it starts from the truth of the first frame" in html
+
+
+def test_a_method_without_weights_cannot_be_run_but_they_can_be_named(
+    with_run: Workspace, tmp_path: Path
+) -> None:
+    given = {"asdf": MethodSpec("asdf", "Finds", AsdfConfig, "x:Y")}
+    own = tmp_path / "own" / "assembly.yaml"
+    with_run.assembly = replace(with_run.assembly, path=str(own))
+    html = methods.content(snapshot(with_run), given)
+    assert html.count("ax-disabled") == 1
+    assert "Finds. Not here: no weights lie beside the assembly" in html
+    named = {"asdf": {"detector.weights": "w.safetensors"}}
+    assert "Not here" not in methods.content(snapshot(with_run, options=named), given)
+    (tmp_path / "weights.safetensors").touch()
+    assert "ax-disabled" not in methods.content(snapshot(with_run), given)
 
 
 def test_every_stage_of_a_pose_has_words() -> None:

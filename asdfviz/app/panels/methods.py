@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 
 from asdfviz.app import theme
@@ -11,8 +12,10 @@ from asdfviz.app.options import differences, label_of
 from asdfviz.app.panels import job_box
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import TRUTH, View
+from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import counted
+from asdfviz.methods.network import NetworkConfig, weights_path
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 from asdfviz.run import resolved_config
 
@@ -123,30 +126,42 @@ def _method(name: str, spec: MethodSpec | BrokenMethod, snap: Snapshot) -> str:
         )
     job = snap.workspace.job
     busy = job is not None and job.is_active
-    needs = spec.initial == "first_frame_truth"
-    summary = spec.summary.rstrip(".") + "."
-    if needs and snap.workspace.truths[0] is None:
-        busy = True
-        summary += " Not here: it starts from the truth of the first frame, and there is none."
-    elif needs and "truth" not in summary:
+    chosen = snap.view.options.get(name, {})
+    lacking = _lacking(spec, snap.workspace, chosen)
+    summary = f"{spec.summary.rstrip('.')}.{f' Not here: {lacking}.' if lacking else ''}"
+    if spec.initial == "first_frame_truth" and "truth" not in summary:
         summary += " Starts from the truth of the first frame."
-    disabled = " ax-disabled" if busy else ""
-    changed = len(snap.view.options.get(name, {}))
+    changed = len(chosen)
     options = button(
         f"Options ({changed})" if changed else "Options",
         act("AskOptions", method=name),
         title=f"Weights, image size and more, before {spec.name} is run",
-        classes=f"ax-plain{disabled}",
+        classes=f"ax-plain{' ax-disabled' if busy else ''}",
         testid=f"options-{name}",
     )
     go = button(
         "Run",
         act("RunMethod", method=name),
         title=f"Run {spec.name} on this sequence",
-        classes=f"ax-primary{disabled}",
+        classes=f"ax-primary{' ax-disabled' if busy or lacking else ''}",
         testid=f"run-{name}",
     )
     return (
         f'<div class="ax-item"><span class="ax-main"><b>{text(spec.name)}</b>'
         f"<small>{text(summary)}</small></span>{options}{go}</div>"
+    )
+
+
+def _lacking(spec: MethodSpec, workspace: Workspace, chosen: Mapping[str, str]) -> str:
+    """What a method lacks to be run on this sequence; empty where it can be."""
+    if spec.initial == "first_frame_truth" and workspace.truths[0] is None:
+        return "it starts from the truth of the first frame, and there is none"
+    needs_weights = any(field.name == "detector" for field in dataclasses.fields(spec.config))
+    if not needs_weights or "detector.weights" in chosen:
+        return ""
+    if weights_path(NetworkConfig(), workspace.assembly).is_file():
+        return ""
+    return (
+        "no weights lie beside the assembly; train some (asdfviz train), or name a file under Options. "
+        "Annotate needs none"
     )
