@@ -16,9 +16,9 @@ from asdfviz.cli.progress import progress_bar
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Judge runs against truth: a table on a terminal; where stdout is none, or with --json, all as JSON.
+    """Judge runs against truth, and print a table.
 
-    Where stdout is no terminal, the table goes to stderr.
+    In a pipe or to a file all figures go as JSON, and the table to stderr; --json prints them alone.
 
     Example: asdfviz evaluate runs/asdf runs/mine --format latex
 

@@ -219,6 +219,19 @@ def test_the_readme_s_own_method_runs_as_written(
     assert pooled["residual_mm_median"] < 100  # the base is put among the depth that was measured
 
 
+def test_the_readme_s_script_runs_as_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    indented = re.search(r"^    # poses\.py\n.*?^    save_run.*?$", README.read_text(), re.M | re.S)
+    assert indented is not None
+    monkeypatch.chdir(tmp_path)
+    exec(textwrap.dedent(indented.group()), {})
+    said = capsys.readouterr().out.splitlines()
+    assert "0 base" in said
+    assert sum(line.startswith("jaw 0.") for line in said) == 3
+    assert exit_code("evaluate", "my_run", "--json") == 0
+
+
 FAILING = """
 from dataclasses import dataclass
 from asdfviz.datatypes import FramePrediction
