@@ -82,24 +82,19 @@ def read_result_csv(
     """
     lines, is_bop = read_lines(path)
     first = 1 if is_bop else 0
-    known = _parts_by_id(assembly)
     wanted = _wanted_scene(path, lines[first:], scene, folder=Path(sequence.path).name)
     rows: list[_Row] = []
     unknown: Counter[str] = Counter()
+    known, time_unit = _parts_by_id(assembly), 1.0 if is_bop else 1e-3
     for number, cells in enumerate(lines[first:], start=first + 1):
         if cells[0].strip() != wanted:
             continue
         part = known.get(cells[2].strip())
         if part is None:
             unknown[cells[2].strip()] += 1
-            continue
-        where, time_unit = f"{path} line {number}", 1.0 if is_bop else 1e-3
-        rows.append(_parse_row(cells, part, where=where, time_unit=time_unit))
-    if not any(row.T_camera_part is not None for row in rows):
-        strangers = f": its objects are {some(sorted(unknown))}" if unknown else ""
-        raise RunError(
-            f"{path} has no pose of a known part{strangers}; {assembly.name} has {some(known)}"
-        )
+        else:
+            rows.append(_parse_row(cells, part, f"{path} line {number}", time_unit=time_unit))
+    _require_poses(rows, unknown, assembly, path)
     predictions = _predictions(rows, sequence, path, is_bop=is_bop)
     is_started = predictions[0].frame_index != sequence.frame_indices[0]
     notes = [] if is_bop else [_told_gbot(path, predictions, sequence)]
@@ -119,6 +114,13 @@ def read_result_csv(
         initial="first_frame_truth" if is_started else "none",
         says_states=False,
     )
+
+
+def _require_poses(rows: Rows[_Row], unknown: Counter[str], assembly: Assembly, path: Path) -> None:
+    if not any(row.T_camera_part is not None for row in rows):
+        strangers = f": its objects are {some(sorted(unknown))}" if unknown else ""
+        ids = some(_parts_by_id(assembly))
+        raise RunError(f"{path} has no pose of a known part{strangers}; {assembly.name} has {ids}")
 
 
 def _parts_by_id(assembly: Assembly) -> dict[str, str]:
@@ -187,7 +189,7 @@ def _noted(notes: list[str], rows: Rows[_Row], frames: int) -> dict[str, object]
     return {**found, NOTES: notes} if notes else found
 
 
-def _parse_row(cells: Rows[str], part: str, *, where: str, time_unit: float) -> _Row:
+def _parse_row(cells: Rows[str], part: str, where: str, *, time_unit: float) -> _Row:
     frame = cells[1].strip()
     if not (frame.isascii() and frame.isdigit()):
         raise RunError(f"{where}: the frame is '{cells[1]}', expected a number")

@@ -2,6 +2,7 @@
 
     rgb/NNNNNN.*  depth/NNNNNN.png  camera.json  scene_camera.json  scene_gt.json
     scene_gt_info.json  states.json  models_info.json  sequence.json
+    model/assembly.yaml  model/parts/*.ply    of an assembly that does not ship with the program
 
 `data.sequences.open_sequence` reads it back: poses and states are equal to what was written.
 """
@@ -15,12 +16,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from asdfviz.data.assembly_writer import write_assembly
 from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.data.encoding import encoded
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.json_files import read_json
 from asdfviz.data.prefetch import Prefetcher
-from asdfviz.data.resources import bundled_assemblies
+from asdfviz.data.resources import bundled_assemblies, way_to_assembly
 from asdfviz.data.scene_files import RGB_SUFFIXES
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
@@ -38,6 +40,8 @@ from asdfviz.export.readable import readable_frames
 
 _GENERATOR = "asdfviz export"
 _SEQUENCE = "sequence.json"
+_MODEL = "model"
+"""Folder of an export's own copy of the assembly."""
 
 
 def export_bop(
@@ -82,7 +86,7 @@ def export_bop(
     for frame in readable_frames(source, range(len(source)), left_out, progress=progress):
         if first is None:
             # Named first, so that an export that was cut off can be repeated in its folder.
-            _write_json(folder / _SEQUENCE, about_export(source))
+            _write_json(folder / _SEQUENCE, about_export(source) | _with_model(source, folder))
         camera, scale = _write_images(source, frame, folder)
         cameras[str(frame.index)] = scene_camera_entry(camera, scale)
         first = first or camera
@@ -172,6 +176,16 @@ def _assembly_reference(assembly: Assembly) -> str:
         if Path(assembly.path).resolve() == file.resolve():
             return name
     return assembly.path
+
+
+def _with_model(source: Sequence, folder: Path) -> dict[str, object]:
+    """Copy an assembly of one's own into an export, so that it can be read elsewhere; what sequence.json
+    says of it. Here the original is found first, with the weights beside it."""
+    assembly = source.assembly
+    if assembly is None or _assembly_reference(assembly) != assembly.path:
+        return {}
+    write_assembly(assembly, folder / _MODEL)
+    return {"assembly": _MODEL, **way_to_assembly(assembly, folder)}
 
 
 def _write_images(source: Sequence, frame: Frame, folder: Path) -> tuple[Camera, float]:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
+from asdfviz.data.assembly import load_assembly
+from asdfviz.data.assembly_writer import write_assembly
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Frame, FrameTruth, Sequence
@@ -215,6 +218,23 @@ def test_truth_that_does_not_fit_is_refused_before_anything_is_written(
     with pytest.raises(SequenceError, match=message):
         export_bop(memory, wrong, tmp_path / "out")
     assert not (tmp_path / "out").exists()
+
+
+def test_an_export_can_be_read_where_its_assembly_is_not(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    home = write_assembly(assembly, tmp_path / "home")
+    vars(memory)["assembly"] = load_assembly(str(home))
+    export_bop(memory, truth, tmp_path / "out")
+    here = open_sequence(tmp_path / "out").assembly
+    assert here is not None
+    assert Path(here.path) == home
+    shutil.move(tmp_path / "out", tmp_path / "elsewhere" / "out")
+    shutil.rmtree(tmp_path / "home")
+    moved = open_sequence(tmp_path / "elsewhere" / "out")
+    assert moved.assembly is not None
+    assert list(moved.assembly.parts) == list(assembly.parts)
+    assert str(tmp_path / "home") not in (Path(moved.path) / "sequence.json").read_text()
 
 
 def test_exporting_again_leaves_nothing_of_frames_that_are_gone(
