@@ -9,6 +9,7 @@ from asdfviz.app.job_actions import (
     AskOptions,
     Evaluate,
     Export,
+    FitPart,
     RunMethod,
     StopRun,
     StopTracking,
@@ -273,6 +274,6 @@ Action: TypeAlias = (
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
     | CycleStep | MovePart | TypePose | CopyPrevious | PlacePart | PlaceJoined | RevertPart | RemovePart | VerifyPart | Cancel
     | SetState | NextState | RepeatState | ClearState | SetRange | MarkRange
-    | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | StopTracking | ToggleKeys | DismissWelcome
+    | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | FitPart | StopTracking | ToggleKeys | DismissWelcome
     | ByKey | Resized | Drifted | Changed
 )  # fmt: skip

@@ -63,6 +63,7 @@ KINDS: Mapping[str, type] = {
         actions.Evaluate,
         actions.Export,
         actions.TrackPart,
+        actions.FitPart,
         actions.StopTracking,
         actions.ToggleKeys,
         actions.DismissWelcome,

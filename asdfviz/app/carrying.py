@@ -23,7 +23,7 @@ from asdfviz.app.timeline import stretches
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Frame
-from asdfviz.errors import AnnotationError, Stopped, some
+from asdfviz.errors import AnnotationError, Stopped, counted, some
 from asdfviz.evaluate.health_shift import spread
 from asdfviz.geometry.shapes import Transform
 from asdfviz.methods.tracking import load_bodies
@@ -116,7 +116,10 @@ class CarryJob(BackgroundJob):
         super().__init__(workspace, "carrying", thread="carry")
         self._carry = carry
         self._told = 0.0
-        self._set(JobStatus(carry.label, "running", total=carry.total))
+        self._begun = JobStatus(
+            carry.label, "running", total=carry.total, told=f"Tracking {carry.label}"
+        )
+        self._set(self._begun)
 
     def _work(self) -> None:
         carry = self._carry
@@ -127,14 +130,15 @@ class CarryJob(BackgroundJob):
             count = self._keep(found)
             lost = self._lost_in(found)
         except Stopped:
-            self._set(JobStatus(carry.label, "stopped", total=carry.total))
+            self._set(replace(self._begun, state="stopped"))
         else:
-            end = JobStatus(carry.label, "done", done=count, total=carry.total, message=lost)
+            told = f"{carry.label} tracked to {counted(count, 'frame')}"
+            end = replace(self._begun, state="done", done=count, message=lost, told=told)
             self._set(replace(end, part=carry.part, version=self._workspace.store.version()))
 
     def _fail(self, message: str) -> None:
         carry = self._carry
-        self._set(JobStatus(carry.label, "failed", total=carry.total, message=message))
+        self._set(replace(self._begun, state="failed", message=message))
         said = Message(f"{carry.label} could not be tracked", message, is_problem=True)
         self._workspace.say(said)
 
@@ -234,4 +238,5 @@ class CarryJob(BackgroundJob):
         if now - self._told < TOLD_EVERY and done < total:
             return
         self._told = now
-        self._set(JobStatus(self._carry.label, self._state, done, total, preparing=preparing))
+        status = replace(self._begun, state=self._state, done=done, total=total)
+        self._set(replace(status, preparing=preparing))

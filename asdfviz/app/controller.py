@@ -20,6 +20,7 @@ from asdfviz.app.carrying import plan
 from asdfviz.app.desk import Burst, NothingLeft, dragged
 from asdfviz.app.display import Display
 from asdfviz.app.editing import Edits, apply_edit, gap_beside, told_gap, use_base
+from asdfviz.app.fitting import plan_fit
 from asdfviz.app.inbox import Inbox
 from asdfviz.app.jobs import Background
 from asdfviz.app.options import config_from
@@ -208,6 +209,8 @@ class Controller:
                 self._background.stop()
             case act.TrackPart():
                 self._background.track(plan(self._workspace, self.view, action.direction))
+            case act.FitPart():
+                self._background.fit(plan_fit(self._workspace, self.view))
             case act.StopTracking():
                 self._background.stop_tracking()
             case act.Evaluate():
@@ -263,7 +266,7 @@ class Controller:
         carrying = self._workspace.carrying
         if carrying is not None and carrying is not self._carrying and carrying.state == "done":
             lost = f"; {carrying.message}" if carrying.message else ""
-            self._status = f"{carrying.tracked}, saved{lost}"
+            self._status = f"{carrying.told}, saved{lost}"
         self._carrying = carrying
 
     def _play(self) -> None:

@@ -12,7 +12,7 @@ _VERBS = {
     "verify": "verified",
     "drop_pose": "drop of the correction of",
 }
-_PLACED = {"placed": "placed", "copied": "copied"}
+_PLACED = {"placed": "placed", "copied": "copied", "fitted": "fitted"}
 """The same of poses by their provenance."""
 _DERIVATIONS = {TRACKED: "tracking", BY_STATE: "placing by the state"}
 NAMED = 2

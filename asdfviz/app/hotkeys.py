@@ -101,6 +101,7 @@ HOTKEYS: tuple[Hotkey, ...] = (
     Hotkey("Correct", "Drop the correction", act.RevertPart(), "backspace", "shift"),
     Hotkey("Correct", "The pose is right: verified", act.VerifyPart(), "V"),
     Hotkey("Correct", "The part is not in the frame", act.RemovePart(), "delete"),
+    Hotkey("Correct", "Fit the part to the picture", act.FitPart(), "F"),
     Hotkey("Correct", "Track the part from here on", act.TrackPart("forward"), "R"),
     Hotkey("Correct", "Track the part from here back", act.TrackPart("back"), "R", "shift"),
     Hotkey("Correct", "Undo", act.Undo(), "Z", "cmd/ctrl"),

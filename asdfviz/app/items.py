@@ -10,7 +10,6 @@ import numpy as np
 
 from asdfviz.app import theme
 from asdfviz.datatypes import FramePrediction, Run, Stage
-from asdfviz.errors import counted
 from asdfviz.geometry.shapes import Transform
 
 ANNOTATION = "annotation"
@@ -63,6 +62,8 @@ class JobStatus:
     """Of tracking: the part that was selected."""
     version: int = 0
     """Of the annotation once it had ended: later it may no longer be as was told."""
+    told: str = ""
+    """Of tracking and fitting: what is being done, then what came of it, in words."""
     preparing: bool = False
     """`done` and `total` count views of the parts that the method needs made first, not frames."""
 
@@ -70,11 +71,6 @@ class JobStatus:
     def is_active(self) -> bool:
         """Whether it still works."""
         return self.state in ("running", "stopping")
-
-    @property
-    def tracked(self) -> str:
-        """What tracking came to, in words."""
-        return f"{self.method} tracked to {counted(self.done, 'frame')}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,5 +51,10 @@ class TrackPart:
 
 
 @dataclass(frozen=True, slots=True)
+class FitPart:
+    """Settle the selected part in this frame by its contours and depth."""
+
+
+@dataclass(frozen=True, slots=True)
 class StopTracking:
-    """Stop carrying poses; nothing is changed then."""
+    """Stop carrying or settling poses; nothing is changed then."""

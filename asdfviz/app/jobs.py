@@ -9,6 +9,7 @@ from typing import Any
 from asdfviz.annotate.records import gone_of
 from asdfviz.app.by_state import told_off
 from asdfviz.app.carrying import Carry, CarryJob
+from asdfviz.app.fitting import Fit, FitJob
 from asdfviz.app.items import LoadedRun, Message
 from asdfviz.app.method_job import MethodJob
 from asdfviz.app.truths import exported_truth, truth_of
@@ -31,7 +32,7 @@ class Background:
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
         self._job: MethodJob | None = None
-        self._carrying: CarryJob | None = None
+        self._carrying: CarryJob | FitJob | None = None
         self._lock = threading.Lock()
 
     def run(self, spec: MethodSpec, config: object | None = None) -> None:
@@ -60,11 +61,22 @@ class Background:
         Raises:
             MethodError: a tracker is at work already.
         """
+        self._begin(lambda: CarryJob(self._workspace, carry))
+
+    def fit(self, fit: Fit) -> None:
+        """Begin to settle a part in a frame.
+
+        Raises:
+            MethodError: a tracker is at work already.
+        """
+        self._begin(lambda: FitJob(self._workspace, fit))
+
+    def _begin(self, job: Callable[[], CarryJob | FitJob]) -> None:
         with self._lock:
             status = self._workspace.carrying
             if status is not None and status.is_active:
-                raise MethodError(f"{status.method} is still being tracked: cancel it or wait")
-            self._carrying = CarryJob(self._workspace, carry)
+                raise MethodError(f"{status.told} still goes on: cancel it or wait")
+            self._carrying = job()
             self._carrying.start()
 
     def stop_tracking(self) -> None:

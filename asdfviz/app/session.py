@@ -255,4 +255,5 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.NextState: _pause,
     act.RepeatState: _pause,
     act.TrackPart: _pause,
+    act.FitPart: _pause,
 }

@@ -15,6 +15,8 @@ from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import carrying
 from asdfviz.app.carrying import Carry, plan
 from asdfviz.app.editing import gap_beside
+from asdfviz.app.fitting import FITTED, plan_fit
+from asdfviz.app.history import in_words
 from asdfviz.app.jobs import Background
 from asdfviz.app.panels import tracking
 from asdfviz.app.snapshot import take
@@ -198,6 +200,45 @@ def test_where_a_part_was_lost_is_told(opened: Open, otherwise: str) -> None:
     assert gap_beside(view, workspace, 1) == 5
 
 
+@pytest.mark.parametrize("with_depth", [True, False])
+def test_a_rough_pose_is_fitted_to_the_picture_and_undone_in_one_step(
+    opened: Open, with_depth: bool
+) -> None:
+    workspace, view = opened(with_depth=with_depth), View(place=2, selected="jaw")
+    rough = pose_of(workspace.assembly, 2) @ transform_from(
+        rotation_about(np.array([1.0, 0, 0]), 0.05), np.array([0.003, -0.002, 0])
+    )
+    workspace.store.set_pose(FIRST + 2, "jaw", rough, provenance="placed")
+    before = off_mm(workspace, 2)
+    Background(workspace).fit(plan_fit(workspace, view))
+    status = ended(workspace)
+    assert (status.state, status.part) == ("done", "jaw")
+    assert status.told.startswith("jaw fitted to the picture, moved by ")
+    assert off_mm(workspace, 2) < min(2.5, 0.6 * before)
+    assert workspace.store.poses(FIRST + 2)[FIRST + 2, "jaw"].provenance == FITTED
+    html = tracking.content(take(workspace, view, frame=None))
+    assert f"✓ {status.told}. Undo takes it back." in html
+    (undone,) = workspace.store.undo()
+    assert in_words([undone]) == f"fitted jaw in frame {FIRST + 2}"
+    assert off_mm(workspace, 2) == pytest.approx(before)
+
+
+def test_what_cannot_be_fitted_is_said_and_stays(opened: Open) -> None:
+    workspace = opened(gone_from=0)
+    with pytest.raises(AnnotationError, match="no part is selected"):
+        plan_fit(workspace, View(place=2))
+    with pytest.raises(AnnotationError, match=rf"jaw has no pose in frame {FIRST + 2} to begin"):
+        plan_fit(workspace, View(place=2, selected="jaw"))
+    annotate(workspace, 2)
+    edits = len(workspace.store.history())
+    Background(workspace).fit(plan_fit(workspace, View(place=2, selected="jaw")))
+    status = ended(workspace)
+    assert status.state == "failed"
+    assert "agree with no place near" in status.message
+    assert workspace.messages[-1].title == "jaw could not be fitted"
+    assert len(workspace.store.history()) == edits
+
+
 def test_a_tracked_pose_that_is_tracked_on_from_stays(opened: Open) -> None:
     workspace = opened()
     annotate(workspace, 3, provenance=TRACKED)
@@ -271,7 +312,7 @@ def test_cancelling_changes_nothing(opened: Open, monkeypatch: pytest.MonkeyPatc
     background = Background(workspace)
     background.track(plan(workspace, View(selected="jaw"), "forward"))
     assert reached.wait(60)
-    with pytest.raises(MethodError, match="jaw is still being tracked"):
+    with pytest.raises(MethodError, match="Tracking jaw still goes on: cancel it or wait"):
         background.track(plan(workspace, View(selected="jaw"), "forward"))
     background.stop_tracking()
     snap = take(workspace, View(selected="jaw", tab="annotate"), frame=None)

@@ -144,7 +144,8 @@ def test_beside_undo_stands_what_was_tracked_last(opened: Open, with_run: Worksp
     tab.emit(act.Nudge(0, 1))
     until(lambda: "moved" in screen.shown[-1].status)
     for done, said in ((5, "5 frames"), (1, "1 frame")):
-        with_run.carrying = JobStatus("jaw", "done", done=done, total=5)
+        told = f"jaw tracked to {said}"
+        with_run.carrying = JobStatus("jaw", "done", done=done, total=5, told=told)
         with_run.changed()
         until(lambda said=said: screen.shown[-1].status == f"jaw tracked to {said}, saved")
     tab.emit(act.Nudge(0, 1))

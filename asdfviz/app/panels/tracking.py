@@ -1,4 +1,4 @@
-"""The part of the annotate tab that carries the selected part's pose to other frames."""
+"""The part of the annotate tab that settles the selected part's pose, and carries it to other frames."""
 
 from __future__ import annotations
 
@@ -31,18 +31,25 @@ def content(snap: Snapshot) -> str:
         )
         for way, label, title, key in BUTTONS
     )
-    return heading(f"Track{where or ' from here'}", f'<span class="ax-group">{buttons}</span>') + (
-        "" if job is None else _end(job, snap)
+    fit = button(
+        "Fit here",
+        act("FitPart"),
+        title="Settle this part in this frame by its contours and depth",
+        key="F",
+        testid="fit",
     )
+    return heading(
+        f"Track{where or ' from here'}", f'<span class="ax-group">{fit}{buttons}</span>'
+    ) + ("" if job is None else _end(job, snap))
 
 
 def _progress(job: JobStatus) -> str:
-    word = "Cancelling" if job.state == "stopping" else "Tracking"
+    doing = f"Cancelling {job.method}" if job.state == "stopping" else job.told
     what = ", views of the parts, made once" if job.preparing else ""
     cancel = button(
         "Cancel", act("StopTracking"), title="Stop; nothing is changed", testid="cancel-tracking"
     )
-    return job_box.running(job, f"{word} {job.method}{what}", control=cancel, testid="tracking")
+    return job_box.running(job, f"{doing}{what}", control=cancel, testid="tracking")
 
 
 def _end(job: JobStatus, snap: Snapshot) -> str:
@@ -54,8 +61,8 @@ def _end(job: JobStatus, snap: Snapshot) -> str:
     sign = "!" if job.message else "✓"
     lost = f", {job.message}; Shift Page ↓ goes to frames without a pose" if job.message else ""
     words = {
-        "done": f"{sign} {job.tracked}{lost}. Undo takes all of them back.",
-        "stopped": f"Tracking {job.method} was cancelled; nothing was changed.",
+        "done": f"{sign} {job.told}{lost}. Undo takes it back.",
+        "stopped": f"{job.told} was cancelled; nothing was changed.",
         "failed": f"✕ {job.message}",
     }
     return job_box.ended(job, words, testid="tracking-end")

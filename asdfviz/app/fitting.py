@@ -1,0 +1,127 @@
+"""Settles the selected part in the shown frame by contours and depth. Nothing here knows viser."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from asdfviz.annotate.steps import group_of
+from asdfviz.app.background_job import BackgroundJob
+from asdfviz.app.desk import carried
+from asdfviz.app.items import JobStatus, Message
+from asdfviz.app.view import View
+from asdfviz.app.workspace import Workspace
+from asdfviz.errors import AnnotationError, Stopped
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import point_distance, rotation_angle
+from asdfviz.methods.tracking import load_bodies
+from asdfviz.track.fitting import fitted
+from asdfviz.track.presets import FINE, RBOT_REGION
+
+FITTED = "fitted"
+"""Provenance of such a pose: a person asked for it, and looks at it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """What is settled, and from where."""
+
+    part: str
+    view: View
+    """As it was when that was asked for."""
+    T_camera_part: Transform
+
+
+def plan_fit(workspace: Workspace, view: View) -> Fit:
+    """What settling the selected part means.
+
+    Raises:
+        AnnotationError: no part is selected, or it has no pose here.
+    """
+    if view.selected is None:
+        raise AnnotationError("no part is selected: click one in the picture or in the list")
+    here = workspace.poses(view.place, view.base).get(view.selected)
+    if here is None:
+        frame = workspace.indices[view.place]
+        raise AnnotationError(
+            f"{view.selected} has no pose in frame {frame} to begin with: place it about where it is"
+        )
+    return Fit(view.selected, view, here.T_camera_part)
+
+
+class FitJob(BackgroundJob):
+    """Settles in a thread of its own, as views of the parts may have to be made first."""
+
+    def __init__(self, workspace: Workspace, fit: Fit) -> None:
+        super().__init__(workspace, "carrying", thread="fit")
+        self._fit = fit
+        self._begun = JobStatus(fit.part, "running", total=1, told=f"Fitting {fit.part}")
+        self._set(self._begun)
+
+    def _work(self) -> None:
+        fit, workspace = self._fit, self._workspace
+        try:
+            T = self._found()
+            if self._stopped.is_set():
+                raise Stopped("cancelled")
+        except Stopped:
+            self._set(replace(self._begun, state="stopped"))
+            return
+        self._keep(T)
+        told = f"{fit.part} fitted to the picture, {self._moved(T)}"
+        end = replace(self._begun, state="done", done=1, told=told, part=fit.part)
+        self._set(replace(end, version=workspace.store.version()))
+
+    def _fail(self, message: str) -> None:
+        self._set(replace(self._begun, state="failed", message=message))
+        title = f"{self._fit.part} could not be fitted"
+        self._workspace.say(Message(title, message, is_problem=True))
+
+    def _found(self) -> Transform:
+        """T_camera_part where the picture has it.
+
+        Raises:
+            AnnotationError: nowhere near.
+            Stopped: as was asked for.
+        """
+        fit, workspace = self._fit, self._workspace
+        bodies = load_bodies(
+            workspace.assembly,
+            progress=lambda done, total: self._set(
+                replace(self._begun, state=self._state, done=done, total=total, preparing=True)
+            ),
+            stop=self._stopped.is_set,
+        )
+        frame = workspace.frames.source[fit.view.place]
+        found = fitted(
+            frame,
+            fit.T_camera_part,
+            body=bodies[fit.part],
+            camera=workspace.frames.camera,
+            config=RBOT_REGION if frame.depth is None else FINE,
+        )
+        if found is None:
+            raise AnnotationError(
+                "its contours and depth agree with no place near: move or turn it nearer first"
+            )
+        return found.T_camera_part
+
+    def _keep(self, T_camera_part: Transform) -> None:
+        workspace, view = self._workspace, self._fit.view
+        moved = carried(workspace, view, part=self._fit.part, T_camera_part=T_camera_part)
+        group = group_of(view.page, f"fit@{time.monotonic():.6f}")
+        with workspace.store.transaction():
+            if workspace.store.seed().kind == "none" and view.base is not None:
+                workspace.store.set_seed(workspace.seed_of(view.base), group=group)
+            frame = workspace.indices[view.place]
+            workspace.store.set_poses(frame, moved, provenance=FITTED, group=group)
+
+    def _moved(self, T_camera_part: Transform) -> str:
+        """How far, in words."""
+        before = self._fit.T_camera_part
+        middle = self._workspace.assembly.parts[self._fit.part].middle
+        by_mm = 1e3 * point_distance(T_camera_part, before, middle)
+        turn = rotation_angle(T_camera_part[:3, :3].T @ before[:3, :3])
+        return f"moved by {by_mm:.1f} mm and turned by {np.degrees(turn):.1f}°"
