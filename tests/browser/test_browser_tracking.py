@@ -151,3 +151,22 @@ def test_its_poses_arrive_and_go_with_one_undo(
     page.keyboard.press("Control+z")
     until(lambda: annotated(app) == [START], "one undo takes all of them back")
     expect(page.get_by_test_id("part-jaw")).to_contain_text("no pose")
+
+
+def test_a_nudged_part_is_fitted_with_a_key(page: Page, app: App, clamp: Assembly) -> None:
+    page.keyboard.press("Home")
+    for _ in range(START):
+        page.keyboard.press("ArrowRight")
+    page.get_by_test_id("part-jaw").click()
+    for _ in range(4):
+        page.keyboard.press("l")
+    right = pose_of(clamp, START)[:3, 3]
+
+    def off() -> float:
+        found = app.workspace.poses(START, view(app).base)["jaw"].T_camera_part
+        return float(np.linalg.norm(found[:3, 3] - right))
+
+    until(lambda: off() > 0.0035, "the part was moved")
+    page.keyboard.press("f")
+    expect(page.get_by_test_id("tracking-end")).to_contain_text("jaw fitted to the picture")
+    assert off() < 0.0015
