@@ -157,7 +157,7 @@ def test_a_nudged_part_is_fitted_with_a_key(page: Page, app: App, clamp: Assembl
     page.keyboard.press("Home")
     for _ in range(START):
         page.keyboard.press("ArrowRight")
-    page.get_by_test_id("part-jaw").click()
+    expect(page.get_by_test_id("frame")).to_have_attribute("data-place", str(START))
     for _ in range(4):
         page.keyboard.press("l")
     right = pose_of(clamp, START)[:3, 3]
@@ -169,4 +169,4 @@ def test_a_nudged_part_is_fitted_with_a_key(page: Page, app: App, clamp: Assembl
     until(lambda: off() > 0.0035, "the part was moved")
     page.keyboard.press("f")
     expect(page.get_by_test_id("tracking-end")).to_contain_text("jaw fitted to the picture")
-    assert off() < 0.0015
+    assert off() < 0.0025
