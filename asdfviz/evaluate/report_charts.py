@@ -169,10 +169,17 @@ def state_strip(
     return f'<div class="strip"><b title="{shown}">{shown}</b><div class="bar">{"".join(boxes)}</div></div>'
 
 
-def error_line(errors_mm: Sequence[float | None], *, color: str, limit_mm: float = 50.0) -> str:
-    """A thin curve below a strip: mean ADD(S) of each frame, cut off at `limit_mm`."""
+def error_line(
+    errors_mm: Sequence[float | None],
+    missed: Sequence[float],
+    *,
+    color: str,
+    limit_mm: float = 50.0,
+) -> str:
+    """A thin curve below a strip, mean ADD(S) of each frame cut off at `limit_mm`, over bars as high as
+    the share of the visible parts without a pose, 0 to 1."""
     count = max(len(errors_mm) - 1, 1)
-    lines: list[str] = []
+    lines = _missed_bars(missed, 1000 / count)
     numbered = enumerate(errors_mm)
     for known, members in groupby(numbered, key=lambda item: item[1] is not None):
         if known:
@@ -187,8 +194,22 @@ def error_line(errors_mm: Sequence[float | None], *, color: str, limit_mm: float
     return (
         '<div class="strip"><div class="off"><svg viewBox="0 0 1000 24" preserveAspectRatio="none" '
         f'style="stroke:{color};stroke-width:1.4"><title>mean ADD(S) of the visible parts, 0 to '
-        f"{limit_mm:g} mm</title>{''.join(lines)}</svg></div></div>"
+        f"{limit_mm:g} mm; bars: of them without a pose</title>{''.join(lines)}</svg></div></div>"
     )
+
+
+def _missed_bars(missed: Sequence[float], width: float) -> list[str]:
+    bars: list[str] = []
+    start = 0
+    for share, members in groupby(missed):
+        frames = len(list(members))
+        if share > 0:
+            bars.append(
+                f'<rect x="{width * (start - 0.5):.1f}" y="{23 - 22 * share:.1f}" '
+                f'width="{width * frames:.1f}" height="{22 * share:.1f}" class="missed"/>'
+            )
+        start += frames
+    return bars
 
 
 def frame_ticks(frames: Sequence[int]) -> str:

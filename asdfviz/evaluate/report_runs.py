@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from asdfviz.errors import SequenceError
 from asdfviz.evaluate.evaluate import protocol_report
 from asdfviz.evaluate.inputs import Result, changed_inputs
 from asdfviz.evaluate.judgement import Judgement, judge
+from asdfviz.evaluate.protocols import VISIBLE
 from asdfviz.evaluate.report_pictures import Shot, worst_shots
 
 
@@ -76,3 +80,20 @@ def judged_run(
         shots=shots,
         notes=tuple(notes),
     )
+
+
+def frame_errors_mm(
+    run: JudgedRun, frames: Sequence[int]
+) -> tuple[list[float | None], list[float]]:
+    """Of each frame's visible parts the mean ADD(S) where there are poses, and the share without one."""
+    found: dict[int, list[float]] = {index: [] for index in frames}
+    lost = Counter[int]()
+    for record in run.judgement.comparison.records:
+        if record.visible < VISIBLE:
+            continue
+        if record.error is None:
+            lost[record.frame_index] += 1
+        else:
+            found.setdefault(record.frame_index, []).append(1000 * record.error.add_s)
+    means = [float(np.mean(found[index])) if found[index] else None for index in frames]
+    return means, [lost[i] / max(lost[i] + len(found[i]), 1) for i in frames]

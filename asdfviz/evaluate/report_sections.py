@@ -24,7 +24,7 @@ from asdfviz.evaluate.report_charts import (
     state_strip,
 )
 from asdfviz.evaluate.report_pictures import Shot
-from asdfviz.evaluate.report_runs import JudgedRun
+from asdfviz.evaluate.report_runs import JudgedRun, frame_errors_mm
 from asdfviz.evaluate.report_style import DASHES, STYLE, escape
 from asdfviz.evaluate.report_tables import (
     PAPER,
@@ -146,19 +146,15 @@ def _strips(runs: Sequence[JudgedRun]) -> str:
         states: list[State] = [said.get(index, (None, False)) for index in frames]
         rows.append(state_strip(run.name, states, frames, assembly))
         if has_poses:
-            rows.append(error_line(_frame_errors_mm(run, frames), color=run_color(run.place)))
+            errors, missed = frame_errors_mm(run, frames)
+            rows.append(error_line(errors, missed, color=run_color(run.place)))
     hint = (
-        "<p>Below each run: mean ADD(S) of its visible parts, 0 to 50 mm.</p>" if has_poses else ""
+        "<p>Below each run: mean ADD(S) of the visible parts that have a pose, 0 to 50 mm; red bars: the "
+        "share of the visible parts without one.</p>"
+        if has_poses
+        else ""
     )
     return f"{''.join(rows)}{frame_ticks(frames)}{state_legend(assembly)}{hint}"
-
-
-def _frame_errors_mm(run: JudgedRun, frames: Sequence[int]) -> list[float | None]:
-    found: dict[int, list[float]] = {}
-    for record in run.judgement.comparison.records:
-        if record.error is not None and record.visible >= VISIBLE:
-            found.setdefault(record.frame_index, []).append(1000 * record.error.add_s)
-    return [float(np.mean(found[index])) if index in found else None for index in frames]
 
 
 def _errors_by_part(run: JudgedRun, *, in_diameters: bool) -> dict[str, list[float]]:

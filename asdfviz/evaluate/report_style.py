@@ -88,6 +88,7 @@ svg.chart{{width:100%;height:auto;display:block}}
 white-space:nowrap;text-align:center;min-width:0;flex-basis:0}}
 .bar i.none{{background:var(--none)}}
 .bar i.error{{background:repeating-linear-gradient(45deg,#d64545 0 5px,#8f2323 5px 10px);color:#fff}}
+.missed{{fill:#d64545;fill-opacity:.35;stroke:none}}
 .chip.error{{background:repeating-linear-gradient(45deg,#d64545 0 3px,#8f2323 3px 6px)}}
 .chip.none{{background:var(--none)}}
 .off{{grid-column:2;height:24px;margin:1px 0 4px}}

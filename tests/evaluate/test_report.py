@@ -327,7 +327,9 @@ def test_strips(assembly: Assembly) -> None:
     assert "bare, frames 4 to 5" in strip
     assert "done, frames 9 to 9" in strip
     assert "<script" not in strip
-    line = error_line([1.0, None, 80.0, 2.0], color="red", limit_mm=50.0)
+    line = error_line([1.0, None, 80.0, 2.0], [0.5, 1.0, 0.0, 0.0], color="red", limit_mm=50.0)
+    assert line.count('class="missed"') == 2
+    assert 'x="166.7" y="1.0" width="333.3" height="22.0"' in line  # all of the second frame's
     assert line.count("<polyline") == 2
     assert "666.7,1.0 1000.0," in line  # 80 mm is cut off at the top
 
