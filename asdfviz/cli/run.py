@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated, TypeAlias, cast
@@ -46,7 +45,7 @@ class RunMethod:
     def __call__(self, chosen: Chosen | None = None) -> None:
         """Run, save, and say where; without a method at hand, by its name with its defaults."""
         from asdfviz.data.assembly import load_assembly
-        from asdfviz.data.atomic import make_folder
+        from asdfviz.data.atomic import results_in
         from asdfviz.data.run_files import check_run_folder
         from asdfviz.data.sequences import open_sequence
         from asdfviz.methods.registry import find_method
@@ -57,41 +56,34 @@ class RunMethod:
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         out = self.out or _own_folder(Path("runs") / f"{sequence.name}-{spec.name}", sequence)
         check_run_folder(out, Path(sequence.path))
-        is_new = not out.exists()
-        make_folder(out)
         kept: list[Run] = []
-        try:
-            with progress_bar(spec.name) as report, stop_on_interrupt() as stop:
+        with results_in(out):
+            try:
+                with progress_bar(spec.name) as report, stop_on_interrupt() as stop:
 
-                def show(done: int, total: int, prediction: FramePrediction) -> None:
-                    total_ms = 1e3 * prediction.runtime.get("total", 0.0)
-                    report(done, total, f"{total_ms:.0f} ms a frame")
+                    def show(done: int, total: int, prediction: FramePrediction) -> None:
+                        total_ms = 1e3 * prediction.runtime.get("total", 0.0)
+                        report(done, total, f"{total_ms:.0f} ms a frame")
 
-                result = run(
-                    spec,
-                    sequence,
-                    config=config,
-                    progress=show,
-                    stop=stop,
-                    keep=kept.append,
-                    first=self.first,
-                    prepare=lambda done, total: report(done, total, "views of the parts, once"),
-                )
-        except (AsdfvizError, OSError, KeyboardInterrupt) as error:
-            if not kept:
-                if is_new:
-                    with suppress(OSError):
-                        out.rmdir()  # nothing is in it
-                raise
-            _, saved = _saved(kept[0], sequence, out)
-            if isinstance(error, KeyboardInterrupt):
-                raise Stopped(saved) from error
-            raise InputError(f"{error}; {saved}") from error
-        if not result.predictions:
-            if is_new:
-                with suppress(OSError):
-                    out.rmdir()
-            raise Stopped("no frame was done, nothing is saved")
+                    result = run(
+                        spec,
+                        sequence,
+                        config=config,
+                        progress=show,
+                        stop=stop,
+                        keep=kept.append,
+                        first=self.first,
+                        prepare=lambda done, total: report(done, total, "views of the parts, once"),
+                    )
+            except (AsdfvizError, OSError, KeyboardInterrupt) as error:
+                if not kept:
+                    raise
+                _, saved = _saved(kept[0], sequence, out)
+                if isinstance(error, KeyboardInterrupt):
+                    raise Stopped(saved) from error
+                raise InputError(f"{error}; {saved}") from error
+            if not result.predictions:
+                raise Stopped("no frame was done, nothing is saved")
         folder, saved = _saved(result, sequence, out)
         print(folder)
         if len(result.predictions) < frames_wanted(sequence, self.first):

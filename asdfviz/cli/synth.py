@@ -60,15 +60,18 @@ class SynthSequence:
     def __call__(self) -> None:
         """Generate the sequence."""
         from asdfviz.data.assembly import load_assembly
-        from asdfviz.data.atomic import make_folder
+        from asdfviz.data.atomic import results_in
         from asdfviz.detector.device import require_device
         from asdfviz.synth.sequence_config import condition_config
         from asdfviz.synth.sequences import generate_sequence
 
         require_device(self.device)
         assembly = load_assembly(self.assembly)
-        make_folder(self.out)
-        with progress_bar("sequence") as report, stop_on_interrupt() as stop:
+        with (
+            results_in(self.out),
+            progress_bar("sequence") as report,
+            stop_on_interrupt() as stop,
+        ):
             written = generate_sequence(
                 assembly,
                 seed=self.seed,

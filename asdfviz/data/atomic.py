@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import secrets
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from asdfviz.errors import InputError
@@ -27,6 +29,20 @@ def make_folder(folder: Path) -> None:
         raise InputError(
             f"cannot write into {folder}: {error.strerror}; name a folder that takes files"
         ) from error
+
+
+@contextmanager
+def results_in(folder: Path) -> Generator[None]:
+    """Make a folder for results as `make_folder` does; one that the body leaves empty by an error goes."""
+    is_new = not folder.exists()
+    make_folder(folder)
+    try:
+        yield
+    except BaseException:
+        if is_new:
+            with suppress(OSError):
+                folder.rmdir()  # only if nothing is in it
+        raise
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -186,10 +186,11 @@ def test_a_sequence_of_too_few_frames_is_refused_before_it_is_begun(
     monkeypatch.setattr("asdfviz.synth.sequences.load_assets", lambda *_, **__: None)
     play = SimpleNamespace(moments=[None] * 51)
     monkeypatch.setattr("asdfviz.synth.sequences.plan_sequence", lambda *_, **__: play)
-    line = ("synth", "sequence", "--assembly", "corner_clamp", "--out", str(tmp_path))
-    assert exit_code(*line, "--frames", "1") == 2
-    assert capsys.readouterr().err.startswith("error: frames is 1, use 51 or more: ")
-    assert not list(tmp_path.iterdir())
+    line = ("synth", "sequence", "--assembly", "corner_clamp", "--frames", "1", "--out")
+    for out in (tmp_path, tmp_path / "new"):  # what was there stays
+        assert exit_code(*line, str(out)) == 2
+        assert capsys.readouterr().err.startswith("error: frames is 1, use 51 or more: ")
+        assert not list(tmp_path.iterdir())
 
 
 def test_the_readme_s_own_method_runs_as_written(
