@@ -35,6 +35,8 @@ class SetRange:
 
     first: int
     last: int
+    place: int | None = None
+    """Show this one; the nearest to the frame shown where it is None."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,7 +79,8 @@ def set_range(view: View, action: act.SetRange, facts: Facts) -> View:
     """Mark frames, and show one of them."""
     first, last = sorted((action.first, action.last))
     first, last = (min(max(place, 0), facts.count - 1) for place in (first, last))
-    place = min(max(view.place, first), last)
+    wished = view.place if action.place is None else action.place
+    place = min(max(wished, first), last)
     return replace(
         view,
         place=place,

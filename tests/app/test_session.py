@@ -189,6 +189,10 @@ def test_a_dragged_range_is_put_in_order_and_in_bounds() -> None:
 
 def test_a_dragged_range_is_gone_to() -> None:
     assert [after(View(place=k), act.SetRange(3, 5)).place for k in (0, 4, 9)] == [3, 4, 5]
+    # The hand that drags says which end is shown, whatever was shown on the way.
+    dragged = after(View(place=9), act.SetRange(3, 3, 3), act.SetRange(3, 6, 6))
+    assert (dragged.place, dragged.marked) == (6, (3, 6))
+    assert after(View(), act.SetRange(3, 5, 8)).place == 5
 
 
 def test_a_statement_uses_its_range_up() -> None:

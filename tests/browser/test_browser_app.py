@@ -444,13 +444,22 @@ def test_a_state_is_set_for_a_range(page: Page, app: App) -> None:
     strip = page.get_by_test_id("tl-truth").locator(".tl-strip").bounding_box()
     assert strip is not None
     each = strip["width"] / 12
-    page.keyboard.down("Shift")
-    page.mouse.move(strip["x"] + 2.5 * each, strip["y"] + 5)
-    page.mouse.down()
-    page.mouse.move(strip["x"] + 5.5 * each, strip["y"] + 5, steps=5)
-    page.mouse.up()
-    page.keyboard.up("Shift")
-    expect(page.get_by_test_id("range")).to_contain_text("frames 2 to 5")
+    frame = page.get_by_test_id("frame")
+    for start, shown in ((9, 5), (4, 4)):  # outside of the range, and within it
+        page.mouse.click(strip["x"] + (start + 0.5) * each, strip["y"] + 5)
+        expect(frame).to_have_attribute("data-place", str(start))
+        page.keyboard.down("Shift")
+        page.mouse.move(strip["x"] + 2.5 * each, strip["y"] + 5)
+        page.mouse.down()
+        page.mouse.move(strip["x"] + 5.5 * each, strip["y"] + 5, steps=5)
+        page.mouse.up()
+        page.keyboard.up("Shift")
+        expect(page.get_by_test_id("range")).to_contain_text("frames 2 to 5")
+        expect(frame).to_have_attribute("data-place", str(shown))
+        cursor = page.get_by_test_id("tl-truth").locator(".tl-cursor").bounding_box()
+        assert cursor is not None
+        middle = cursor["x"] + cursor["width"] / 2
+        assert middle == pytest.approx(strip["x"] + (shown + 0.5) * each, abs=1)
     page.get_by_test_id("state-2").click()
     label = until(lambda: app.workspace.store.state(5), "the state is kept")
     assert (label.state, label.is_error) == (2, False)

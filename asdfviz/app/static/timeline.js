@@ -13,15 +13,21 @@
     const share = (event.clientX - box.left) / box.width;
     return Math.max(0, Math.min(count - 1, Math.floor(share * count)));
   };
-  let anchor = null;
+  // The server's answers lag behind the hand: until it lets go, the cursor stands where the hand has put it.
+  const show = (frame) => NS.root.style.setProperty("--cursor", (frame + 0.5) / Number(NS.view.count));
+  let anchor = null, before = 0;
   const seek = (event) => {
     const frame = frameAt(event);
-    if (anchor !== null) {
-      NS.sendSoon({ kind: "SetRange", first: Math.min(anchor, frame), last: Math.max(anchor, frame) });
-    } else {
-      NS.root.style.setProperty("--cursor", (frame + 0.5) / Number(NS.view.count));
+    if (anchor === null) {
+      show(frame);
       NS.sendSoon({ kind: "Seek", place: frame });
+      return;
     }
+    const first = Math.min(anchor, frame), last = Math.max(anchor, frame);
+    // The frame that was shown stays where the range has it; else the end in the hand is shown.
+    const place = first <= before && before <= last ? before : frame;
+    show(place);
+    NS.sendSoon({ kind: "SetRange", first, last, place });
   };
   timeline.addEventListener("pointerdown", (event) => {
     if (event.button !== 0 || !strip()) return;
@@ -30,6 +36,7 @@
     timeline.setPointerCapture(event.pointerId);
     NS.seeking = true;
     anchor = event.shiftKey ? frameAt(event) : null;
+    before = Number(NS.view.place);
     seek(event);
   });
   timeline.addEventListener("pointermove", (event) => {
