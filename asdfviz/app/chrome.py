@@ -9,6 +9,7 @@ from asdfviz.app.actions import TABS
 from asdfviz.app.hotkeys import sheet
 from asdfviz.app.items import JobStatus
 from asdfviz.app.markup import act, button, chip, text
+from asdfviz.app.naming import short_names
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import SPEEDS, STEPS_MM, View
 from asdfviz.render.state_ramp import state_color
@@ -87,7 +88,8 @@ def timeline_rows(snap: Snapshot) -> str:
     """The strips, and the frames' numbers for the page's script."""
     steps = len(snap.workspace.assembly.steps)
     color = snap.workspace.colors.get(snap.lane.part or "", theme.ANNOTATION)
-    lane = lanes.build(snap.lane, count=snap.facts.count, color=color)
+    label = short_names(snap.facts.parts).get(snap.lane.part or "", "poses")
+    lane = lanes.build(snap.lane, label, count=snap.facts.count, color=color)
     rows = lane + timeline.build(snap.rows, count=snap.facts.count, steps=steps)
     return f'<div data-numbers="{text(json.dumps(snap.workspace.indices))}">{rows}</div>'
 

@@ -91,14 +91,14 @@ def lane_of(
     return Lane(None, tuple(_sum(found, there) for found, there in sums), color)
 
 
-def build(lane: Lane, *, count: int, color: theme.Rgb3) -> str:
-    """The lane as HTML; `color` is that of the part, or any where all are meant."""
-    label = lane.part or "poses"
+def build(lane: Lane, label: str, *, count: int, color: theme.Rgb3) -> str:
+    """The lane as HTML; `label` and `color` are those of the part, or any where all are meant."""
     row = "poses" if lane.part is None else f"poses of {lane.part}"
+    hint = _HINT if lane.part is None else f"{lane.part}. {_HINT}"
     inner = "".join(_piece(*piece, lane.color, count) for piece in light(lane.cells))
     return (
         f'<div class="tl-row tl-lane" data-testid="tl-poses" data-row="{text(row)}">'
-        f'<span class="tl-label" title="{_HINT}">{chip(color, shape="dot")}{text(label)}</span>'
+        f'<span class="tl-label" title="{text(hint)}">{chip(color, shape="dot")}<span>{text(label)}</span></span>'
         f'<div class="tl-strip">{inner}<b class="tl-cursor"></b></div></div>'
     )
 

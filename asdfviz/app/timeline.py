@@ -155,7 +155,7 @@ def _row(row: Row, count: int, steps: int) -> str:
     return (
         f'<div class="tl-row" data-testid="tl-{text(row.key)}" data-row="{text(row.label)}"{data}>'
         f'<span class="tl-label" title="{text(row.hint or row.label)}">'
-        f"{chip(row.color, shape='dot')}{text(row.label)}</span>"
+        f"{chip(row.color, shape='dot')}<span>{text(row.label)}</span></span>"
         f'<div class="tl-strip">{inner}<b class="tl-cursor"></b></div></div>'
     )
 

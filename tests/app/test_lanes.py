@@ -77,6 +77,6 @@ def test_it_is_made_anew_only_when_something_changed(with_run: Workspace) -> Non
 def test_its_html_escapes_names(with_run: Workspace) -> None:
     lane = with_run.lane("jaw", "first")
     named = lanes.Lane("<b>", lane.cells, lane.color)
-    html = lanes.build(named, count=8, color=(1, 2, 3))
+    html = lanes.build(named, "<b>", count=8, color=(1, 2, 3))
     assert "<b>" not in html.replace('<b class="tl-cursor">', "")
     assert html.count('class="tl-pose ') == 2  # frame 100, and all others alike

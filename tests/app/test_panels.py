@@ -115,6 +115,34 @@ def test_the_parts_say_where_they_are_from(with_run: Workspace) -> None:
     assert "90<small> %" in html
 
 
+def test_lists_leave_out_what_all_names_begin_with(with_run: Workspace) -> None:
+    clamp = with_run.assembly
+    parts = {f"Corner_Clamp_{name}": part for name, part in clamp.parts.items()}
+    states = tuple(
+        replace(
+            state,
+            name=state.name if state.is_error else f"Clamp_State_{state.index}",
+            T_base_part={f"Corner_Clamp_{name}": T for name, T in state.T_base_part.items()},
+            joints={},
+        )
+        for state in clamp.states
+    )
+    with_run.assembly = replace(clamp, parts=parts, states=states, base="Corner_Clamp_base")
+    with_run.colors = theme.part_colors(parts)
+    snap = snapshot(with_run, selected="Corner_Clamp_jaw")
+    html = annotate.content(snap)
+    for short, tooltip in (
+        ("jaw", "Corner_Clamp_jaw: drawn"),
+        ("State_1", "Clamp_State_1, "),
+        ("jaw_reversed", "jaw_reversed, "),
+    ):
+        assert f"<b>{short}</b>" in html
+        assert f'title="{tooltip}' in html
+    lane = chrome.timeline_rows(snap)
+    assert "<span>jaw</span>" in lane
+    assert 'title="Corner_Clamp_jaw. ' in lane
+
+
 def test_a_frame_has_one_number_everywhere(with_run: Workspace) -> None:
     snap = snapshot(with_run, place=1)
     assert ">101</b><span> / 107</span>" in chrome.controls(snap)

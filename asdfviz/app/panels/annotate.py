@@ -20,6 +20,7 @@ from asdfviz.app.markup import (
     table,
     text,
 )
+from asdfviz.app.naming import short_names
 from asdfviz.app.panels import placing, tracking, verdicts
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.typed_pose import FIGURES, figures_of
@@ -63,14 +64,15 @@ def _history(snap: Snapshot) -> str:
 
 
 def _parts(snap: Snapshot) -> str:
-    items = "".join(_part(name, snap) for name in snap.facts.parts)
+    shorts = short_names(snap.facts.parts)
+    items = "".join(_part(name, shorts[name], snap) for name in snap.facts.parts)
     dense = " ax-dense" if len(snap.facts.parts) > ROOMY else ""
     found = f"<small>{len(snap.poses)} of {len(snap.facts.parts)} have a pose</small>"
     listed = f'<ul class="ax-list{dense}" data-testid="parts">{items}</ul>'
     return heading("Parts", found) + listed + placing.joined(snap)
 
 
-def _part(name: str, snap: Snapshot) -> str:
+def _part(name: str, short: str, snap: Snapshot) -> str:
     shown = snap.poses.get(name)
     chosen = " ax-on" if snap.view.selected == name else ""
     hidden = name in snap.view.hidden
@@ -87,7 +89,7 @@ def _part(name: str, snap: Snapshot) -> str:
     return (
         f'<li class="ax-item ax-pick{chosen}" title="{text(name)}: drawn in the upper colour; the lower is its own" data-testid="part-{text(name)}" '
         f'aria-selected="{str(bool(chosen)).lower()}" {act("SelectPart", part=name)}>'
-        f'{colors}<span class="ax-main"><b>{text(name)}</b>'
+        f'{colors}<span class="ax-main"><b>{text(short)}</b>'
         f"<small>{_provenance(name, snap)}</small></span>"
         f'<span class="ax-num">{_score(shown)}</span>{eye}</li>'
     )
@@ -242,7 +244,11 @@ def _state(snap: Snapshot) -> str:
     mark, _ = snap.mark
     now = None if mark is None else (mark.state, mark.is_error, mark.name)
     states = snap.workspace.assembly.states
-    items = "".join(_state_row(state, snap, now, where) for state in states)
+    shorts = {
+        **short_names([state.name for state in states if not state.is_error]),
+        **short_names([state.name for state in states if state.is_error]),
+    }
+    items = "".join(_state_row(state, shorts[state.name], snap, now, where) for state in states)
     columns = " ax-dense ax-columned" if len(states) > ROOMY else ""
     return (
         heading(
@@ -254,7 +260,9 @@ def _state(snap: Snapshot) -> str:
     )
 
 
-def _state_row(state: State, snap: Snapshot, now: tuple[int, bool, str] | None, where: str) -> str:
+def _state_row(
+    state: State, short: str, snap: Snapshot, now: tuple[int, bool, str] | None, where: str
+) -> str:
     steps = len(snap.workspace.assembly.steps)
     color = theme.ERROR if state.is_error else state_color(state.index, steps)
     estimate = snap.prediction.state if snap.prediction else None
@@ -272,6 +280,6 @@ def _state_row(state: State, snap: Snapshot, now: tuple[int, bool, str] | None, 
         f'title="{text(state.name)}, {note}: press to set it for {text(where)}" '
         f'data-testid="state-{state.index}" aria-selected="{str(is_now).lower()}" '
         f"{act('SetState', state=state.index)}>{chip(color)}"
-        f'<span class="ax-main"><b>{text(state.name)}</b><small>{note}</small></span>'
+        f'<span class="ax-main"><b>{text(short)}</b><small>{note}</small></span>'
         f'{gauge}<span class="ax-num">{percent}</span></li>'
     )
