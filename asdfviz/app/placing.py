@@ -72,10 +72,15 @@ def _copy_along(desk: Desk) -> Done:
 
 
 def _place(action: act.PlacePart, desk: Desk) -> Done:
-    """Put the part's middle where a pixel's depth says, turned as it was last."""
-    joined = by_state.place_one(desk) if action.u is None else None
-    if joined is not None:
-        return joined
+    """Put the part's middle where a pixel's depth says, turned as it was last.
+
+    Without a pixel it goes where the state has it, else into the middle of the view if it has no pose.
+    """
+    if action.u is None:
+        joined = by_state.place_one(desk)
+        if joined is not None:
+            return joined
+        _check_is_missing(desk)
     frame = desk.workspace.frames[desk.view.place]
     pixel = _pixel_of(action, desk)
     measured = _depth_near(frame.depth, pixel)
@@ -88,6 +93,24 @@ def _place(action: act.PlacePart, desk: Desk) -> Done:
         return done
     return replace(
         done, message=f"{done.message}, {depth:g} m away, since no depth is measured there"
+    )
+
+
+def _check_is_missing(desk: Desk) -> None:
+    """The middle of the view is no better place than the one that a part has."""
+    workspace, view = desk.workspace, desk.view
+    if desk.part not in workspace.poses(view.place, view.base):
+        return
+    state = workspace.state(view.place, view.base)
+    if state is None:
+        why = "the state there is not known"
+    elif desk.part not in state.attached:
+        why = f"it is not joined in {state.name}"
+    else:
+        why = "no other part tells where what is joined lies"
+    raise AnnotationError(
+        f"{desk.part} keeps its pose in frame {desk.frame}, since {why}: "
+        "press Shift and click where it should be"
     )
 
 

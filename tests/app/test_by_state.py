@@ -129,6 +129,18 @@ def test_placing_the_selected_part_asks_the_state_first(with_run: Workspace, do:
     assert loose.message == "bolt placed in frame 101"
 
 
+def test_a_part_that_has_a_pose_is_not_put_into_the_middle(with_run: Workspace, do: Do) -> None:
+    """The run has poses of all parts in frame 101, whose state joins none of them."""
+    before = T_of(with_run, "jaw", 1, "first")
+    do(act.SetState(0), JAW)
+    with pytest.raises(AnnotationError, match="jaw keeps its pose in frame 101, since it is not"):
+        do(act.PlacePart(), JAW)
+    assert with_run.store.pose(101, "jaw") is None
+    assert T_of(with_run, "jaw", 1, "first") == pytest.approx(before)
+    do(act.RemovePart(), JAW, now=1.0)
+    assert do(act.PlacePart(), JAW, now=2.0).message == "jaw placed in frame 101"
+
+
 @pytest.mark.parametrize(
     ("prepare", "why"),
     [
@@ -195,7 +207,8 @@ def test_a_fixed_part_does_not_tell_where_it_is_itself(
     wrong = T_CAMERA_BASE + 0.2 * np.eye(4, k=3)
     with_run.store.set_pose(101, "jaw", wrong)
     assert told_parts(with_run, 1, None) == {"base"}
-    assert do(act.PlacePart(), view).message == "jaw placed in frame 101"  # in mid-view
+    with pytest.raises(AnnotationError, match="no other part tells where"):
+        do(act.PlacePart(), view)
     put_base(with_run, 1)
     do(act.PlacePart(), view)
     assert T_of(with_run, "jaw", 1) == pytest.approx(

@@ -87,9 +87,9 @@ def _drag(page: Page, app: App, part: str) -> np.ndarray:
     page.get_by_test_id("tab-annotate").click()
     page.get_by_test_id(f"part-{part}").click()
     index = app.workspace.indices[0]
+    page.keyboard.press("Delete")  # what a run says of it: a part that has a pose keeps it
     page.keyboard.press("Shift+Enter")
-    placed = until(lambda: app.workspace.store.pose(index, part), "the part is placed")
-    T = placed.T_camera_part
+    T = until(lambda: _placed(app, index, part), "the part is placed").T_camera_part
     vertices = app.workspace.assembly.parts[part].mesh.vertices
     middle = T[:3, :3] @ (vertices.min(axis=0) + vertices.max(axis=0)) / 2 + T[:3, 3]
     # The arrow that lies flattest in the picture; a step along it that is about a pixel there.
@@ -128,3 +128,8 @@ def _drag(page: Page, app: App, part: str) -> np.ndarray:
 def _of_gizmo(app: App, index: int, part: str) -> PoseAnnotation | None:
     found = app.workspace.store.pose(index, part)
     return found if found and found.provenance == "gizmo" else None
+
+
+def _placed(app: App, index: int, part: str) -> PoseAnnotation | None:
+    found = app.workspace.store.pose(index, part)
+    return found if found and found.T_camera_part is not None else None
