@@ -111,12 +111,19 @@ def _groups(config: Any, prefix: str, hint: str) -> list[Group]:
 
 
 def _kind(hint: Any) -> tuple[Kind | None, tuple[str, ...]]:
-    if get_origin(hint) is Literal:
-        return "choice", tuple(str(choice) for choice in get_args(hint))
-    if get_origin(hint) in (types.UnionType, Union):
-        inner = [kind for kind in get_args(hint) if kind is not type(None)]
-        hint = inner[0] if len(inner) == 1 else None
-    return _KINDS.get(hint), ()
+    said = _said(hint)
+    if get_origin(said) is Literal:
+        usual = () if said is hint else ("",)
+        return "choice", (*usual, *(str(choice) for choice in get_args(said)))
+    return _KINDS.get(said), ()
+
+
+def _said(hint: Any) -> Any:
+    """The type of what can be said, where nothing may be said as well; None where it has several."""
+    if get_origin(hint) not in (types.UnionType, Union):
+        return hint
+    inner = [kind for kind in get_args(hint) if kind is not type(None)]
+    return inner[0] if len(inner) == 1 else None
 
 
 def _replaced(config: Any, prefix: str, given: Mapping[str, str]) -> Any:
@@ -136,10 +143,10 @@ def _value(said: str, hint: Any, name: str) -> object:
     if not said and type(None) in get_args(hint):
         return None
     if kind == "choice":
-        for choice in get_args(hint):
+        for choice in get_args(_said(hint)):
             if str(choice) == said:
                 return choice
-        raise MethodError(f"{name} is '{said}': choose {' or '.join(choices)}")
+        raise MethodError(f"{name} is '{said}': choose {' or '.join(filter(None, choices))}")
     if kind == "switch":
         return said == "True"
     if kind in ("whole", "number"):

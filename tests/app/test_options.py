@@ -35,6 +35,8 @@ class Outer:
     """Which one."""
     enabled: bool = True
     corners: tuple[int, ...] = (1, 2)
+    first: Literal["boxes", "crops"] | None = None
+    """Default: what there are weights for."""
 
 
 def test_every_plain_field_is_an_option_with_its_docstring() -> None:
@@ -42,8 +44,10 @@ def test_every_plain_field_is_an_option_with_its_docstring() -> None:
     assert [(o.name, o.kind, o.default) for o in own.options] == [
         ("solver", "choice", "robust"),
         ("enabled", "switch", "True"),
+        ("first", "choice", ""),
     ]
     assert own.options[0].choices == ("fast", "robust")
+    assert own.options[2].choices == ("", "boxes", "crops")
     assert (network.name, network.hint) == ("network", "The network.")
     assert [(o.name, o.kind, o.default, o.hint) for o in network.options] == [
         ("network.size", "whole", "640", "Longer side, pixels."),
@@ -63,7 +67,8 @@ def test_text_becomes_a_config() -> None:
     inner = Inner(size=320, share=0.25, file=Path("w.pt"))
     assert made == Outer(network=inner, solver="fast", enabled=False)
     assert config_from(Outer, {}) == Outer()
-    assert config_from(Outer, {"network.file": ""}) == Outer()
+    assert config_from(Outer, {"network.file": "", "first": ""}) == Outer()
+    assert config_from(Outer, {"first": "crops"}) == Outer(first="crops")
 
 
 @pytest.mark.parametrize(

@@ -277,6 +277,8 @@ def test_the_options_of_a_method_are_a_form(workspace: Workspace) -> None:
     assert "1 changed" in html
     assert "weights.safetensors" in html  # what is taken where none are named
     assert "pixels in an image 1280 wide" in html  # a field's docstring
+    chosen = '<option value="" selected>default</option><option value="keypoints">'
+    assert f'data-option="first_pose" data-default="">{chosen}' in html
 
 
 def test_a_run_with_other_options_says_which(workspace: Workspace, clamp: Assembly) -> None:

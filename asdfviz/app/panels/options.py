@@ -57,7 +57,7 @@ def _row(option: Option, chosen: Mapping[str, str], weights: Path) -> str:
     field = f'data-option="{text(option.name)}" data-default="{text(option.default)}"'
     if option.kind in ("choice", "switch"):
         choices = option.choices or _BOOLEANS
-        names = {"True": "on", "False": "off"} if option.kind == "switch" else {}
+        names = {"True": "on", "False": "off"} if option.kind == "switch" else {"": "default"}
         items = "".join(
             f'<option value="{text(c)}"{" selected" if c == value else ""}>{text(names.get(c, c))}</option>'
             for c in choices
