@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Collection
 
@@ -16,11 +15,12 @@ def short_names(names: Collection[str]) -> dict[str, str]:
     """
     if len(names) < 2:
         return {name: name for name in names}
-    shared = os.path.commonprefix(list(names))
-    cuts = [0, *(found.end() for found in _SEPARATORS.finditer(shared))]
-    cut = next(at for at in reversed(cuts) if at == 0 or all(_says(name[at:]) for name in names))
+    first = next(iter(names))
+    cuts = (found.end() for found in _SEPARATORS.finditer(first))
+    cut = max((at for at in cuts if all(_is_cut(name, first[:at]) for name in names)), default=0)
     return {name: name[cut:] for name in names}
 
 
-def _says(rest: str) -> bool:
-    return bool(rest) and not rest.isdecimal()
+def _is_cut(name: str, shared: str) -> bool:
+    rest = name.removeprefix(shared)
+    return bool(rest) and not rest.isdecimal() and rest != name

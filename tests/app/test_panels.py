@@ -143,6 +143,34 @@ def test_lists_leave_out_what_all_names_begin_with(with_run: Workspace) -> None:
     assert 'title="Corner_Clamp_jaw. ' in lane
 
 
+def test_figures_by_part_have_short_names(with_run: Workspace) -> None:
+    start_judging(with_run).join(60)
+    assert with_run.reports is not None
+    (report,) = with_run.reports
+    parts = {f"Corner_Clamp_{name}": figures for name, figures in report["parts"].items()}
+    with_run.reports = ({**report, "parts": parts},)
+    html = results.content(snapshot(with_run))
+    assert '<span title="Corner_Clamp_jaw">jaw</span>' in html
+
+
+def test_results_say_how_much_truth_they_rest_on(with_run: Workspace) -> None:
+    start_judging(with_run).join(60)
+    # The bolt is seen in five of the eight frames, the others in all.
+    assert "<td>true poses</td><td>21<small> of 3 parts</small></td>" in results.content(
+        snapshot(with_run)
+    )
+    with_run.truths = (None,) * COUNT
+    for place in (1, 2):
+        with_run.store.set_pose(
+            FIRST + place, "jaw", with_run.poses(place, "first")["jaw"].T_camera_part
+        )
+    with_run.store.set_state(FIRST + 1, StateLabel(0))
+    start_judging(with_run).join(60)
+    html = results.content(snapshot(with_run))
+    assert "<td>true poses</td><td>2<small> of 1 part</small></td>" in html
+    assert "<td>true states</td><td>1</td>" in html
+
+
 def test_a_frame_has_one_number_everywhere(with_run: Workspace) -> None:
     snap = snapshot(with_run, place=1)
     assert ">101</b><span> / 107</span>" in chrome.controls(snap)

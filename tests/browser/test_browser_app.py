@@ -473,6 +473,14 @@ def test_results_judge_the_runs(page: Page) -> None:
     page.get_by_test_id("judge").click()
     expect(page.get_by_test_id("report")).to_contain_text("4.0 mm")
     expect(page.get_by_test_id("worst")).to_be_visible()
+    # A long name is broken, so that it pushes no figure out of the panel.
+    beyond = page.locator(".ax-panel").evaluate(
+        """(panel) => {
+            panel.querySelectorAll("tr > :first-child").forEach((cell) => { cell.textContent = "NanoViseV2_CLAMP_".repeat(3); });
+            return panel.scrollWidth - panel.clientWidth;
+        }"""
+    )
+    assert beyond == 0
 
 
 def test_what_is_wrong_is_told_in_the_browser(page: Page) -> None:

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from asdfviz.app.markup import act, button, chip, empty, heading, number, table, text
+from asdfviz.app.naming import short_names
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.errors import counted
 from asdfviz.evaluate.summary import HELD, frames_told
 from asdfviz.evaluate.tables import NEVER_BEST, is_best
 from asdfviz.evaluate.worst import MEASURE, TOLD, WorstFrame
@@ -72,11 +74,16 @@ def _tables(snap: Snapshot) -> str:
     heads = ["", *(labels[report["run"]].label for report in known)]
     chips = [chip(labels[report["run"]].color) for report in known]
     rows = [["<small>strict</small>", *chips], ["frames", *map(_frames, known)]] if known else []
+    if known:
+        rows.append(["true poses", *map(_true_poses, known)])
+        rows.append(["true states", *map(_true_states, known)])
     rows += [_figures("mean", *row, known) for row in _POSE]
     rows += [_figures("state", *row, known) for row in _STATE]
     rows.append(_figures("runtime_ms", "time of a frame", "total_median", "ms", -1, known))
     doubtful = [labels[report["run"]].label for report in known if not report["is_comparable"]]
-    judged = f'{_stale(snap)}<div data-testid="report">{table(heads, rows)}</div>'
+    judged = (
+        f'{_stale(snap)}<div data-testid="report">{table(heads, rows, classes="ax-runs")}</div>'
+    )
     if doubtful and len(known) > 1:
         judged += f'<p class="ax-note">{NEVER_BEST}: {text(", ".join(doubtful))}.</p>'
     judged += "".join(_doubts(labels[report["run"]].label, report) for report in known)
@@ -103,6 +110,19 @@ def _frames(report: Mapping[str, Any]) -> str:
     return f'<span class="ax-bad">{told}</span>' if HELD in report else told
 
 
+def _true_poses(report: Mapping[str, Any]) -> str:
+    """How many true poses the figures rest on, and of how many parts."""
+    counts = [figures["n_visible"] for figures in report["parts"].values()]
+    parts = counted(sum(count > 0 for count in counts), "part")
+    return f"{sum(counts)}<small> of {parts}</small>"
+
+
+def _true_states(report: Mapping[str, Any]) -> str:
+    """In how many frames the true state is known."""
+    confusion = report["state_details"]["confusion"]["frames"]
+    return str(sum(sum(row) for row in confusion))
+
+
 def _figures(
     section: str, label: str, key: str, unit: str, better: int, reports: list[Mapping[str, Any]]
 ) -> list[str]:
@@ -118,9 +138,10 @@ def _figures(
 
 
 def _by_part(label: str, report: Mapping[str, Any]) -> str:
+    shorts = short_names(report["parts"])
     rows = [
         [
-            text(name),
+            f'<span title="{text(name)}">{text(shorts[name])}</span>',
             number(figures["detection_recall"], decimals=0, unit="%"),
             number(figures["e_t_mm"], decimals=1, unit="mm"),
             number(figures["e_r_sym_deg"], decimals=1, unit="°"),
