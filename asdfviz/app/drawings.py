@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 from asdfviz.app.ar import DRAWING_DEPTH
-from asdfviz.app.theme import Rgb3
+from asdfviz.app.theme import Rgb3, ink
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.geometry.camera import back_project, points_from_depth
 from asdfviz.geometry.shapes import Intrinsics, Pixels, Rotation, Transform, Vector
@@ -18,6 +19,9 @@ from asdfviz.render.state_ramp import state_color
 FARTHEST = 2.5
 """Metres: what lies behind is the room, not the workpiece."""
 _CROSS_PX = 3.0
+_TAGS_WIDE = 1280
+"""Pixels that a picture of tags is wide at least, about, so that they can be read."""
+_TAG_RIM = 3
 _NEUTRAL: Rgb3 = (230, 230, 230)
 Segments = Float32[np.ndarray, "s 2 3"]
 Colors = UInt8[np.ndarray, "s 2 3"]
@@ -64,6 +68,39 @@ def keypoint_dots(
         corners.extend(point + arms for point in sure)
         inks.append((detection_color(detection.label, assembly, colors), 2 * len(sure)))
     return _lines(corners, inks, K)
+
+
+def name_tags(
+    detections: Sequence[Detection],
+    size_wh: tuple[int, int],
+    assembly: Assembly,
+    colors: dict[str, Rgb3],
+) -> UInt8[np.ndarray, "h w 4"]:
+    """Class and score of every box in a tag of its colour, as a picture to lay over the frame.
+
+    The tag stands above its box, or where another one is in the way, within or below it.
+    """
+    scale = max(1, round(_TAGS_WIDE / size_wh[0]))
+    width, height = size_wh[0] * scale, size_wh[1] * scale
+    canvas = np.zeros((height, width, 4), np.uint8)
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.62 * width / _TAGS_WIDE
+    taken = np.zeros((height, width), bool)
+    for detection in sorted(detections, key=lambda one: -one.score):
+        says = f"{detection.label} {100 * detection.score:.0f} %"
+        (wide, tall), below = cv2.getTextSize(says, font, size, 2)
+        wide, high = wide + 2 * _TAG_RIM, tall + below + 2 * _TAG_RIM
+        x0, y0, _, y1 = (int(value) for value in (detection.box_xyxy + 0.5) * scale)
+        x = min(max(x0, 0), max(width - wide, 0))
+        tops = [min(max(top, 0), max(height - high, 0)) for top in (y0 - high, y0, y1, y1 - high)]
+        areas = [np.s_[top : top + high, x : x + wide] for top in tops]
+        free = (i for i, area in enumerate(areas) if not taken[area].any())
+        chosen = next(free, 0)
+        color = detection_color(detection.label, assembly, colors)
+        canvas[areas[chosen]] = (*color, 255)
+        taken[areas[chosen]] = True
+        at = (x + _TAG_RIM, tops[chosen] + _TAG_RIM + tall)
+        cv2.putText(canvas, says, at, font, size, (*ink(color), 255), 2, cv2.LINE_AA)
+    return canvas
 
 
 def depth_cloud(

@@ -5,14 +5,14 @@ Handles are made once and changed in place; `apply` brings them all to a snapsho
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from asdfviz.app import actions as act
-from asdfviz.app.ar import image_plane
-from asdfviz.app.drawings import box_segments, depth_cloud, keypoint_dots
+from asdfviz.app.ar import DRAWING_DEPTH, image_plane
+from asdfviz.app.drawings import box_segments, depth_cloud, keypoint_dots, name_tags
 from asdfviz.app.gizmo import Gizmo
 from asdfviz.app.handles import move, put
 from asdfviz.app.outlines import feature_edges
@@ -21,7 +21,7 @@ from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.theme import TRUTH, Rgb3, lighter
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
-from asdfviz.datatypes import Frame
+from asdfviz.datatypes import Detection, Frame
 from asdfviz.geometry.shapes import Vector
 from asdfviz.geometry.transforms import apply_to_point
 
@@ -49,6 +49,7 @@ class Scene:
         self._inks: dict[str, Rgb3] = {}
         self._layers: dict[tuple[str, str], Any] = {}
         self._marks: dict[str, Any] = {}
+        self._tagged: Sequence[Detection] = ()
         self._cloud: Any = None
         self._cloud_place = -1
         self._mode = "ar"
@@ -190,6 +191,10 @@ class Scene:
         dots, inks = keypoint_dots(found, K, self._workspace.assembly, self._workspace.colors)
         if self._shown("keypoints", wanted=ar and snap.view.keypoints and len(dots) > 0):
             self._put_lines("keypoints", dots, inks)
+        # Pictures that follow each other fast are never decoded: tags are for frames that are looked at.
+        named = (snap.view.boxes or snap.view.keypoints) and not snap.view.playing
+        if self._shown("tags", wanted=ar and named and len(found) > 0):
+            self._put_tags(found, snap)
 
     def _shown(self, key: str, *, wanted: bool) -> bool:
         if not wanted and key in self._marks:
@@ -202,6 +207,26 @@ class Scene:
             self._marks[key].remove()
         self._marks[key] = self._scene.add_line_segments(
             f"/marks/{key}", segments, colors, thickness=2.0, thickness_units="screen"
+        )
+
+    def _put_tags(self, found: Sequence[Detection], snap: Snapshot) -> None:
+        if "tags" in self._marks:
+            if self._tagged is found:
+                put(self._marks["tags"], "visible", True)
+                return
+            self._marks["tags"].remove()  # else those of another frame stay until these are decoded
+        self._tagged = found
+        size_wh, work = snap.facts.size_wh, self._workspace
+        plane = image_plane(snap.facts.K, size_wh, depth=DRAWING_DEPTH)
+        self._marks["tags"] = self._scene.add_image(
+            "/marks/tags",
+            name_tags(found, size_wh, work.assembly, work.colors),
+            render_width=plane.width,
+            render_height=plane.height,
+            format="png",
+            cast_shadow=False,
+            receive_shadow=False,
+            position=plane.position,
         )
 
     def _apply_cloud(self, snap: Snapshot) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,12 @@ from asdfviz.app.drawings import (
     depth_cloud,
     detection_color,
     keypoint_dots,
+    name_tags,
     wxyz_of,
 )
 from asdfviz.app.outlines import MOST, feature_edges
 from asdfviz.app.playback import SLOTS, Pace, Ring
-from asdfviz.app.theme import part_colors
+from asdfviz.app.theme import ink, part_colors
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Assembly, Detection, Mesh
 from asdfviz.geometry.camera import project
@@ -95,6 +97,23 @@ def test_nothing_found_draws_nothing(clamp: Assembly) -> None:
     segments, inks = box_segments([], K, clamp, {})
     assert segments.shape == (0, 2, 3)
     assert inks.shape == (0, 2, 3)
+
+
+def test_tags_stand_at_their_boxes_in_their_colours(clamp: Assembly) -> None:
+    colors = part_colors(clamp.parts)
+    label = clamp.parts["jaw"].detector_class
+    one = make_detection(label, np.ones(17))
+    corner = replace(one, box_xyxy=np.array([0.0, 0.0, 30.0, 20.0]))
+    tags = name_tags([one, replace(one, score=0.5), corner], (640, 480), clamp, colors)
+    assert tags.shape == (960, 1280, 4)
+    filled = (tags[..., :3] == colors["jaw"]).all(axis=2) & (tags[..., 3] == 255)
+    assert filled[99, 202]  # just above the box
+    assert filled[103, 202]  # the other one, just within it
+    assert filled[:45].any()  # none is cut off by the rim
+    written = (tags[..., :3] == ink(colors["jaw"])).all(axis=2) & (tags[..., 3] == 255)
+    assert written.sum() > 100
+    assert not tags[600:].any()
+    assert not name_tags([], (640, 480), clamp, colors).any()
 
 
 def test_state_boxes_have_the_states_colour(clamp: Assembly) -> None:
