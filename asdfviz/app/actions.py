@@ -40,7 +40,7 @@ class Seek:
 
     place: int
     part: str | None = None
-    """Select this part there as well, whichever tab is shown."""
+    """Select this part there as well, whichever tab is shown, and show the truth's outlines."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,7 +53,10 @@ def settled(view: View, facts: Facts) -> View:
 
 def _seek(view: View, action: act.Seek, facts: Facts) -> View:
     if action.part in facts.parts:
-        view = replace(_select(view, act.SelectPart(action.part), facts), tab=view.tab)
+        # Who asks for a part in a frame wants to see how it lies there: beside where it is in truth.
+        truth = {TRUTH} if facts.has_truth else set[str]()
+        selected = _select(view, act.SelectPart(action.part), facts)
+        view = replace(selected, tab=view.tab, layers=view.layers | truth)
     return at(view, action.place, facts)
 
 

@@ -195,6 +195,13 @@ def test_a_dragged_range_is_gone_to() -> None:
     assert after(View(), act.SetRange(3, 5, 8)).place == 5
 
 
+def test_going_to_a_part_shows_the_truth_beside_it() -> None:
+    worst = act.Seek(3, part="jaw")
+    assert after(View(layers=frozenset({"a"})), worst).layers == {"a", TRUTH}
+    assert after(View(), act.Seek(3)).layers == frozenset()
+    assert update(View(), worst, replace(FACTS, has_truth=False)).layers == frozenset()
+
+
 def test_a_statement_uses_its_range_up() -> None:
     view = View(place=4, marked=(3, 5))
     for action in (act.SetState(1), act.ClearState(), act.VerifyPart(), act.RemovePart()):
