@@ -105,7 +105,7 @@ def keys_sheet() -> str:
     close = button("Close", act("ToggleKeys"), classes="ax-primary", testid="keys-close")
     return (
         '<div class="ax-card ax-wide ax-sheet" role="dialog" aria-label="Keys" data-testid="keys">'
-        f"<h2>Keys</h2><div class='ax-columns'>{columns}</div><div class='ax-end'>{close}</div></div>"
+        f"<h2>Keys and mouse</h2><div class='ax-columns'>{columns}</div><div class='ax-end'>{close}</div></div>"
     )
 
 
@@ -143,7 +143,7 @@ def _job(job: JobStatus | None) -> str:
 
 
 def _keys() -> str:
-    return button("Keys", act("ToggleKeys"), title="All keys", key="Shift H", testid="keys-open")
+    return button("Keys", act("ToggleKeys"), title="All keys", key="?", testid="keys-open")
 
 
 def _view_switch(view: View) -> str:

@@ -23,6 +23,8 @@ _TAGS_WIDE = 1280
 """Pixels that a picture of tags is wide at least, about, so that they can be read."""
 _TAG_RIM = 3
 _NEUTRAL: Rgb3 = (230, 230, 230)
+_Tag = tuple[str, Rgb3, tuple[int, int, int, int], int]
+"""What a tag says, its colour, left, top, width and height, and the line that its letters stand on."""
 Segments = Float32[np.ndarray, "s 2 3"]
 Colors = UInt8[np.ndarray, "s 2 3"]
 
@@ -78,27 +80,29 @@ def name_tags(
 ) -> UInt8[np.ndarray, "h w 4"]:
     """Class and score of every box in a tag of its colour, as a picture to lay over the frame.
 
-    The tag stands above its box, or where another one is in the way, within or below it.
+    The tag stands above its box, or where a surer one is in the way, within or below it.
     """
     scale = max(1, round(_TAGS_WIDE / size_wh[0]))
     width, height = size_wh[0] * scale, size_wh[1] * scale
     canvas = np.zeros((height, width, 4), np.uint8)
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.62 * width / _TAGS_WIDE
     taken = np.zeros((height, width), bool)
+    tags: list[_Tag] = []
     for detection in sorted(detections, key=lambda one: -one.score):
         says = f"{detection.label} {100 * detection.score:.0f} %"
         (wide, tall), below = cv2.getTextSize(says, font, size, 2)
         wide, high = wide + 2 * _TAG_RIM, tall + below + 2 * _TAG_RIM
         x0, y0, _, y1 = (int(value) for value in (detection.box_xyxy + 0.5) * scale)
         x = min(max(x0, 0), max(width - wide, 0))
-        tops = [min(max(top, 0), max(height - high, 0)) for top in (y0 - high, y0, y1, y1 - high)]
-        areas = [np.s_[top : top + high, x : x + wide] for top in tops]
-        free = (i for i, area in enumerate(areas) if not taken[area].any())
-        chosen = next(free, 0)
+        wished = (y0 - high, y0, y1, y1 - high, y0 - 2 * high, y1 + high)
+        tops = [min(max(top, 0), max(height - high, 0)) for top in wished]
+        y = next((y for y in tops if not taken[y : y + high, x : x + wide].any()), tops[0])
+        taken[y : y + high, x : x + wide] = True
         color = detection_color(detection.label, assembly, colors)
-        canvas[areas[chosen]] = (*color, 255)
-        taken[areas[chosen]] = True
-        at = (x + _TAG_RIM, tops[chosen] + _TAG_RIM + tall)
+        tags.append((says, color, (x, y, wide, high), y + _TAG_RIM + tall))
+    for says, color, (x, y, wide, high), line in reversed(tags):  # the surest on top
+        canvas[y : y + high, x : x + wide] = (*color, 255)
+        at = (x + _TAG_RIM, line)
         cv2.putText(canvas, says, at, font, size, (*ink(color), 255), 2, cv2.LINE_AA)
     return canvas
 

@@ -89,7 +89,7 @@ HOTKEYS: tuple[Hotkey, ...] = (
     Hotkey("Panel", "Results", act.ShowTab("results"), None, on_sheet=False),
     Hotkey("Panel", "Judge the runs", act.Evaluate(), None, on_sheet=False),
     Hotkey("Panel", "Export as BOP", act.Export(), None, on_sheet=False),
-    Hotkey("Panel", "This sheet", act.ToggleKeys(), "H", "shift"),
+    Hotkey("Panel", "This sheet", act.ToggleKeys(), "H", "shift", on_sheet=False),
     Hotkey("Correct", "Next part", act.NextPart(1), "N"),
     Hotkey("Correct", "Previous part", act.NextPart(-1), "P"),
     *_moves(),
@@ -109,7 +109,7 @@ HOTKEYS: tuple[Hotkey, ...] = (
     Hotkey("Correct", "Cancel", act.Cancel(), "escape"),
 )
 
-_NAMES = {
+KEY_NAMES = {
     "arrowleft": "←",
     "arrowright": "→",
     "pageup": "Page ↑",
@@ -122,15 +122,29 @@ _NAMES = {
     "backspace": "⌫",
     "delete": "Del",
 }
-
+"""viser's names of keys, as a person reads them; the page puts these into viser's palette."""
 
 SHARED_LINES = (
     ("Look", "1 to 9", "Blink the outlines of a run"),
+    ("Panel", "? or Shift H", "This sheet"),
     ("Panel", "Ctrl K", "Palette: search all commands"),
     ("Correct", "I K J L U O", "Nudge up, down, left, right, nearer, farther"),
     ("Correct", "Shift + same", "Turn about the same axes"),
 )
-"""Keys that share a line of the sheet, and the palette's, which is viser's own."""
+"""Keys that share a line of the sheet, the page's `?`, and the palette's, which is viser's own."""
+
+MOUSE = (
+    ("Wheel", "Zoom at the pointer"),
+    ("Drag", "Move what is magnified; in 3D turn the scene"),
+    ("Right drag", "In 3D move the scene"),
+    ("Click a part", "Select it"),
+    ("Drag its gizmo", "Move or turn it"),
+    ("Shift click", "Put the selected part there"),
+    ("Click, drag", "On the timeline: go to a frame"),
+    ("Shift drag", "On the timeline: mark a range"),
+    ("Click figures", "Type a frame's number, or a pose"),
+)
+"""What the mouse does in the picture and on the timeline."""
 
 
 def sheet() -> dict[str, list[tuple[str, str]]]:
@@ -140,14 +154,14 @@ def sheet() -> dict[str, list[tuple[str, str]]]:
         if hotkey.on_sheet:
             groups.setdefault(hotkey.group, []).append((key_name(hotkey), hotkey.label))
     for group, keys, label in SHARED_LINES:
-        groups[group].append((keys, label))
-    return groups
+        groups.setdefault(group, []).append((keys, label))
+    return {**groups, "Mouse": list(MOUSE)}
 
 
 def key_name(hotkey: Hotkey) -> str:
     """The key as a person reads it."""
     modifiers = (hotkey.modifier or "").replace("cmd/ctrl", "Ctrl").replace("shift", "Shift")
-    key = _NAMES.get(hotkey.key or "", hotkey.key or "")
+    key = KEY_NAMES.get(hotkey.key or "", hotkey.key or "")
     return " ".join([*filter(None, modifiers.split("+")), key])
 
 

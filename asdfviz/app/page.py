@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from asdfviz.app import actions as act
 from asdfviz.app import chrome, timeline, welcome
 from asdfviz.app.bridge import parse
+from asdfviz.app.hotkeys import KEY_NAMES
 from asdfviz.app.markup import mount
 from asdfviz.app.panels import annotate, methods, options, results, sequence
 from asdfviz.app.snapshot import Snapshot
@@ -46,7 +48,9 @@ class Page:
         self._sent: dict[str, str] = {}
         # The script needs the hidden field's id, which viser has no public name for.
         uuid: str = self._bridge._impl.uuid
-        self._put("bridge", mount("bridge", "", uuid=uuid, opened=opened, sequence=path))
+        names = json.dumps(KEY_NAMES)
+        made = mount("bridge", "", uuid=uuid, opened=opened, sequence=path, keys=names)
+        self._put("bridge", made)
 
     def show(self, snap: Snapshot) -> None:
         """Bring every field to a snapshot."""

@@ -37,6 +37,6 @@ def card() -> str:
         '<div class="ax-card" role="dialog" aria-label="Welcome" data-testid="welcome">'
         "<h2>Five keys are enough to begin</h2>"
         f"<ul class='ax-keys'>{rows}</ul>"
-        "<p>All keys: <kbd>Shift H</kbd>. All commands: <kbd>Ctrl K</kbd>.</p>"
+        "<p>All keys: <kbd>?</kbd>. All commands: <kbd>Ctrl K</kbd>.</p>"
         f"<div class='ax-end'>{close}</div></div>"
     )

@@ -282,6 +282,12 @@ def test_the_sheet_names_every_key_that_is_not_shared() -> None:
     assert {"Space", "Ctrl Z", "I K J L U O", "Shift + same", "Ctrl K"} <= shown
 
 
+def test_the_sheet_tells_of_the_mouse() -> None:
+    sheet = hotkeys.sheet()
+    assert {"Wheel", "Drag", "Shift click", "Shift drag"} <= {what for what, _ in sheet["Mouse"]}
+    assert ("? or Shift H", "This sheet") in sheet["Panel"]
+
+
 def test_the_sheet_has_keys_for_states() -> None:
     keys = {key for key, _ in hotkeys.sheet()["State"]}
     assert {"Shift N", "Shift P", "Shift C", "M", "Shift Del"} == keys

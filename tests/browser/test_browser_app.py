@@ -551,6 +551,12 @@ def test_keys_are_on_a_sheet(page: Page) -> None:
     page.keyboard.press("End")
     page.keyboard.press("Escape")
     expect(page.get_by_test_id("keys")).to_be_hidden()
+    for tab in ("results", "annotate"):  # wherever the last press was
+        page.get_by_test_id(f"tab-{tab}").click()
+        page.keyboard.press("?")
+        expect(page.get_by_test_id("keys")).to_be_visible()
+        page.keyboard.press("?")
+        expect(page.get_by_test_id("keys")).to_be_hidden()
     expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "0")
 
 
@@ -559,6 +565,8 @@ def test_keys_are_for_the_palette_while_it_is_open(page: Page) -> None:
     page.keyboard.press("Control+k")
     search = page.locator("input.mantine-Spotlight-search")
     expect(search).to_be_focused()
+    expect(page.get_by_text("Watch  (Shift+Page ↓)")).to_be_attached()
+    expect(page.get_by_text("pagedown")).to_have_count(0)
     page.evaluate("() => document.activeElement.blur()")
     page.keyboard.press("End")
     expect(search).to_be_focused()

@@ -82,8 +82,9 @@
       return {};  // the browser keeps nothing
     }
   };
-  const resume = ({ uuid, opened, sequence }) => {
+  const resume = ({ uuid, opened, sequence, keys }) => {
     if (NS.bridge === uuid) return;
+    NS.keyNames = JSON.parse(keys);
     const seen = NS.sequence === sequence ? NS.view : {};
     const { place = 0, mode = "ar" } = NS.bridge === null ? stored(opened) : seen;
     Object.assign(NS, { bridge: uuid, opened, sequence });
@@ -116,9 +117,24 @@
     if (node.matches("[data-asdf-mount]")) mount(node);
     else node.querySelectorAll("[data-asdf-mount]").forEach(mount);
   };
+  // The palette is viser's, which calls keys as it does itself: "Watch  (Shift+pagedown)".
+  const nameKey = (said) => {
+    const named = said.textContent.replace(/(\w+)\)$/, (all, key) =>
+      NS.keyNames && key in NS.keyNames ? `${NS.keyNames[key]})` : all);
+    if (named !== said.textContent) said.firstChild.data = named;
+  };
+  const nameKeys = (node) => {
+    const element = node.nodeType === 1 ? node : node.parentElement;
+    if (!element || !element.closest(".mantine-Spotlight-root, [class*='Spotlight']")) return;
+    element.querySelectorAll(".mantine-Spotlight-actionDescription").forEach(nameKey);
+    if (element.matches(".mantine-Spotlight-actionDescription")) nameKey(element);
+  };
   new MutationObserver((records) => {
-    for (const record of records) record.addedNodes.forEach(mountAll);
-  }).observe(document.documentElement, { childList: true, subtree: true });
+    for (const { target, addedNodes } of records) {
+      addedNodes.forEach(mountAll);
+      nameKeys(target);
+    }
+  }).observe(document.documentElement, { childList: true, subtree: true, characterData: true });
 
   // ---- layout: the canvas keeps clear of the bars, the tabs stand over the panel
   const layout = () => {
@@ -182,6 +198,13 @@
     event.stopPropagation();
     search.focus();
   }, { capture: true });
+
+  // viser knows no key for a question mark.
+  window.addEventListener("keydown", (event) => {
+    if (event.key !== "?" || event.ctrlKey || event.metaKey || event.altKey) return;
+    const isTyped = event.target instanceof Element && event.target.matches("input:not([type=range]), select, textarea");
+    if (!isTyped && !root.querySelector(".ax-form")) send({ kind: "ToggleKeys" });
+  });
 
   document.addEventListener("wheel", (event) => {
     const canvas = window.__viserMutable && window.__viserMutable.canvas;
