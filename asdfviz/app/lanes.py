@@ -122,7 +122,8 @@ def _cell(said: tuple[str, str] | None, source: str | None) -> Cell:
         return Cell("gone", "not in the frame")
     if kind == "verify":
         return Cell("verified", "verified")
-    return Cell(*_DERIVED.get(provenance, ("hand", "corrected")))
+    by_hand = "placed by hand" if source is None else "corrected"
+    return Cell(*_DERIVED.get(provenance, ("hand", by_hand)))
 
 
 def _sum(found: int, there: int) -> Cell:

@@ -35,12 +35,16 @@ def button(
     testid: str = "",
     pressed: bool | None = None,
 ) -> str:
-    """A button; `action` comes from `act`, `key` is shown as its shortcut, `label` is text."""
+    """A button; `action` comes from `act`, `key` is shown as its shortcut, `label` is text or a picture.
+
+    Its accessible name begins with the word that is seen, which is what people say to voice control.
+    """
     hint = f"{title} ({key})" if key and title else title or key
     state = "" if pressed is None else f' aria-pressed="{str(pressed).lower()}"'
     test = f' data-testid="{text(testid)}"' if testid else ""
     aria = f' title="{text(hint)}"' if hint else ""
-    name = f' aria-label="{text(title)}"' if title else ""
+    seen = "" if label.startswith("<") or title.startswith(label) else f"{label}: "
+    name = f' aria-label="{text(seen + title)}"' if title else ""
     return f'<span class="ax-btn {classes}" {action}{state}{test}{aria}{name}>{label}</span>'
 
 

@@ -19,7 +19,7 @@ from asdfviz.app import chrome, hotkeys, theme, welcome
 from asdfviz.app.bridge import parse
 from asdfviz.app.items import JobStatus
 from asdfviz.app.jobs import start_judging
-from asdfviz.app.markup import number
+from asdfviz.app.markup import EYE, button, number
 from asdfviz.app.panels import annotate, methods, options, results, sequence
 from asdfviz.app.session import settled
 from asdfviz.app.snapshot import Snapshot, take
@@ -199,6 +199,32 @@ def test_verdicts_are_shown_and_offered(with_run: Workspace) -> None:
     assert ">Clear<" in html
     html = annotate.content(snapshot(with_run, place=1, selected="jaw", marked=(1, 2)))
     assert ">Not in these frames<" in html
+
+
+def test_a_pose_where_there_was_none_is_placed_and_no_correction(with_run: Workspace) -> None:
+    """The run has no pose of the jaw in its first frame."""
+    for place, words in ((0, "placed by hand"), (1, "corrected")):
+        with_run.store.set_pose(FIRST + place, "jaw", np.eye(4))
+        snap = snapshot(with_run, place=place, selected="jaw")
+        assert f"</i>{words}</small>" in annotate.content(snap)
+        assert f'data-say="{words}"' in chrome.timeline_rows(snap)
+
+
+def test_turns_tell_their_order(with_run: Workspace) -> None:
+    html = annotate.content(snapshot(with_run, place=1, selected="jaw"))
+    assert unescape(html).count("then y, then z axis (R = Rz Ry Rx)") == 3
+
+
+@pytest.mark.parametrize(
+    ("label", "title", "name"),
+    [
+        ("Judge", "Against the truth", "Judge: Against the truth"),
+        ("Play", "Play on", "Play on"),
+        (EYE, "Hide jaw", "Hide jaw"),
+    ],
+)
+def test_a_button_is_named_as_it_reads(label: str, title: str, name: str) -> None:
+    assert f'aria-label="{name}"' in button(label, "", title=title)
 
 
 def test_poses_are_in_millimetres_and_degrees(with_run: Workspace) -> None:

@@ -42,6 +42,7 @@ STAGES = {
     "csv": "from a result csv",
 }
 """How a pose came about, in words."""
+_TURNS = "Euler angles: turns about the camera's fixed x, then y, then z axis (R = Rz Ry Rx). "
 _DERIVED = {"tracked": "tracked", "group": "by the state"}
 """The same of corrected poses that no hand has set."""
 
@@ -105,11 +106,17 @@ def _provenance(name: str, snap: Snapshot) -> str:
     if shown.source == ANNOTATION:
         how = _DERIVED.get(shown.stage)
         if said is None or not said.verified:
-            return f"{dot}{how or 'corrected'}"
+            return f"{dot}{how or _by_hand(name, snap)}"
         return f"{dot}verified" + (f"<i>, {how}</i>" if how else "")
     stage = STAGES[shown.stage]
     source = snap.source_name(shown.source)
     return f"{dot}{text(source)}" + (f"<i>, {stage}</i>" if stage != source else "")
+
+
+def _by_hand(name: str, snap: Snapshot) -> str:
+    """Where nobody else had a pose there was nothing to correct."""
+    is_given = name in snap.workspace.base_poses(snap.view.place, snap.view.base)
+    return "corrected" if is_given else "placed by hand"
 
 
 def _score(shown: Shown | None) -> str:
@@ -153,10 +160,10 @@ def _pose_table(name: str, shown: Shown, place: int) -> str:
 
 def _figure(name: str, value: float) -> str:
     shown = fixed(value, decimals=1)
-    unit = "°" if name in FIGURES[3:] else "mm"
+    unit, order = ("°", _TURNS) if name in FIGURES[3:] else ("mm", "")
     return (
         f'<label><input type="text" inputmode="decimal" spellcheck="false" autocomplete="off" '
-        f'aria-label="{name}, {unit}" title="Type a figure; Enter takes it, Esc leaves it" '
+        f'aria-label="{name}, {unit}" title="{text(order)}Type a figure; Enter takes it, Esc leaves it" '
         f'data-testid="pose-{name.replace(" ", "-")}" data-option="{name}" '
         f'data-default="{shown}" value="{shown}"><small> {unit}</small></label>'
     )
