@@ -10,13 +10,7 @@ import numpy as np
 from asdfviz.datatypes import Joint, Part, State
 from asdfviz.geometry.shapes import Rotation, Transform, Vector
 from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric
-from asdfviz.geometry.transforms import (
-    apply_to_point,
-    inverse,
-    rotation_about,
-    rotation_angle,
-    transform_from,
-)
+from asdfviz.geometry.transforms import rotation_about, rotation_angle
 
 CLOSE = math.radians(5.0)
 """Rotations nearer than this are not compared with others that look the same."""
@@ -58,8 +52,9 @@ def deviation(
         return _apart(T_near, T_nominal, center_part)
     # The nearest to the nominal may be out of the joint's range, and another that looks the same in it.
     found: list[Deviation] = []
-    for S in (np.eye(4), *symmetries.discrete):
-        T_allowed = nearest_in_joint(T_near @ S, T_nominal, joint, center_part=center_part)
+    for S in (None, *symmetries.discrete):
+        T_equal = T_near if S is None else T_near @ S
+        T_allowed = nearest_in_joint(T_equal, T_nominal, joint, center_part=center_part)
         T_same = nearest_symmetric(T_base_part, T_allowed, symmetries)
         found.append(_apart(T_same, T_allowed, center_part))
         if found[-1].angle < CLOSE or joint.turn[0] == joint.turn[1]:
@@ -79,11 +74,10 @@ def off_place(T_base_part: Transform, part: Part, state: State) -> Deviation:
 
 
 def _apart(T_near: Transform, T_allowed: Transform, center_part: Vector) -> Deviation:
-    between = apply_to_point(T_near, center_part)
-    between = between - apply_to_point(T_allowed, center_part)
-    return Deviation(
-        float(np.linalg.norm(between)), rotation_angle(T_near[:3, :3].T @ T_allowed[:3, :3])
-    )
+    gap = T_near[:3] - T_allowed[:3]
+    x, y, z = (gap[:, :3] @ center_part + gap[:, 3]).tolist()
+    angle = rotation_angle(T_near[:3, :3].T @ T_allowed[:3, :3])
+    return Deviation(math.sqrt(x * x + y * y + z * z), angle)
 
 
 def nearest_in_joint(
@@ -94,37 +88,36 @@ def nearest_in_joint(
     The turn is the part of the motion's rotation about the axis (its twist), the slide the part of
     the centre's travel along it, each held to the joint's range. A ball without a range turns freely.
     """
-    R_motion = (T_base_part @ inverse(T_nominal))[:3, :3]
-    turn = np.eye(3)
-    if joint.kind == "ball":
-        turn = _limited_rotation(R_motion, joint.turn)
-    elif joint.kind in ("revolute", "cylindrical"):
-        turn = rotation_about(joint.axis, nearest_turn(R_motion, joint))
-    T_turned = transform_from(turn, joint.origin - turn @ joint.origin) @ T_nominal
+    # Asked a hundred times a frame, so in plain numbers where numpy takes longer.
+    T_turned = T_nominal.copy()
+    if joint.kind != "prismatic":
+        R_motion = T_base_part[:3, :3] @ T_nominal[:3, :3].T
+        if joint.kind == "ball":
+            turn = _limited_rotation(R_motion, joint.turn)
+        else:
+            turn = rotation_about(joint.axis, nearest_turn(R_motion, joint))
+        T_turned[:3, :3] = turn @ T_nominal[:3, :3]
+        T_turned[:3, 3] = turn @ (T_nominal[:3, 3] - joint.origin) + joint.origin
     if joint.kind in ("prismatic", "cylindrical"):
-        travel = (T_base_part - T_turned)[:3] @ np.append(center_part, 1.0)
-        T_turned[:3, 3] += np.clip(travel @ joint.axis, *joint.slide) * joint.axis
+        gap = T_base_part[:3] - T_turned[:3]
+        travel = float((gap[:, :3] @ center_part + gap[:, 3]) @ joint.axis)
+        T_turned[:3, 3] += min(max(travel, joint.slide[0]), joint.slide[1]) * joint.axis
     return T_turned
 
 
 def nearest_turn(R_motion: Rotation, joint: Joint) -> float:
     """The part of a rotation in the base part's frame that is about a joint's axis, radians, held to the
     joint's range; -pi to pi where that is a whole turn."""
-    skew = np.array(
-        [
-            R_motion[2, 1] - R_motion[1, 2],
-            R_motion[0, 2] - R_motion[2, 0],
-            R_motion[1, 0] - R_motion[0, 1],
-        ]
-    )
-    d = joint.axis
-    twist = float(np.arctan2(d @ skew, np.trace(R_motion) - d @ R_motion @ d))
+    (a, b, c), (d, e, f), (g, h, i) = R_motion.tolist()
+    x, y, z = joint.axis.tolist()
+    along = x * (a * x + b * y + c * z) + y * (d * x + e * y + f * z) + z * (g * x + h * y + i * z)
+    twist = math.atan2(x * (h - f) + y * (c - g) + z * (d - b), a + e + i - along)
     low, high = joint.turn
     if high - low >= 2 * np.pi:
         return twist
-    equal_turns = twist + 2 * np.pi * np.arange(-3, 4)
-    held = np.clip(equal_turns, low, high)
-    return float(held[np.abs(held - equal_turns).argmin()])
+    equal_turns = [twist + 2 * math.pi * turns for turns in range(-3, 4)]
+    held = [(min(max(turn, low), high), turn) for turn in equal_turns]
+    return min(held, key=lambda one: abs(one[0] - one[1]))[0]
 
 
 def _limited_rotation(R_motion: Rotation, turn: tuple[float, float]) -> Rotation:
