@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, UInt8
 
 from asdfviz.app.ar import DRAWING_DEPTH
+from asdfviz.app.naming import short_names
 from asdfviz.app.theme import Rgb3, ink
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.geometry.camera import back_project, points_from_depth
@@ -72,6 +73,13 @@ def keypoint_dots(
     return _lines(corners, inks, K)
 
 
+def short_labels(assembly: Assembly) -> dict[str, str]:
+    """The network's classes as short as their tags need them, those of parts and of states apart."""
+    parts = dict.fromkeys(part.detector_class for part in assembly.parts.values())
+    states = [s.detector_class for s in assembly.states if s.detector_class is not None]
+    return {**short_names(dict.fromkeys(states)), **short_names(parts)}
+
+
 def name_tags(
     detections: Sequence[Detection],
     size_wh: tuple[int, int],
@@ -88,8 +96,9 @@ def name_tags(
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.62 * width / _TAGS_WIDE
     taken = np.zeros((height, width), bool)
     tags: list[_Tag] = []
+    shorts = short_labels(assembly)
     for detection in sorted(detections, key=lambda one: -one.score):
-        says = f"{detection.label} {100 * detection.score:.0f} %"
+        says = f"{shorts.get(detection.label, detection.label)} {100 * detection.score:.0f} %"
         (wide, tall), below = cv2.getTextSize(says, font, size, 2)
         wide, high = wide + 2 * _TAG_RIM, tall + below + 2 * _TAG_RIM
         x0, y0, _, y1 = (int(value) for value in (detection.box_xyxy + 0.5) * scale)

@@ -16,6 +16,7 @@ from asdfviz.app.drawings import (
     detection_color,
     keypoint_dots,
     name_tags,
+    short_labels,
     wxyz_of,
 )
 from asdfviz.app.outlines import MOST, feature_edges
@@ -203,3 +204,12 @@ def test_pace_keeps_time_and_does_not_hurry() -> None:
     assert pace.wait_seconds(9.0) == pytest.approx(0.0, abs=1e-9)
     pace.reset()
     assert pace.wait_seconds(0.0) == 0
+
+
+def test_tags_leave_out_what_all_classes_begin_with(clamp: Assembly) -> None:
+    parts = {
+        name: replace(part, detector_class=f"Vice_{name}") for name, part in clamp.parts.items()
+    }
+    labels = short_labels(replace(clamp, parts=parts))
+    assert [labels[f"Vice_{name}"] for name in clamp.parts] == list(clamp.parts)
+    assert len(set(labels.values())) == len(labels)
