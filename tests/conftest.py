@@ -50,6 +50,13 @@ def unchecked() -> Callable[[], AbstractContextManager[None]]:
     return leave
 
 
+@pytest.fixture
+def shapes_unchecked(unchecked: Callable[[], AbstractContextManager[None]]) -> Iterator[None]:
+    """The same for a whole test; files of long ones use it as their mark."""
+    with unchecked():
+        yield
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put some files first; all else keeps its order."""
     place = {name: i for i, name in enumerate(FIRST)}

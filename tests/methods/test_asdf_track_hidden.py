@@ -20,7 +20,7 @@ from asdfviz.methods.track_memory import Track
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.track.presets import PROPOSED
 
-pytestmark = pytest.mark.usefixtures("small_models")
+pytestmark = pytest.mark.usefixtures("small_models", "shapes_unchecked")
 
 BASE = transform_from(np.eye(3), np.array([0.0, 0.0, 0.6]))
 BLOCK = transform_from(np.eye(3), np.array([-0.15, -0.05, 0.6]))

@@ -43,7 +43,7 @@ ARRIVED = 8
 """Frame from which the block is joined."""
 
 
-pytestmark = pytest.mark.usefixtures("small_models")
+pytestmark = pytest.mark.usefixtures("small_models", "shapes_unchecked")
 
 
 @dataclass(frozen=True, eq=False)

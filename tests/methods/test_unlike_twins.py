@@ -15,6 +15,8 @@ from asdfviz.methods.asdf_track import AsdfTrack
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.unlike_twins import UnlikeTwins, UnlikeTwinsConfig
 
+pytestmark = pytest.mark.usefixtures("shapes_unchecked")
+
 HERE = transform_from(np.eye(3), np.array([-0.1, 0.0, 0.6]))
 THERE = transform_from(np.eye(3), np.array([0.1, 0.0, 0.6]))
 BASE = transform_from(np.eye(3), np.array([0.0, 0.12, 0.6]))
