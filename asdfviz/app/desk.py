@@ -19,7 +19,13 @@ BURST = 0.8
 """Seconds: nudges that follow each other faster are undone as one ..."""
 LONGEST_BURST = 1.5
 """... up to so many seconds after the first: nobody wants to lose a minute's work at once."""
-_DEEDS = {"gizmo": "dragged", "keys": "moved", "copied": "copied", "placed": "placed"}
+_DEEDS = {
+    "gizmo": "dragged",
+    "keys": "moved",
+    "copied": "copied",
+    "placed": "placed",
+    "fitted": "fitted",
+}
 
 
 class NothingLeft(AnnotationError):

@@ -9,7 +9,7 @@ import numpy as np
 
 from asdfviz.annotate.steps import group_of
 from asdfviz.app.background_job import BackgroundJob
-from asdfviz.app.desk import carried
+from asdfviz.app.desk import Desk
 from asdfviz.app.items import JobStatus, Message
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
@@ -40,15 +40,14 @@ def plan_fit(workspace: Workspace, view: View) -> Fit:
     Raises:
         AnnotationError: no part is selected, or it has no pose here.
     """
-    if view.selected is None:
-        raise AnnotationError("no part is selected: click one in the picture or in the list")
-    here = workspace.poses(view.place, view.base).get(view.selected)
+    part = Desk(workspace, view, "").part
+    here = workspace.poses(view.place, view.base).get(part)
     if here is None:
         frame = workspace.indices[view.place]
         raise AnnotationError(
-            f"{view.selected} has no pose in frame {frame} to begin with: place it about where it is"
+            f"{part} has no pose in frame {frame} to begin with: place it about where it is"
         )
-    return Fit(view.selected, view, here.T_camera_part)
+    return Fit(part, view, here.T_camera_part)
 
 
 class FitJob(BackgroundJob):
@@ -69,7 +68,8 @@ class FitJob(BackgroundJob):
         except Stopped:
             self._set(replace(self._begun, state="stopped"))
             return
-        self._keep(T)
+        group = group_of(fit.view.page, f"fit@{time.monotonic():.6f}")
+        Desk(workspace, fit.view, group).move(fit.part, T, FITTED)
         told = f"{fit.part} fitted to the picture, {self._moved(T)}"
         end = replace(self._begun, state="done", done=1, told=told, part=fit.part)
         self._set(replace(end, version=workspace.store.version()))
@@ -107,16 +107,6 @@ class FitJob(BackgroundJob):
                 "its contours and depth agree with no place near: move or turn it nearer first"
             )
         return found.T_camera_part
-
-    def _keep(self, T_camera_part: Transform) -> None:
-        workspace, view = self._workspace, self._fit.view
-        moved = carried(workspace, view, part=self._fit.part, T_camera_part=T_camera_part)
-        group = group_of(view.page, f"fit@{time.monotonic():.6f}")
-        with workspace.store.transaction():
-            if workspace.store.seed().kind == "none" and view.base is not None:
-                workspace.store.set_seed(workspace.seed_of(view.base), group=group)
-            frame = workspace.indices[view.place]
-            workspace.store.set_poses(frame, moved, provenance=FITTED, group=group)
 
     def _moved(self, T_camera_part: Transform) -> str:
         """How far, in words."""
