@@ -28,6 +28,10 @@ def bundled_assemblies() -> dict[str, Path]:
     return {path.parent.name: path for path in found}
 
 
+MODEL = "model"
+"""Folder, in that of a scene, that may hold a copy of the scene's assembly."""
+
+
 def way_to_assembly(assembly: Assembly, folder: Path) -> dict[str, str]:
     """What sequence.json in `folder` says besides the assembly's name, so that it is found again.
 

@@ -8,7 +8,7 @@
 
 camera.json may accompany any of them (size, `distortion`), as may states.json (the truth of the
 states) and sequence.json ({"assembly": name or relative path, "fps": 30}; "assembly_path" may tell
-where the one of that name lies, from the folder).
+where the one of that name lies, from the folder, and model/ there may hold a copy of it).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from asdfviz.data.cameras import CameraEntry, read_camera_file, read_scene_camer
 from asdfviz.data.folder_sequence import PLAIN, FolderSequence, SceneReaders
 from asdfviz.data.images import read_rgb
 from asdfviz.data.json_files import Json, read_json
-from asdfviz.data.resources import bundled_assemblies, sample_folder
+from asdfviz.data.resources import MODEL, bundled_assemblies, sample_folder
 from asdfviz.data.scene_files import SceneFiles, find_scene_files
 from asdfviz.data.scene_objects import id_kind
 from asdfviz.datatypes import Assembly, FrameTruth
@@ -214,7 +214,7 @@ def _named_assembly(folder: Path, about: Json | None) -> tuple[Assembly | None, 
         return None, None
     name, way = field.text(), about.find("assembly_path")
     told = None if way is None else folder / way.text()
-    for candidate in (told, bundled_assemblies().get(name), folder / name):
+    for candidate in (told, folder / MODEL, bundled_assemblies().get(name), folder / name):
         if candidate is not None and _is_assembly(candidate):
             return load_assembly(candidate), None
     return None, name

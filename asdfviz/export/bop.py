@@ -22,7 +22,7 @@ from asdfviz.data.encoding import encoded
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.json_files import read_json
 from asdfviz.data.prefetch import Prefetcher
-from asdfviz.data.resources import bundled_assemblies, way_to_assembly
+from asdfviz.data.resources import MODEL, bundled_assemblies, way_to_assembly
 from asdfviz.data.scene_files import RGB_SUFFIXES
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
@@ -40,8 +40,6 @@ from asdfviz.export.readable import readable_frames
 
 _GENERATOR = "asdfviz export"
 _SEQUENCE = "sequence.json"
-_MODEL = "model"
-"""Folder of an export's own copy of the assembly."""
 
 
 def export_bop(
@@ -184,8 +182,8 @@ def _with_model(source: Sequence, folder: Path) -> dict[str, object]:
     assembly = source.assembly
     if assembly is None or _assembly_reference(assembly) != assembly.path:
         return {}
-    write_assembly(assembly, folder / _MODEL)
-    return {"assembly": _MODEL, **way_to_assembly(assembly, folder)}
+    write_assembly(assembly, folder / MODEL)
+    return {"assembly": assembly.name, **way_to_assembly(assembly, folder)}
 
 
 def _write_images(source: Sequence, frame: Frame, folder: Path) -> tuple[Camera, float]:

@@ -22,6 +22,7 @@ from asdfviz.export.bop import export_bop
 from asdfviz.export.bop_content import scene_gt
 from asdfviz.export.readable import told_left_out
 from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.train.dataset import shown_subject, subjects_of
 
 Truth = dict[int, FrameTruth]
 
@@ -229,11 +230,14 @@ def test_an_export_can_be_read_where_its_assembly_is_not(
     here = open_sequence(tmp_path / "out").assembly
     assert here is not None
     assert Path(here.path) == home
+    subjects = subjects_of([here])
+    assert shown_subject(tmp_path / "out", subjects) is subjects[0]  # and may be learnt from
     shutil.move(tmp_path / "out", tmp_path / "elsewhere" / "out")
     shutil.rmtree(tmp_path / "home")
     moved = open_sequence(tmp_path / "elsewhere" / "out")
     assert moved.assembly is not None
     assert list(moved.assembly.parts) == list(assembly.parts)
+    assert shown_subject(Path(moved.path), subjects) is subjects[0]
     assert str(tmp_path / "home") not in (Path(moved.path) / "sequence.json").read_text()
 
 
