@@ -31,8 +31,8 @@ from asdfviz.evaluate.health_depth import (
     median_depth,
 )
 from asdfviz.evaluate.health_files import (
-    check_alike,
     check_assembly,
+    check_image_sizes,
     check_numbering,
     check_objects,
     check_partners,
@@ -69,7 +69,7 @@ def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> H
     places = spread(len(source), MOST_FRAMES)
     tell = progress or _untold
     frames, unread = _read_frames(source, places, tell)
-    findings = list(check_alike(source)) if isinstance(source, FolderSequence) else []
+    findings = list(check_image_sizes(source)) if isinstance(source, FolderSequence) else []
     images_wh = None if frames else _common_size(unread)
     if images_wh is None:
         findings += _check_sizes(unread, len(places))

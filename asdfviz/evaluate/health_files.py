@@ -81,7 +81,7 @@ def check_partners(sequence: FolderSequence) -> Iterator[Finding]:
         )
 
 
-def check_alike(sequence: FolderSequence) -> Iterator[Finding]:
+def check_image_sizes(sequence: FolderSequence) -> Iterator[Finding]:
     """Name the images of another size than most of their kind; only the beginning of each file is read."""
     for kind, images in (("colour", sequence.files.rgb), ("depth", sequence.files.depth)):
         sizes = {file: _size_wh(file) for file in images.values()}
