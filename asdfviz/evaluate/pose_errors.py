@@ -17,7 +17,7 @@ from asdfviz.datatypes import Part
 from asdfviz.geometry.boxes import box_around, overlap
 from asdfviz.geometry.sampling import surface_points
 from asdfviz.geometry.shapes import Box, Points, Transform
-from asdfviz.geometry.symmetry import Symmetries, symmetric_angle
+from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 
 SURFACE_POINTS = 2000
@@ -40,11 +40,13 @@ class PoseError:
     add_s: float
     """ADI for a symmetric part, ADD for any other; metres."""
     e_t: float
-    """Distance of the part frames' origins, metres."""
+    """Distance of the part frames' origins, metres, symmetry left aside."""
+    e_t_sym: float
+    """The same to the symmetric pose of `e_r_sym`, metres: a turn about an axis beside the origin moves it."""
     e_r: float
     """Angle between the rotations, radians, symmetry left aside."""
     e_r_sym: float
-    """The same to the nearest symmetric pose, radians."""
+    """The same to the nearest symmetric pose, radians; continuous axes are solved for, not cut into steps."""
     overlap: float
     """Intersection over union of the boxes about the part in the picture under both poses, 0 to 1."""
 
@@ -78,15 +80,16 @@ def pose_error(
     known_add_s: float | None = None,
 ) -> PoseError:
     """Return all errors of one pose; ADD(S) as in Hinterstoisser et al. (ACCV 2012), or as known."""
-    symmetries = model.part.symmetries
+    T_camera_alike = nearest_symmetric(T_camera_truth, T_camera_estimate, model.part.symmetries)
     known = known_add_s
     if known is None:
         known = add_s(T_camera_estimate, T_camera_truth, model)
     return PoseError(
         add_s=known,
         e_t=e_t(T_camera_estimate, T_camera_truth),
+        e_t_sym=e_t(T_camera_estimate, T_camera_alike),
         e_r=e_r(T_camera_estimate, T_camera_truth),
-        e_r_sym=e_r_symmetric(T_camera_estimate, T_camera_truth, symmetries),
+        e_r_sym=e_r(T_camera_estimate, T_camera_alike),
         overlap=box_overlap(T_camera_estimate, T_camera_truth, model.points),
     )
 
@@ -167,13 +170,3 @@ def e_t(T_camera_estimate: Transform, T_camera_truth: Transform) -> float:
 def e_r(T_camera_estimate: Transform, T_camera_truth: Transform) -> float:
     """Angle of the rotation between the poses, radians: acos((tr(R_e R_t^T) - 1) / 2)."""
     return rotation_angle(T_camera_estimate[:3, :3].T @ T_camera_truth[:3, :3])
-
-
-def e_r_symmetric(
-    T_camera_estimate: Transform, T_camera_truth: Transform, symmetries: Symmetries
-) -> float:
-    """Smallest angle to any pose that looks like the truth, radians: min over S of e_r(R_e, R_t S).
-
-    Continuous axes are solved for, not cut into steps.
-    """
-    return symmetric_angle(T_camera_truth, T_camera_estimate, symmetries)

@@ -3,7 +3,8 @@
 `strict`: every part that can be seen counts, a missing pose is a miss. `bop`: the same, and the average
 recalls of `asdfviz.evaluate.bop` beside it. `gbot`: the rules of the GBOT
 authors' eval_calc_errors.py, by which the ASDF paper's tables were made. They count only the poses
-that were handed in, and call a share at 10 cm ADD(S); it is kept apart to compare with the paper.
+that were handed in, know no symmetry in e_t, and call a share at 10 cm ADD(S); it is kept apart to
+compare with the paper.
 Shares in percent, lengths in mm, angles in degrees; None where a figure is not defined.
 """
 
@@ -153,7 +154,7 @@ def _strict_figures(records: Sequence[PoseRecord], part: Part) -> Figures:
         "n_visible": len(counted),
         "n_poses": len(errors),
         **_add_shares(adds, part, total=len(counted)),
-        **_distances(errors, [error.e_t for error in errors]),
+        **_distances(errors, [error.e_t_sym for error in errors]),
     }
 
 

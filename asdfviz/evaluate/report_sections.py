@@ -283,7 +283,7 @@ def _shots(shots: Sequence[Shot]) -> str:
     figures = "".join(
         f'<figure><img src="{shot.jpeg}" alt="{escape(f"{shot.part} in frame {shot.frame_index}")}">'
         f"<figcaption><b>{escape(shot.part)}</b>, frame {shot.frame_index}<br>{MEASURE} "
-        f"{1000 * shot.error.add_s:.1f} mm, e<sub>t</sub> {1000 * shot.error.e_t:.1f} mm, e<sub>r</sub> "
+        f"{1000 * shot.error.add_s:.1f} mm, e<sub>t</sub> {1000 * shot.error.e_t_sym:.1f} mm, e<sub>r</sub> "
         f"{np.rad2deg(shot.error.e_r_sym):.1f}°</figcaption></figure>"
         for shot in shots
     )

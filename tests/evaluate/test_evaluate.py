@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,8 @@ from asdfviz.evaluate.protocols import MEAN_FIGURES, ProtocolName, gbot_evaluate
 from asdfviz.evaluate.summary import summaries
 from asdfviz.evaluate.tables import escaped, markdown_table, means_table
 from asdfviz.evaluate.terminal_table import means_summary, runs_summary
-from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.geometry.symmetry import Axis, Symmetries
+from asdfviz.geometry.transforms import rotation_about, transform_from, turn_about
 
 MakeTruth = Callable[..., FrameTruth]
 MakePrediction = Callable[..., FramePrediction]
@@ -143,6 +145,27 @@ def test_strict_figures_by_hand(
     assert set(report["state"].values()) == {None}
     # Of the five poses that are seen, the three right ones and two wrong ones have one score.
     assert report["mean"]["score_auc"] == pytest.approx(50)
+
+
+@pytest.mark.parametrize(("protocol", "e_t_mm"), [("strict", 0.0), ("gbot", 80.0)])
+def test_only_gbots_rules_take_a_symmetric_turn_for_a_shift(
+    assembly: Assembly,
+    make_truth: MakeTruth,
+    make_prediction: MakePrediction,
+    make_run: MakeRun,
+    protocol: ProtocolName,
+    e_t_mm: float,
+) -> None:
+    """The rod's axis lies 40 mm beside its origin, which a half turn takes to the other side."""
+    z, beside = np.array([0.0, 0, 1]), np.array([0.04, 0, 0])
+    rod = assembly.parts["rod"]
+    mesh = replace(rod.mesh, vertices=rod.mesh.vertices + beside)
+    rod = replace(rod, mesh=mesh, symmetries=Symmetries(continuous=(Axis(z, beside),)))
+    model = replace(assembly, parts={**assembly.parts, "rod": rod})
+    run = make_run([make_prediction(0, {"rod": placed() @ turn_about(z, beside, np.pi)})])
+    truth = {0: make_truth(0, {"rod": placed()})}
+    report = evaluate_run(run, assembly=model, truth=truth, protocol=protocol)
+    assert report["parts"]["rod"]["e_t_mm"] == pytest.approx(e_t_mm, abs=1e-6)
 
 
 def test_gbot_figures_by_hand(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,13 +15,12 @@ from asdfviz.evaluate.pose_errors import (
     adi,
     box_overlap,
     e_r,
-    e_r_symmetric,
     e_t,
     error_model,
     pose_error,
 )
 from asdfviz.geometry.symmetry import Axis, Symmetries
-from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.geometry.transforms import rotation_about, transform_from, turn_about
 
 Z = np.array([0.0, 0, 1])
 
@@ -80,11 +81,29 @@ def test_a_turn_about_a_free_axis_is_no_error(assembly: Assembly) -> None:
     assert error.add_s < 0.0007
 
 
-def test_a_tilt_of_a_free_axis_stays_an_error() -> None:
-    symmetries = Symmetries(continuous=(Axis(Z, np.zeros(3)),))
+def test_a_tilt_of_a_free_axis_stays_an_error(assembly: Assembly) -> None:
     T_camera_estimate = turned(10, np.array([1.0, 0, 0])) @ turned(77, t=(0, 0, 0))
-    angle = e_r_symmetric(T_camera_estimate, turned(0), symmetries)
-    assert np.rad2deg(angle) == pytest.approx(10, abs=1e-6)
+    error = pose_error(T_camera_estimate, turned(0), error_model(assembly.parts["rod"]))
+    assert np.rad2deg(error.e_r_sym) == pytest.approx(10, abs=1e-6)
+
+
+@pytest.mark.parametrize(("degrees", "shift"), [(180.0, 0.0), (70.0, 0.003)])
+def test_a_turn_about_an_axis_beside_the_origin_is_no_shift(
+    assembly: Assembly, degrees: float, shift: float
+) -> None:
+    beside = np.array([0.04, 0, 0])
+    rod = assembly.parts["rod"]
+    mesh = replace(rod.mesh, vertices=rod.mesh.vertices + beside)
+    symmetries = Symmetries(continuous=(Axis(Z, beside),))
+    model = error_model(replace(rod, mesh=mesh, symmetries=symmetries))
+    T_camera_truth = turned(25, np.array([1.0, 2, -1]))
+    T_camera_estimate = T_camera_truth @ turn_about(Z, beside, np.deg2rad(degrees))
+    T_camera_estimate[0, 3] += shift
+    error = pose_error(T_camera_estimate, T_camera_truth, model)
+    assert error.e_t_sym == pytest.approx(shift, abs=1e-9)
+    assert error.e_r_sym == pytest.approx(0, abs=1e-7)
+    if shift == 0:
+        assert error.e_t == pytest.approx(0.08)  # across the axis: twice 40 mm
 
 
 @pytest.mark.parametrize(("degrees", "expected"), [(180, 0), (170, 10), (90, 90), (20, 20)])
