@@ -124,7 +124,8 @@ def protocol_report(
     parts, means = pose_figures(judgement.comparison, assembly, protocol)
     state = state_figures(states)
     if protocol == "gbot":
-        state["micro_f1"] = micro_f1(states)
+        was_given = run.initial == "first_frame_truth"
+        state["micro_f1"] = micro_f1(states, first_was_given=was_given)
     report: dict[str, Any] = {
         "method": run.method,
         "sequence": Path(run.sequence).name if sequence_name is None else sequence_name,

@@ -183,13 +183,17 @@ def _macro_f1_state_part(records: Sequence[StateRecord]) -> float | None:
     return mean(scores)
 
 
-def micro_f1(records: Sequence[StateRecord]) -> float | None:
+def micro_f1(records: Sequence[StateRecord], *, first_was_given: bool = False) -> float | None:
     """2 TP / (2 TP + FP + FN) over all frames but the first, the reading behind the paper's "F1".
 
     All four of the paper's figures are k / (N - 1) for N test frames. A wrong state is a false
     positive and a false negative, a missing one a false negative only.
+
+    Args:
+        records: of the frames that are judged, in their order.
+        first_was_given: whether the first frame was the method's start, and so has no record.
     """
-    counted = records[1:]
+    counted = records if first_was_given else records[1:]
     right = sum(r.predicted == r.state for r in counted)
     said = sum(r.predicted is not None for r in counted)
     return percent(2 * right, said + len(counted))

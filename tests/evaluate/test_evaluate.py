@@ -318,6 +318,21 @@ def test_missing_visibility_is_rendered(
     assert seen == {"plate": 1, "block": 0, "rod": 1}
 
 
+@pytest.mark.parametrize("initial", ["none", "first_frame_truth"])
+def test_gbots_f1_leaves_out_one_frame_whoever_was_given_it(
+    assembly: Assembly,
+    make_truth: MakeTruth,
+    make_prediction: MakePrediction,
+    make_run: MakeRun,
+    initial: str,
+) -> None:
+    truth = {i: make_truth(i, {"plate": placed()}, state=0) for i in range(10)}
+    said = [make_prediction(i, {"plate": placed()}, state=int(i == 1)) for i in range(10)]
+    run = make_run(said, initial=initial)
+    report = evaluate_run(run, assembly=assembly, truth=truth, protocol="gbot")
+    assert report["state"]["micro_f1"] == pytest.approx(100 * 8 / 9)
+
+
 def test_a_csv_begins_after_the_frame_that_was_given(
     assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
 ) -> None:
