@@ -128,10 +128,11 @@ def transitions(
     return tuple(found), len(set(changes) - used)
 
 
-def _held(labels: Sequence[Label]) -> list[Label]:
+def _held(labels: Sequence[Label], *, start: Label = None) -> list[Label]:
     held: list[Label] = []
     for label in labels:
-        held.append(held[-1] if label is None and held else label)
+        start = start if label is None else label
+        held.append(start)
     return held
 
 
@@ -143,10 +144,19 @@ class Step:
     frame: int
 
 
-def steps(labels: Sequence[Label], frames: Sequence[int]) -> tuple[Step, ...]:
-    """The procedure that a label string tells: going from state a to b does a+1 to b, back undoes."""
+def steps(
+    labels: Sequence[Label], frames: Sequence[int], *, start: Label = None
+) -> tuple[Step, ...]:
+    """The procedure that a label string tells: going from state a to b does a+1 to b, back undoes.
+
+    Args:
+        labels: one a frame; a frame without a state counts as the last one that was said.
+        frames: their numbers.
+        start: the state of frames before anything is said; None where nobody knows it, then the
+            first state that is said is no step.
+    """
     found: list[Step] = []
-    held = _held(labels)
+    held = _held(labels, start=start)
     for before, after, frame in zip(held, held[1:], frames[1:], strict=False):
         if before is None or after is None:
             continue

@@ -151,7 +151,9 @@ def _course_figures(records: Sequence[StateRecord]) -> Figures:
     frames = [record.frame_index for record in records]
     followed, false = true_transitions(records)
     delays = [float(found.delay) for found in followed if found.delay is not None]
-    procedure = procedure_scores(steps(said, frames), steps(true, frames))
+    # A run that is silent until the first step is done has missed no step.
+    start = true[0] if true else None
+    procedure = procedure_scores(steps(said, frames, start=start), steps(true, frames))
     return {
         "edit": edit_score(said, true),
         "f1_10": segment_f1(said, true, overlap=0.1),

@@ -143,6 +143,9 @@ def test_delays_are_in_frame_numbers() -> None:
 def test_steps_of_a_procedure() -> None:
     assert steps([0, 0, 2, 2, 1], range(5)) == (Step(1, 2), Step(2, 2), Step(-2, 4))
     assert steps([None, 0, None, 1], range(4)) == (Step(1, 3),)
+    assert steps([None, 2], range(2)) == ()
+    assert steps([None, 2], range(2), start=1) == (Step(2, 1),)
+    assert steps([2, None], range(2), start=1) == ()
 
 
 def test_procedure_scores_by_hand() -> None:

@@ -67,6 +67,15 @@ def test_figures_by_hand(records: Callable[..., tuple[StateRecord, ...]]) -> Non
     assert micro_f1(found) == pytest.approx(100 * 10 / 17)
 
 
+@pytest.mark.parametrize("early", [0, None])
+def test_silence_before_the_first_step_costs_no_step(
+    records: Callable[..., tuple[StateRecord, ...]], early: int | None
+) -> None:
+    figures = state_figures(records([0, 0, 0, 1, 1, 2], [early] * 3 + [1, 1, 2]))
+    assert (figures["pos"], figures["step_f1"], figures["step_delay_frames"]) == (100, 100, 0)
+    assert (figures["transitions_followed"], figures["false_transitions"]) == (100, 0)
+
+
 @pytest.mark.parametrize(
     ("switch", "tolerant"), [(2, 90), (3, 100), (4, 100), (5, 100), (6, 100), (7, 100), (8, 90)]
 )
