@@ -87,25 +87,27 @@ def pose_figures(
     comparison: Comparison, assembly: Assembly, protocol: ProtocolName
 ) -> tuple[dict[str, Figures], Figures]:
     """Return the figures of every part and their mean over parts; with twins exchanged too (TWINS)."""
-    absent = {name: len(comparison.false_positives.get(name, ())) for name in assembly.parts}
+    absent = comparison.false_positives
     parts, means = _figures_of(comparison.records, absent, assembly, protocol)
-    exchanged, exchanged_means = _figures_of(comparison.exchanged, absent, assembly, protocol)
-    for name, count in absent.items():
-        parts[name] |= {"false_positives": count}
+    exchanged, exchanged_means = _figures_of(
+        comparison.exchanged, comparison.exchanged_false_positives, assembly, protocol
+    )
+    for name in assembly.parts:
+        parts[name] |= {"false_positives": len(absent[name])}
         parts[name] |= {f"{key}{TWINS}": exchanged[name][key] for key in MEAN_FIGURES}
     return parts, means | {f"{key}{TWINS}": value for key, value in exchanged_means.items()}
 
 
 def _figures_of(
     records: Iterable[PoseRecord],
-    absent: Mapping[str, int],
+    absent: Mapping[str, Sequence[int]],
     assembly: Assembly,
     protocol: ProtocolName,
 ) -> tuple[dict[str, Figures], Figures]:
     by_part = _by_part(records, assembly)
     part_figures = _gbot_figures if protocol == "gbot" else _strict_figures
     parts = {
-        name: part_figures(by_part[name], part) | _detection(by_part[name], absent[name])
+        name: part_figures(by_part[name], part) | _detection(by_part[name], len(absent[name]))
         for name, part in assembly.parts.items()
     }
     if protocol == "gbot":

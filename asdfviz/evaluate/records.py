@@ -5,7 +5,7 @@ Sits between the pose errors and the protocols, which only differ in what they c
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, PoseEstimate, Run
@@ -42,6 +42,8 @@ class Comparison:
     """Frame numbers in which the part has a pose though the truth does not know it there."""
     exchanged: tuple[PoseRecord, ...]
     """As `records`, with the poses of twins given to whichever of them they fit."""
+    exchanged_false_positives: Mapping[str, tuple[int, ...]]
+    """As `false_positives`, likewise."""
 
 
 def predictions_by_frame(run: Run, assembly: Assembly) -> dict[int, FramePrediction]:
@@ -96,31 +98,52 @@ def compare_poses(
     records: list[PoseRecord] = []
     after: list[PoseRecord] = []
     extra: dict[str, list[int]] = {name: [] for name in assembly.parts}
+    extra_after: dict[str, list[int]] = {name: [] for name in assembly.parts}
     for frame in truth:
         prediction = predictions.get(frame.frame_index)
         poses: Mapping[str, PoseEstimate] = {} if prediction is None else prediction.poses
-        given = dict(poses)
-        measured: dict[tuple[str, str], float] = {}
-        for names in groups:
-            given = {name: pose for name, pose in given.items() if name not in names}
-            twin = models[names[0]]
-            given |= exchanged(poses, frame.T_camera_part, names, twin, measured=measured)
+        given, measured = _given_to_twins(poses, frame, groups, models)
+        if frame.T_camera_part and is_complete:
+            # A frame whose state alone is known says nothing about which parts are there.
+            _note_absent(extra, poses, frame)
+            _note_absent(extra_after, given, frame)
         for name, model in models.items():
             T_camera_truth, pose = frame.T_camera_part.get(name), poses.get(name)
             if T_camera_truth is None:
-                # A frame whose state alone is known says nothing about which parts are there.
-                if pose is not None and frame.T_camera_part and is_complete:
-                    extra[name].append(frame.frame_index)
                 continue
-            share = visible[frame.frame_index][name]
-            where = (frame.frame_index, name, share)
+            where = (frame.frame_index, name, visible[frame.frame_index][name])
             record = _record(where, pose, T_camera_truth, model, measured)
             records.append(record)
             if given.get(name) is not pose:
                 record = _record(where, given.get(name), T_camera_truth, model, measured)
             after.append(record)
-    false_positives = {name: tuple(found) for name, found in extra.items()}
-    return Comparison(tuple(records), false_positives, tuple(after))
+    return Comparison(tuple(records), _frozen(extra), tuple(after), _frozen(extra_after))
+
+
+def _given_to_twins(
+    poses: Mapping[str, PoseEstimate],
+    frame: FrameTruth,
+    groups: Iterable[Sequence[str]],
+    models: Mapping[str, ErrorModel],
+) -> tuple[dict[str, PoseEstimate], dict[tuple[str, str], float]]:
+    """The poses by the twins that they fit, and the ADD(S) that was measured for it."""
+    given = dict(poses)
+    measured: dict[tuple[str, str], float] = {}
+    for names in groups:
+        given = {name: pose for name, pose in given.items() if name not in names}
+        twin = models[names[0]]
+        given |= exchanged(poses, frame.T_camera_part, names, twin, measured=measured)
+    return given, measured
+
+
+def _note_absent(found: Mapping[str, list[int]], poses: Iterable[str], frame: FrameTruth) -> None:
+    for name in poses:
+        if name not in frame.T_camera_part:
+            found[name].append(frame.frame_index)
+
+
+def _frozen(found: Mapping[str, list[int]]) -> dict[str, tuple[int, ...]]:
+    return {name: tuple(frames) for name, frames in found.items()}
 
 
 def _record(

@@ -32,6 +32,8 @@ def exchanged(
 ) -> dict[str, PoseEstimate]:
     """Give the poses of twins to the true ones with the least sum of ADD(S), none of it above FAR.
 
+    Poses that are left over, because fewer twins are there, go to those that are not.
+
     Args:
         poses: of the frame, by the name that the run gave them.
         truth: T_camera_part of the parts that are there.
@@ -40,18 +42,20 @@ def exchanged(
         measured: takes the ADD(S) that had to be measured, by the names of the pose and of the truth.
 
     Returns:
-        The poses by the name of the true twin; a twin for which none is left is absent.
+        The poses by the name of the twin that they are given to; one for which none is left is absent.
     """
     said = [name for name in names if name in poses]
-    there = [name for name in names if name in truth]
-    cost = np.zeros((len(said), len(there)))
+    # Dearer than all true twins together: one that is not there takes only what is left over.
+    cost = np.full((len(said), len(names)), FAR * len(names))
     for i, name in enumerate(said):
-        for j, other in enumerate(there):
-            pair = (poses[name].T_camera_part, truth[other], model)
-            error = FAR
-            if add_s_at_least(*pair) < FAR:
-                error = add_s(*pair)
-                if measured is not None:
-                    measured[name, other] = error
-            cost[i, j] = min(error, FAR) - OWN_NAME * (name == other)
-    return {there[j]: poses[said[i]] for i, j in cheapest_pairs(cost)}
+        for j, other in enumerate(names):
+            if other in truth:
+                pair = (poses[name].T_camera_part, truth[other], model)
+                error = FAR
+                if add_s_at_least(*pair) < FAR:
+                    error = add_s(*pair)
+                    if measured is not None:
+                        measured[name, other] = error
+                cost[i, j] = min(error, FAR)
+            cost[i, j] -= OWN_NAME * (name == other)
+    return {names[j]: poses[said[i]] for i, j in cheapest_pairs(cost)}

@@ -11,7 +11,9 @@ import pytest
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, PoseEstimate, Run
 from asdfviz.evaluate.bop import passed
 from asdfviz.evaluate.evaluate import evaluate_run
+from asdfviz.evaluate.pose_errors import error_model
 from asdfviz.evaluate.tables import markdown_table
+from asdfviz.evaluate.twins import exchanged
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.state.twins import twin_groups
 
@@ -83,6 +85,43 @@ def test_exchanged_figures_by_hand(
     assert gbot["parts"]["plate"]["add_s_10cm_twins"] == 100.0
     assert gbot["parts"]["plate-Copy"]["e_t_mm_twins"] == copy["e_t_mm_twins"]
     assert gbot["mean"]["e_t_mm_twins"] == pytest.approx((35 / 3 + 81 / 4) / 2)
+
+
+def test_a_pose_by_a_twins_name_is_no_false_positive(
+    clamp: Assembly, camera: Camera, make_truth: MakeTruth, make_run: MakeRun
+) -> None:
+    """Of the two plates only one is there, in frame 1 and 2 beside a pose of nothing."""
+    truth = {i: make_truth(i, {"plate": at(0)}) for i in range(3)}
+    run = make_run(
+        [
+            said(0, plate_Copy=(2, 0.9)),
+            said(1, plate=(3, 0.9), plate_Copy=(150, 0.9)),
+            said(2, plate=(150, 0.9), plate_Copy=(3, 0.9)),
+        ]
+    )
+    report = evaluate_run(run, assembly=clamp, truth=truth, camera=camera)
+    plate, copy = report["parts"]["plate"], report["parts"]["plate-Copy"]
+    assert (plate["box_precision"], copy["box_precision"]) == (50.0, 0.0)
+    assert copy["false_positives"] == 3
+    assert (plate["add_s_01d_twins"], plate["box_recall_twins"]) == (100.0, 100.0)
+    assert plate["box_precision_twins"] == 100.0
+    assert copy["box_precision_twins"] == 0.0  # of two: what is left over in frames 1 and 2
+    first = {0: truth[0]}
+    alone = evaluate_run(make_run([said(0, plate_Copy=(2, 0.9))]), assembly=clamp, truth=first)
+    assert alone["parts"]["plate-Copy"]["box_precision_twins"] is None
+    assert alone["mean"]["box_precision_twins"] == 100.0
+
+
+def test_poses_that_are_left_over_keep_their_names(assembly: Assembly) -> None:
+    names = ("a", "b", "c")
+    poses = {name: PoseEstimate(name, at(x), 0.9, "pnp") for name, x in (("b", 1), ("c", 200))}
+    model = error_model(assembly.parts["plate"])
+    assert exchanged(poses, {"b": at(0)}, names, model) == poses
+    found = exchanged(poses, {"a": at(0)}, names, model)
+    assert (found.keys(), found["a"], found["c"]) == ({"a", "c"}, poses["b"], poses["c"])
+    # One beyond FAR is still the true one's, as long as there is no better.
+    assert exchanged({"c": poses["c"]}, {"a": at(0)}, names, model) == {"a": poses["c"]}
+    assert exchanged(poses, {}, names, model) == poses
 
 
 def test_without_twins_the_figures_are_the_plain_ones(
