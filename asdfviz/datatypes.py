@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, Protocol, TypeAlias, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -30,9 +30,7 @@ from asdfviz.geometry.shapes import (
 )
 from asdfviz.geometry.symmetry import Symmetries
 
-Stage: TypeAlias = Literal[
-    "pnp", "crop", "refined", "group", "tracked", "annotated", "truth", "csv"
-]
+Stage = Literal["pnp", "crop", "refined", "group", "tracked", "annotated", "truth", "csv"]
 """The last step that touched a pose; "csv": it was read from results that do not say so."""
 
 KEYPOINTS = 17
@@ -241,6 +239,8 @@ class FrameTruth:
     """Visible share of each part's outline, 0 to 1; a part may be missing where it is not known."""
     error: str | None = None
     """Name of the error state while `is_error`; None where nobody said which."""
+    lists_parts: bool = False
+    """Whether a part without a pose is not there even where no part has one, as by `[]` in scene_gt.json."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -27,7 +27,8 @@ class StateTruth:
 def read_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
     """Read what is known of each frame, by frame number; empty where the folder holds no truth.
 
-    Objects that the assembly does not know are left out: they are distractors.
+    Objects that the assembly does not know are left out: they are distractors. An entry without any
+    part says that none is there; a frame that has no entry says nothing of it.
 
     Raises:
         SequenceError: a file is broken, a pose is not rigid, a state or part is unknown.
@@ -35,7 +36,7 @@ def read_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
     objects = read_scene_objects(folder)
     states = read_states(folder, assembly)
     return {
-        index: _frame_truth(index, objects.get(index, ()), states.get(index), assembly)
+        index: _frame_truth(index, objects.get(index), states.get(index), assembly)
         for index in sorted({*objects, *states})
     }
 
@@ -109,9 +110,12 @@ def _parse_attached(field: Json, parts: Iterable[str]) -> tuple[str, ...]:
 
 
 def _frame_truth(
-    index: int, objects: tuple[SceneObject, ...], state: StateTruth | None, assembly: Assembly
+    index: int,
+    objects: tuple[SceneObject, ...] | None,
+    state: StateTruth | None,
+    assembly: Assembly,
 ) -> FrameTruth:
-    found, _ = assign_parts(objects, assembly)
+    found, _ = assign_parts(objects or (), assembly)
     return FrameTruth(
         frame_index=index,
         T_camera_part={name: item.T_camera_object for name, item in found.items()},
@@ -120,4 +124,5 @@ def _frame_truth(
         attached=None if state is None else state.attached,
         error=None if state is None else state.error,
         visible={name: item.visible for name, item in found.items() if item.visible is not None},
+        lists_parts=objects is not None,
     )

@@ -103,8 +103,8 @@ def compare_poses(
         prediction = predictions.get(frame.frame_index)
         poses: Mapping[str, PoseEstimate] = {} if prediction is None else prediction.poses
         given, measured = _given_to_twins(poses, frame, groups, models)
-        if frame.T_camera_part and is_complete:
-            # A frame whose state alone is known says nothing about which parts are there.
+        # A frame whose state alone is known says nothing about which parts are there.
+        if is_complete and (frame.T_camera_part or frame.lists_parts):
             _note_absent(extra, poses, frame)
             _note_absent(extra_after, given, frame)
         for name, model in models.items():

@@ -72,6 +72,20 @@ def test_sequence_hands_out_truth_by_place(write_scene: WriteScene, tiny: Assemb
         sequence.truth(3)
 
 
+def test_an_entry_without_parts_says_that_none_is_there(
+    write_scene: WriteScene, tiny: Assembly
+) -> None:
+    scene = write_scene("gbot")
+    gt = scene.read("scene_gt.json")
+    del gt["3"]
+    gt["4"] = []
+    scene.write("scene_gt.json", gt)
+    (scene.folder / "scene_gt_info.json").unlink()
+    truth = read_truth(scene.folder, tiny)
+    assert [dict(truth[i].T_camera_part) for i in (3, 4)] == [{}, {}]
+    assert [truth[i].lists_parts for i in (3, 4, 7)] == [False, True, True]
+
+
 def test_a_state_may_be_unknown(write_scene: WriteScene, tiny: Assembly) -> None:
     scene = write_scene("gbot")
     scene.write("states.json", [{"frame": 4, "state": None, "is_error": None, "attached": []}])

@@ -107,6 +107,15 @@ def test_another_truth_without_visibility(case: Case, tmp_path: Path, protocol: 
     assert report["mean"]["detection_recall"] == 100
 
 
+def test_a_pose_where_the_truth_has_no_part_is_a_false_positive(case: Case) -> None:
+    """Frame 0 has the part, 1 an empty entry, 2 a state alone, which says nothing of parts."""
+    for name in ("scene_gt.json", "scene_gt_info.json"):
+        content = json.loads((case.scene / name).read_text())
+        (case.scene / name).write_text(json.dumps({"0": content["0"], "1": []}))
+    plate = evaluate_folder(case.run_folder)["parts"]["plate"]
+    assert (plate["n_visible"], plate["false_positives"], plate["box_precision"]) == (1, 1, 50)
+
+
 def test_what_changed_since_the_run_is_said(case: Case) -> None:
     with case.assembly.open("a") as file:
         file.write("\ntitle: Another\n")
