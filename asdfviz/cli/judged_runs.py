@@ -68,7 +68,8 @@ def made_run(
 
 
 def kept_run(folder: Path, sequence: FolderSequence, config: object) -> Run | None:
-    """The run in a folder if it is whole, of these inputs and of this config; else None."""
+    """The run in a folder if it is whole, of this version, these inputs and this config; else None."""
+    from asdfviz import __version__
     from asdfviz.data.run_files import load_run
     from asdfviz.run import input_hashes, resolved_config
 
@@ -78,6 +79,8 @@ def kept_run(folder: Path, sequence: FolderSequence, config: object) -> Run | No
     try:
         kept = load_run(folder)
     except RunError:  # none, or one that cannot be read: it is made anew
+        return None
+    if kept.version != __version__:  # which might say something else of the same frames
         return None
     wanted = dataclasses.asdict(resolved_config(config, assembly))
     if len(kept.predictions) != len(sequence) or _plain(kept.config) != _plain(wanted):

@@ -45,8 +45,8 @@ class Tables:
 
     table1 lists the test sets. table4 is methods on the sets of Table 1, with first poses from
     keypoints and, where crop weights are, from hypotheses. gbot is Table 5: all methods on
-    GBOT-style test sets. Runs that are there already are taken; results of a method of your own are
-    further rows, as in asdfviz tables gbot --data testsets --runs mine.csv
+    GBOT-style test sets. Runs that this version made there already are taken; results of a method of
+    your own are further rows, as in asdfviz tables gbot --data testsets --runs mine.csv
 
     Example: asdfviz tables gbot --data testsets --out table5.md
     """

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from exits import exit_code
 
+from asdfviz import __version__
 from asdfviz.cli.given_runs import given_runs
 from asdfviz.cli.judged_runs import kept_run
 from asdfviz.cli.tables import Tables, condition_folders, knowing_no_loss, without_lost
@@ -86,16 +87,19 @@ def empty_run(
         dataclasses.asdict(resolved_config(config, sequence.assembly)),
         sequence.path,
         sequence.assembly.path,
-        "0",
+        __version__,
         tuple(FramePrediction(index, {}, None) for index in frames),
         input_hashes(sequence, sequence.assembly, config),
     )
 
 
-def test_a_kept_run_is_taken_only_with_the_same_config(tmp_path: Path) -> None:
+def test_a_kept_run_is_taken_only_with_the_same_config_and_version(tmp_path: Path) -> None:
     sequence = open_sequence("sample")
     config = find_method("asdf").config()
-    save_run(empty_run(sequence, "asdf", sequence.frame_indices), tmp_path / "kept")
+    run = empty_run(sequence, "asdf", sequence.frame_indices)
+    save_run(run, tmp_path / "kept")
+    save_run(dataclasses.replace(run, version="0.0.9"), tmp_path / "older")
+    assert kept_run(tmp_path / "older", sequence, config) is None
     assert kept_run(tmp_path / "kept", sequence, config) is not None
     other = dataclasses.replace(config, refinement="none")
     assert kept_run(tmp_path / "kept", sequence, other) is None
