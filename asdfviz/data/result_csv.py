@@ -28,6 +28,8 @@ NOTES = "csv_notes"
 """Key of a run's config: what whoever judges it should know of how the csv was read, as sentences."""
 FRAMES_WITH_ROWS = "frames_with_rows"
 """Another: how many frames have any; only there where many have none."""
+GIVEN_BEFORE = "given_before"
+"""Another: whether the first frame is the one after what the method was given as its start."""
 _MANY_WITH_ROWS = 0.9
 """Share of the frames; from here on, what has none may be what the method did not find."""
 
@@ -97,14 +99,14 @@ def read_result_csv(
     _require_poses(rows, unknown, assembly, path)
     predictions = _predictions(rows, sequence, path, is_bop=is_bop)
     is_started = predictions[0].frame_index != sequence.frame_indices[0]
-    notes = [] if is_bop else [_told_gbot(path, predictions, sequence)]
     return Run(
         method=method or path.stem,
         config={
             "file": str(path.resolve()),
             "scene": wanted,
+            GIVEN_BEFORE: is_started,
             **_left_out(unknown),
-            **_noted(notes, rows, len(predictions)),
+            **_noted(path, rows, predictions, sequence, is_bop=is_bop),
         },
         sequence=sequence.path,
         assembly=assembly.path,
@@ -171,9 +173,18 @@ def _told_gbot(path: Path, predictions: Rows[FramePrediction], sequence: Sequenc
     )
 
 
-def _noted(notes: list[str], rows: Rows[_Row], frames: int) -> dict[str, object]:
-    """What a config says of how its csv was read: these notes, and what is unusual about the rows."""
+def _noted(
+    path: Path,
+    rows: Rows[_Row],
+    predictions: Rows[FramePrediction],
+    sequence: Sequence,
+    *,
+    is_bop: bool,
+) -> dict[str, object]:
+    """What a config says of how its csv was read: what GBOT's layout means, and what is unusual."""
+    notes = [] if is_bop else [_told_gbot(path, predictions, sequence)]
     found: dict[str, object] = {}
+    frames = len(predictions)
     covered = len({row.frame for row in rows})
     if covered < _MANY_WITH_ROWS * frames:
         found[FRAMES_WITH_ROWS] = covered

@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from asdfviz.data.result_csv import FRAMES_WITH_ROWS, NOTES
+from asdfviz.data.result_csv import FRAMES_WITH_ROWS, GIVEN_BEFORE, NOTES
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
 from asdfviz.errors import some
 from asdfviz.evaluate.records import Comparison, compare_poses, predictions_by_frame
@@ -91,12 +91,13 @@ def judge(
 def judged_frames(run: Run, truth: Mapping[int, FrameTruth]) -> tuple[FrameTruth, ...]:
     """Return the frames that count, in order: all of the truth but those that the method was given.
 
-    A run of ours holds the frame that it was given as its first; a csv begins with the one after.
+    A run of ours holds the frame that it was given as its first; a csv may begin with the one after,
+    as its reader says. What lies before was never asked of the method.
     """
     first = min(truth, default=0)
     if run.initial == "first_frame_truth" and run.predictions:
         began = run.predictions[0].frame_index
-        first = began if began > first else began + 1
+        first = began if run.config.get(GIVEN_BEFORE) else began + 1
     return tuple(truth[index] for index in sorted(truth) if index >= first)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from asdfviz.data.result_csv import read_result_csv
+from asdfviz.data.result_csv import GIVEN_BEFORE, read_result_csv
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Run
 from asdfviz.errors import RunError
@@ -39,6 +39,7 @@ def test_the_gbot_evaluators_csv_reads_as_a_run(read: Read) -> None:
         f"normal,000004,mug,-1,{EYE},1 2 3,12.5\n"
     )
     assert (run.method, run.initial) == ("GBOTnormal", "first_frame_truth")
+    assert run.config[GIVEN_BEFORE]
     assert run.config["rows_of_unknown_objects"] == 1
     assert run.config["unknown_objects"] == ["mug"]
     assert [p.frame_index for p in run.predictions] == [4, 7]
@@ -61,6 +62,7 @@ def test_the_bop_csv_takes_numbers_seconds_and_the_best_score(read: Read) -> Non
         method="theirs",
     )
     assert (run.method, run.initial) == ("theirs", "none")
+    assert not run.config[GIVEN_BEFORE]
     assert [p.frame_index for p in run.predictions] == [3, 4, 7]
     pose = run.predictions[0].poses["jaw"]
     assert (pose.T_camera_part[0, 3], pose.score) == (pytest.approx(0.002), 0.9)

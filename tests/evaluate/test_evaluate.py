@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from asdfviz.data.result_csv import GIVEN_BEFORE
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Part, PoseEstimate, Run
 from asdfviz.errors import RunError, SequenceError
 from asdfviz.evaluate.evaluate import evaluate_run
@@ -339,11 +340,23 @@ def test_a_csv_begins_after_the_frame_that_was_given(
     truth = {i: make_truth(i, {"plate": placed()}) for i in range(3)}
     run = make_run(
         [make_prediction(i, {"plate": placed(0.01 * i)}) for i in (1, 2)],
+        config={GIVEN_BEFORE: True},
         initial="first_frame_truth",
     )
     report = evaluate_run(run, assembly=assembly, truth=truth)
     assert report["n_frames"] == report["parts"]["plate"]["n_poses"] == 2
     assert report["mean"]["e_t_mm"] == pytest.approx(15)
+
+
+def test_the_given_frame_does_not_count_where_truth_begins_before_the_images(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    truth = {i: make_truth(i, {"plate": placed()}) for i in range(20)}
+    said = [make_prediction(i, {"plate": placed(0.01 * (i > 10))}) for i in range(10, 20)]
+    run = make_run(said, initial="first_frame_truth")
+    report = evaluate_run(run, assembly=assembly, truth=truth)
+    assert report["n_frames"] == report["parts"]["plate"]["n_poses"] == 9
+    assert report["mean"]["e_t_mm"] == pytest.approx(10)
 
 
 @pytest.mark.parametrize("protocol", ["strict", "gbot"])
