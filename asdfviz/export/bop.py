@@ -197,8 +197,7 @@ def _write_images(source: Sequence, frame: Frame, folder: Path) -> tuple[Camera,
     else:
         _write_rgb(frame, folder)
     depth = source.files.depth.get(index)
-    if depth is not None:
-        write_bytes(folder / "depth" / f"{index:06d}.png", _bytes_of(depth))
+    _write_depth(folder, index, None if depth is None else _bytes_of(depth))
     return source.camera_of(index), source.depth_scale(index)
 
 
@@ -206,11 +205,13 @@ def _write_decoded(frame: Frame, folder: Path) -> tuple[Camera, float]:
     """Write a frame that has no files of its own, its depth in the finest unit that holds it."""
     _write_rgb(frame, folder)
     scale = 1.0
+    data: bytes | None = None
     if frame.depth is not None:
         depth_mm = frame.depth.astype(np.float64) * 1e3
         scale = 0.1 if depth_mm.max(initial=0.0) < 6500.0 else 1.0
         raw = np.rint(np.clip(depth_mm / scale, 0, 65535)).astype(np.uint16)
-        write_bytes(folder / "depth" / f"{frame.index:06d}.png", encoded(raw))
+        data = encoded(raw)
+    _write_depth(folder, frame.index, data)
     return frame.camera, scale
 
 
@@ -225,6 +226,15 @@ def _write_one(folder: Path, index: int, suffix: str, data: bytes) -> None:
         if other != suffix:
             (folder / "rgb" / f"{index:06d}{other}").unlink(missing_ok=True)
     write_bytes(folder / "rgb" / f"{index:06d}{suffix}", data)
+
+
+def _write_depth(folder: Path, index: int, data: bytes | None) -> None:
+    """Write a depth image; without one, none may be left of an earlier export that had it."""
+    file = folder / "depth" / f"{index:06d}.png"
+    if data is None:
+        file.unlink(missing_ok=True)
+    else:
+        write_bytes(file, data)
 
 
 def _bytes_of(path: Path) -> bytes:

@@ -259,6 +259,20 @@ def test_exporting_again_leaves_nothing_of_frames_that_are_gone(
     assert open_sequence(tmp_path / "out", assembly=assembly).frame_indices == fewer.frame_indices
 
 
+def test_exporting_again_leaves_no_depth_that_the_source_lost(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    export_bop(memory, truth, tmp_path / "scene")
+    source = open_sequence(tmp_path / "scene", assembly=assembly)
+    export_bop(source, truth, tmp_path / "out")
+    (tmp_path / "scene" / "depth" / "000005.png").unlink()
+    source = open_sequence(tmp_path / "scene", assembly=assembly)
+    export_bop(source, truth, tmp_path / "out")
+    frames, _ = read_back(tmp_path / "out", assembly)
+    assert_same_frames(frames, source)
+    assert [frame.depth is None for frame in frames] == [False, True, True]
+
+
 def test_a_broken_image_is_left_out_with_its_truth(
     memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
 ) -> None:
