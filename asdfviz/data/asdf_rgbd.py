@@ -4,6 +4,7 @@
     labels/NNNNNN.txt   a row an object: class, box centre and size, 17 times x y v, all normalised
     *.yaml              `names`, the class of each number; there or in a folder above
     camera.json         there or in a folder above
+    states.json         in our own exports: the states, also where no row tells them
 
 Images and labels are paired by name. Labels give the state; their keypoints give no pose, and one
 solved from them would be an estimate, so the truth holds none. Without a yaml the classes are the
@@ -23,7 +24,7 @@ from asdfviz.data.asdf_states import NO_BOX, STATE_LABEL, state_truth
 from asdfviz.data.folder_sequence import SceneReaders
 from asdfviz.data.images import RawDepth, kind_of, read_stored
 from asdfviz.data.scene_files import SceneFiles, numbered_files
-from asdfviz.data.truth import StateTruth
+from asdfviz.data.truth import STATES, StateTruth, read_states
 from asdfviz.datatypes import KEYPOINTS, Assembly, FrameTruth
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.shapes import Rgb
@@ -80,19 +81,25 @@ def read_rgbd_depth(path: Path) -> RawDepth:
 
 
 def read_rgbd_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
-    """Read the state of every image from its labels; poses are not known.
+    """Read the state of every image from states.json if given, else from its labels; poses are not known.
 
     Raises:
         SequenceError: with the file and line; a class that has no name, a state that is unknown,
             a row of a wrong length, two states in one image.
     """
+    if (folder / STATES).is_file():
+        said = read_states(folder, assembly)
+        return {index: _known_state(index, said[index]) for index in sorted(said)}
     names = class_names(folder, assembly)
     labels, _ = numbered_files(folder / _LABELS, (".txt",))
     truth: dict[int, FrameTruth] = {}
     for index, path in labels.items():
-        state = _state_of_rows(path, names, assembly)
-        truth[index] = FrameTruth(index, {}, state.state, state.is_error, error=state.error)
+        truth[index] = _known_state(index, _state_of_rows(path, names, assembly))
     return truth
+
+
+def _known_state(index: int, said: StateTruth) -> FrameTruth:
+    return FrameTruth(index, {}, said.state, said.is_error, said.attached, error=said.error)
 
 
 def class_names(folder: Path, assembly: Assembly) -> tuple[str, ...]:

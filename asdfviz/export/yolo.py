@@ -1,9 +1,11 @@
 """Writes a sequence and its truth as a YOLO-pose data set, which public trainers and ASDF's scripts read.
 
     images/NNNNNN.png  labels/NNNNNN.txt  data.yaml (class names)  camera.json  sequence.json
+    states.json
 
 Images have 8 bits a channel, or are the 16-bit PNGs of the ASDF authors: blue, green, red (times
-256) and depth in millimetres. `data.sequences.open_sequence` reads the latter back.
+256) and depth in millimetres. `data.sequences.open_sequence` reads the latter back, the states from
+states.json: a frame without a row of a state may be in one that is hidden, or that nobody knows.
 """
 
 from __future__ import annotations
@@ -20,11 +22,11 @@ from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.data.encoding import encoded
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.scene_objects import SceneObject
-from asdfviz.data.truth import fitting_errors
+from asdfviz.data.truth import STATES, fitting_errors
 from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence, State
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop import about_export, check_target, remove_others
-from asdfviz.export.bop_content import camera_content
+from asdfviz.export.bop_content import camera_content, states
 from asdfviz.export.gaps import says_what_is_there
 from asdfviz.export.readable import readable_frames
 from asdfviz.pose.labels import SMALLEST_VISIBLE, Group, Labeller, Subject
@@ -74,7 +76,7 @@ def export_yolo(
     folder = folder.expanduser().resolve()
     check_target(folder, source)
     subject = Subject.of(source.assembly)
-    kept: set[str] = set()
+    kept: dict[int, FrameTruth] = {}
     left_out: dict[int, str] = {}
     for frame in readable_frames(source, places, left_out, progress=progress):
         if not kept:
@@ -82,9 +84,10 @@ def export_yolo(
         write_bytes(folder / "images" / f"{frame.index:06d}.png", _image(frame, with_depth))
         text = label_file(frame, truth[frame.index], subject)
         write_text(folder / "labels" / f"{frame.index:06d}.txt", text)
-        kept.add(str(frame.index))
+        kept[frame.index] = truth[frame.index]
     for room in ("images", "labels"):
-        remove_others(folder / room, kept)
+        remove_others(folder / room, {str(index) for index in kept})
+    write_text(folder / STATES, json.dumps(states(kept, source.assembly), indent=1) + "\n")
     return left_out
 
 

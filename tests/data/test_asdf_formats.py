@@ -127,6 +127,12 @@ def test_export_states(rgbd: Path, tiny: Assembly) -> None:
     assert not any(t.T_camera_part for t in truth.values())
 
 
+def test_states_json_goes_before_the_rows(rgbd: Path, tiny: Assembly) -> None:
+    (rgbd / "states.json").write_text(json.dumps([{"frame": 2, "state": 1, "is_error": True}]))
+    truth = read_folder_truth(rgbd, tiny)
+    assert {i: (t.state, t.is_error) for i, t in truth.items()} == {2: (1, True)}
+
+
 def test_export_classes_are_the_assembly_s_without_a_yaml(rgbd: Path, tiny: Assembly) -> None:
     (rgbd.parents[1] / "Tiny.yaml").unlink()
     (rgbd.parents[1] / "Other.yaml").unlink()

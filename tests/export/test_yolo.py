@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from asdfviz.data.sequences import open_sequence
+from asdfviz.data.sequences import open_sequence, read_folder_truth
 from asdfviz.datatypes import KEYPOINTS, Assembly, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop import export_bop
@@ -103,6 +103,26 @@ def test_images_with_depth_come_back_through_the_reader(
     found = back.truth(0)
     assert found is not None
     assert found.state == 1
+
+
+def test_states_that_no_row_tells_come_back(
+    tmp_path: Path, sequence: Sequence, classed: Assembly
+) -> None:
+    seen, hidden = truth().values()
+    hidden = replace(hidden, is_error=False, visible={"jaw": 0.05, "base <1>": 0.05})
+    odd = replace(seen, frame_index=1, is_error=True, error="something else")
+    unknown = replace(seen, frame_index=0, state=None, is_error=None)
+    for with_depth in (False, True):
+        known = {0: unknown, 1: odd, 5: hidden}
+        export_yolo(sequence, known, tmp_path, with_depth=with_depth)
+        assert (tmp_path / "labels" / "000005.txt").read_text() == ""
+        found = read_folder_truth(tmp_path, classed)
+        assert {i: (t.state, t.is_error, t.error) for i, t in found.items()} == {
+            1: (1, True, "something else"),
+            5: (1, False, None),
+        }
+    export_yolo(sequence, {0: seen}, tmp_path, with_depth=True)
+    assert list(read_folder_truth(tmp_path, classed)) == [0]
 
 
 def test_what_cannot_be_exported_is_refused(
