@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from asdfviz.annotate.kept_shares import KeptShares
 from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, label_of
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.data.result_csv import load_run_or_csv
@@ -27,8 +28,8 @@ def corrected_truth(
 ) -> dict[int, FrameTruth]:
     """Return poses and states by frame number: the base, where nothing was corrected.
 
-    Only frames that the base or an edit knows are in it. Visible shares are dropped in frames whose
-    poses were changed, since they no longer fit.
+    Only frames that the base or an edit knows are in it. Visible shares are kept of parts that were
+    not moved, unless one that was may hide them.
 
     Args:
         store: the corrections.
@@ -56,12 +57,14 @@ def corrected_truth(
     labels = labels_by_frame(store.state_ranges(), known, assembly)
     wanted = {*truth, *poses, *labels}
     wanted = wanted if known is None else wanted & known
+    shares = KeptShares(assembly)
     return {
         index: _corrected_frame(
             truth.get(index, FrameTruth(index, {}, None)),
             poses.get(index, {}),
             labels.get(index),
             assembly,
+            shares,
         )
         for index in sorted(wanted)
     }
@@ -130,6 +133,7 @@ def _corrected_frame(
     edits: Mapping[str, PoseAnnotation],
     label: StateLabel | None,
     assembly: Assembly,
+    shares: KeptShares,
 ) -> FrameTruth:
     poses: dict[str, Transform] = dict(base.T_camera_part)
     for part, edit in edits.items():
@@ -137,10 +141,7 @@ def _corrected_frame(
         if edit.T_camera_part is not None:
             poses[part] = edit.T_camera_part
     in_order = {name: poses[name] for name in (*assembly.parts, *poses) if name in poses}
-    changed = any(not edit.verified for edit in edits.values()) or set(poses) != set(
-        base.T_camera_part
-    )
-    frame = replace(base, T_camera_part=in_order, visible={} if changed else base.visible)
+    frame = replace(base, T_camera_part=in_order, visible=shares.of(base, in_order))
     return _with_label(frame, label, assembly)
 
 

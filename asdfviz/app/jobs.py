@@ -16,6 +16,7 @@ from asdfviz.app.truths import exported_truth, truth_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import FrameTruth
 from asdfviz.errors import AsdfvizError, MethodError
+from asdfviz.evaluate.bop import views_of
 from asdfviz.evaluate.evaluate import protocol_report
 from asdfviz.evaluate.health import Finding, check_sequence
 from asdfviz.evaluate.judgement import judge
@@ -150,7 +151,7 @@ def _judged(
         loaded.run,
         assembly=workspace.assembly,
         truth=truth,
-        camera=workspace.frames.camera,
+        views=views_of(workspace.frames.source),
         is_complete=workspace.has_truth,
     )
     name = workspace.frames.name

@@ -92,7 +92,7 @@ class BenchLoss:
                 result.run,
                 assembly=result.assembly,
                 truth=result.truth,
-                camera=result.camera_to_render_with,
+                views=result.view,
             )
             diameters = {name: part.diameter for name, part in result.assembly.parts.items()}
             compared = judged.comparison

@@ -90,11 +90,12 @@ def kept_run(folder: Path, sequence: FolderSequence, config: object) -> Run | No
 
 def judged(run: Run, sequence: FolderSequence, *, option: str) -> Judgement:
     """Judge a run against its scene's own truth."""
+    from asdfviz.evaluate.bop import views_of
     from asdfviz.evaluate.evaluate import judge
 
     assembly = known_assembly(sequence, option)
     truth = known_truth(sequence, assembly)
-    return judge(run, assembly=assembly, truth=truth, camera=sequence.camera)
+    return judge(run, assembly=assembly, truth=truth, views=views_of(sequence))
 
 
 def give_table(table: str, note: str, out: Path | None) -> None:

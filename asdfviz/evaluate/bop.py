@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Mesh, PoseEstimate
+from asdfviz.datatypes import Sequence as FrameSequence
 from asdfviz.evaluate.bop_errors import BopModel, bop_model, mspd, mssd, vsd
 from asdfviz.evaluate.protocols import VISIBLE, Figures
 from asdfviz.evaluate.records import PoseRecord
@@ -34,7 +35,7 @@ BOP_FIGURES = ("ar_vsd", "ar_mssd", "ar_mspd", "ar_bop")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What VSD is judged against in one frame."""
+    """What VSD is judged against in one frame, and what hides parts there."""
 
     camera: Camera
     depth: Depth | None
@@ -43,6 +44,20 @@ class View:
 
 Views: TypeAlias = Callable[[int], View]
 """The view of a frame by its number."""
+
+
+def views_of(sequence: FrameSequence) -> Views:
+    """The views of a sequence's frames, read when asked for; a frame without images has no depth."""
+    places = {index: place for place, index in enumerate(sequence.frame_indices)}
+
+    def view(frame_index: int) -> View:
+        place = places.get(frame_index)
+        if place is None:
+            return View(sequence.camera, None)
+        frame = sequence[place]
+        return View(frame.camera, frame.depth)
+
+    return view
 
 
 @runtime_checkable

@@ -67,7 +67,6 @@ def evaluate_folder(
         result.run,
         assembly=result.assembly,
         truth=result.truth,
-        camera=result.camera_to_render_with,
         protocol=protocol,
         views=result.view,
     )
@@ -97,11 +96,12 @@ def evaluate_run(
         run: what a method said.
         assembly: what it was about.
         truth: by frame number.
-        camera: needed where the truth lacks visible shares, to render them, and for `bop` without
-            `views`.
+        camera: of all frames, where there are no `views`: needed where the truth lacks visible
+            shares, to render them, and for `bop`.
         protocol: what counts, see `asdfviz.evaluate.protocols`.
         sequence_name: name in the report; None for the last part of the run's path.
-        views: measured depth for `bop`; without it the truth is rendered.
+        views: cameras and measured depth: for `bop`, which renders the truth without it, and for
+            what hides parts whose shares the truth lacks.
         is_complete: whether a part without a true pose in a frame is not there; else nobody said,
             as where people corrected a few parts, and a pose for it is not wrong.
 
@@ -109,10 +109,14 @@ def evaluate_run(
         RunError: the run does not fit the assembly or holds a pose that is none.
         SequenceError: something has to be rendered and there is no camera.
     """
-    found = judge(run, assembly=assembly, truth=truth, camera=camera, is_complete=is_complete)
+    if views is None and camera is not None:
+        views = _views_by(camera)
+    found = judge(run, assembly=assembly, truth=truth, views=views, is_complete=is_complete)
     report = protocol_report(found, protocol=protocol, sequence_name=sequence_name)
     if protocol == "bop":
-        _add_bop(report, found, views or _views_of(camera))
+        if views is None:
+            raise SequenceError("the protocol bop renders the parts, and there is no camera for it")
+        _add_bop(report, found, views)
     return report
 
 
@@ -176,9 +180,7 @@ def _add_bop(report: dict[str, Any], judgement: Judgement, views: Views) -> None
     }
 
 
-def _views_of(camera: Camera | None) -> Views:
-    if camera is None:
-        raise SequenceError("the protocol bop renders the parts, and there is no camera for it")
+def _views_by(camera: Camera) -> Views:
     return lambda frame_index: View(camera, None)
 
 

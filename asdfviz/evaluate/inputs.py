@@ -14,10 +14,9 @@ from asdfviz.data.result_csv import read_result_csv
 from asdfviz.data.run_files import load_run
 from asdfviz.data.scene_objects import SCENE_GT, objects_beside
 from asdfviz.data.sequences import open_sequence, read_folder_truth
-from asdfviz.datatypes import Assembly, Camera, FrameTruth, Run
+from asdfviz.datatypes import Assembly, FrameTruth, Run
 from asdfviz.errors import RunError, SequenceError
-from asdfviz.evaluate.bop import View
-from asdfviz.evaluate.visibility import lacks_visibility
+from asdfviz.evaluate.bop import View, Views, views_of
 
 
 @dataclass(frozen=True)
@@ -36,22 +35,12 @@ class Result:
         return open_sequence(self.run.sequence, assembly=self.assembly)
 
     @cached_property
-    def _places(self) -> dict[int, int]:
-        return {index: place for place, index in enumerate(self.sequence.frame_indices)}
-
-    @property
-    def camera_to_render_with(self) -> Camera | None:
-        """The frames' camera where the truth lacks visible shares, so that they must be rendered."""
-        lacks = any(lacks_visibility(frame, self.assembly) for frame in self.truth.values())
-        return self.sequence.camera if lacks else None
+    def _views(self) -> Views:
+        return views_of(self.sequence)
 
     def view(self, frame_index: int) -> View:
         """Camera and measured depth of a frame; a frame without images has no depth."""
-        place = self._places.get(frame_index)
-        if place is None:
-            return View(self.sequence.camera, None)
-        frame = self.sequence[place]
-        return View(frame.camera, frame.depth)
+        return self._views(frame_index)
 
 
 def open_result(

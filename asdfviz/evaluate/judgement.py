@@ -9,8 +9,9 @@ from typing import cast
 import numpy as np
 
 from asdfviz.data.result_csv import FRAMES_WITH_ROWS, GIVEN_BEFORE, NOTES
-from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
+from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, Run
 from asdfviz.errors import some
+from asdfviz.evaluate.bop import Views
 from asdfviz.evaluate.records import Comparison, compare_poses, predictions_by_frame
 from asdfviz.evaluate.state_scores import StateRecord, state_records
 from asdfviz.evaluate.visibility import visible_shares
@@ -48,7 +49,7 @@ def judge(
     *,
     assembly: Assembly,
     truth: Mapping[int, FrameTruth],
-    camera: Camera | None = None,
+    views: Views | None = None,
     is_complete: bool = True,
 ) -> Judgement:
     """Compare every pose and state of a run with the truth.
@@ -61,12 +62,12 @@ def judge(
         run: what a method said.
         assembly: what it was about.
         truth: by frame number.
-        camera: needed only where the truth lacks visible shares, to render them.
+        views: needed only where the truth lacks visible shares, to render them.
         is_complete: whether a part without a true pose is not there; else a pose for it is not wrong.
 
     Raises:
         RunError: the run does not fit the assembly or holds a pose that is none.
-        SequenceError: visible shares are missing and there is no camera.
+        SequenceError: visible shares are missing and there is no camera, or the frame cannot be read.
     """
     predictions = predictions_by_frame(run, assembly)
     frames = judged_frames(run, truth)
@@ -80,7 +81,7 @@ def judge(
             predictions,
             frames,
             assembly=assembly,
-            visible=visible_shares(frames, assembly=assembly, camera=camera),
+            visible=visible_shares(frames, assembly=assembly, views=views),
             is_complete=is_complete,
         ),
         states=state_records(frames, predictions, assembly) if has_states else (),

@@ -61,7 +61,7 @@ def judged_run(
         result.run,
         assembly=result.assembly,
         truth=result.truth,
-        camera=result.camera_to_render_with,
+        views=result.view,
     )
     notes = [*judgement.warnings, *changed_inputs(result.run, result.assembly)]
     shots: tuple[Shot, ...] = ()

@@ -31,6 +31,7 @@ from asdfviz.export.gaps import says_what_is_there
 from asdfviz.export.readable import readable_frames
 from asdfviz.pose.labels import SMALLEST_VISIBLE, Group, Labeller, Subject
 from asdfviz.pose.yolo_rows import yolo_rows
+from asdfviz.render.visibility import MissingShares
 
 
 def export_yolo(
@@ -46,7 +47,8 @@ def export_yolo(
 
     Classes are the assembly's detector classes. Symmetric parts have the keypoints of their
     canonical pose, as in training. A frame whose images cannot be read is left out. An error has its
-    own class where it is known which one it is, never that of the state that it hides.
+    own class where it is known which one it is, never that of the state that it hides. How much of a
+    part is seen is rendered where the truth does not say it.
 
     Args:
         sequence: what to export; its own truth is not used.
@@ -62,6 +64,7 @@ def export_yolo(
     Raises:
         SequenceError: the folder is in use by something else, nobody said what the assembly is, no
             frame has truth, or none of them can be read.
+        RenderError: the truth does not say how much of a part is seen, and nothing can be drawn here.
     """
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     if source.assembly is None:
@@ -78,13 +81,15 @@ def export_yolo(
     subject = Subject.of(source.assembly)
     kept: dict[int, FrameTruth] = {}
     left_out: dict[int, str] = {}
-    for frame in readable_frames(source, places, left_out, progress=progress):
-        if not kept:
-            _write_about(source, source.assembly, folder)
-        write_bytes(folder / "images" / f"{frame.index:06d}.png", _image(frame, with_depth))
-        text = label_file(frame, truth[frame.index], subject)
-        write_text(folder / "labels" / f"{frame.index:06d}.txt", text)
-        kept[frame.index] = truth[frame.index]
+    with MissingShares(source.assembly) as missing:
+        for frame in readable_frames(source, places, left_out, progress=progress):
+            known = missing.filled(truth[frame.index], frame.camera, frame.depth)
+            if not kept:
+                _write_about(source, source.assembly, folder)
+            write_bytes(folder / "images" / f"{frame.index:06d}.png", _image(frame, with_depth))
+            text = label_file(frame, known, subject)
+            write_text(folder / "labels" / f"{frame.index:06d}.txt", text)
+            kept[frame.index] = known
     for room in ("images", "labels"):
         remove_others(folder / room, {str(index) for index in kept})
     write_text(folder / STATES, json.dumps(states(kept, source.assembly), indent=1) + "\n")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Camera, Mesh
+from asdfviz.datatypes import Assembly, Camera, FrameTruth, Mesh
 from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.geometry.shapes import Depth, Intrinsics, Transform
 from asdfviz.geometry.transforms import apply
@@ -16,6 +17,51 @@ OCCLUSION_TOLERANCE = 0.015
 """A measured surface hides a part if it lies this much nearer, metres (BOP's delta for visib)."""
 _WIDER = 3
 """How much wider a view finds the part of a silhouette outside the picture (as BOP does)."""
+
+
+def lacks_visibility(frame: FrameTruth, assembly: Assembly) -> bool:
+    """Whether a part of the frame has a true pose but no visible share."""
+    return any(name in assembly.parts and name not in frame.visible for name in frame.T_camera_part)
+
+
+class MissingShares:
+    """Renders the visible shares that truth leaves out. OpenGL is loaded once one is missing."""
+
+    def __init__(self, assembly: Assembly) -> None:
+        self._assembly = assembly
+        self._renderers: dict[tuple[int, int], Renderer] = {}
+
+    def filled(self, frame: FrameTruth, camera: Camera, depth: Depth | None) -> FrameTruth:
+        """The truth with a share of every part of the assembly; shares that it has stay.
+
+        Args:
+            frame: the truth.
+            camera: of the frame.
+            depth: as measured there, metres: what it has in front of a part hides it, as hands do.
+
+        Raises:
+            RenderError: a share is missing and nothing can be drawn here.
+        """
+        if not lacks_visibility(frame, self._assembly):
+            return frame
+        size = (camera.width, camera.height)
+        if size not in self._renderers:
+            self._renderers[size] = Renderer(*size)
+        rendered = visible_fractions(
+            frame.T_camera_part,
+            self._assembly,
+            camera,
+            depth=depth,
+            renderer=self._renderers[size],
+        )
+        return replace(frame, visible={**rendered, **frame.visible})
+
+    def __enter__(self) -> MissingShares:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for renderer in self._renderers.values():
+            renderer.close()
 
 
 def visible_fractions(

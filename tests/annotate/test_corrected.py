@@ -107,6 +107,47 @@ def test_edits_go_over_truth(store: AnnotationStore, boxes: Assembly) -> None:
     assert list(corrected_truth(store, truth, assembly=boxes)[2].T_camera_part) == ["base", "lid"]
 
 
+@pytest.mark.parametrize(
+    ("moved_to", "kept"),
+    [
+        pytest.param((-0.3, 0.0, 0.5), {"lid", "pin"}, id="away from what it hid nothing of"),
+        pytest.param((0.11, 0.0, 0.25), {"lid"}, id="before the pin"),
+        pytest.param((-0.2, 0.0, 0.5), {"lid", "pin"}, id="nowhere"),
+        pytest.param((0.0, 0.0, -0.5), set[str](), id="behind the camera"),
+        pytest.param(None, {"lid", "pin"}, id="taken away"),
+    ],
+)
+def test_shares_stay_of_parts_that_no_edit_can_hide(
+    store: AnnotationStore,
+    boxes: Assembly,
+    moved_to: tuple[float, ...] | None,
+    kept: set[str],
+) -> None:
+    places = {"base": (-0.2, 0.0, 0.5), "lid": (0.0, 0.0, 0.5), "pin": (0.22, 0.0, 0.5)}
+    poses = {name: transform_from(np.eye(3), np.array(place)) for name, place in places.items()}
+    shares = {"base": 0.9, "lid": 0.02, "pin": 0.8}
+    truth = {0: FrameTruth(0, poses, 0, visible=shares)}
+    if moved_to is None:
+        store.remove_pose(0, "base")
+    else:
+        store.set_pose(0, "base", transform_from(np.eye(3), np.array(moved_to)))
+    found = corrected_truth(store, truth, assembly=boxes)[0].visible
+    stays = {"base"} if moved_to == places["base"] else set[str]()
+    assert found == {name: shares[name] for name in shares if name in kept | stays}
+
+
+def test_what_a_moved_part_hid_has_no_share_any_more(
+    store: AnnotationStore, boxes: Assembly
+) -> None:
+    poses = {
+        "base": transform_from(np.eye(3), np.array([0.0, 0.0, 0.3])),
+        "lid": transform_from(np.eye(3), np.array([0.0, 0.0, 0.5])),
+    }
+    truth = {0: FrameTruth(0, poses, 0, visible={"base": 1.0, "lid": 0.1})}
+    store.set_pose(0, "base", transform_from(np.eye(3), np.array([0.3, 0.0, 0.3])))
+    assert corrected_truth(store, truth, assembly=boxes)[0].visible == {}
+
+
 def test_state_labels_go_over_truth(store: AnnotationStore, boxes: Assembly) -> None:
     truth = {i: FrameTruth(i, {}, 0, False, ("base",)) for i in range(5)}
     store.set_state(1, label_of(boxes.states[3]), last_frame=3)

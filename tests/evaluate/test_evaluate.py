@@ -14,6 +14,7 @@ import pytest
 from asdfviz.data.result_csv import GIVEN_BEFORE
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Part, PoseEstimate, Run
 from asdfviz.errors import RunError, SequenceError
+from asdfviz.evaluate.bop import View
 from asdfviz.evaluate.evaluate import evaluate_run
 from asdfviz.evaluate.pose_errors import add, error_model
 from asdfviz.evaluate.protocols import MEAN_FIGURES, ProtocolName, gbot_evaluated_parts
@@ -332,6 +333,30 @@ def test_gbots_f1_leaves_out_one_frame_whoever_was_given_it(
     run = make_run(said, initial=initial)
     report = evaluate_run(run, assembly=assembly, truth=truth, protocol="gbot")
     assert report["state"]["micro_f1"] == pytest.approx(100 * 8 / 9)
+
+
+def test_what_was_measured_in_front_hides_parts_without_shares(
+    assembly: Assembly,
+    camera: Camera,
+    make_truth: MakeTruth,
+    make_prediction: MakePrediction,
+    make_run: MakeRun,
+) -> None:
+    """A hand over the left half of the picture of frame 1; in frame 2 the share is known."""
+    poses = {"plate": placed(z=0.4), "rod": placed(0.08, z=0.4)}
+    truth = {i: make_truth(i, poses, visible=None) for i in range(2)}
+    truth[2] = make_truth(2, poses, visible={"plate": 1.0, "rod": 1.0})
+    depth = np.zeros((camera.height, camera.width), np.float32)
+    left = int(camera.K[0, 0] * 0.04 / 0.4 + camera.K[0, 2])
+    depth[:, :left] = 0.2
+    views = {i: View(camera, None if i == 0 else depth) for i in range(3)}
+    run = make_run([make_prediction(i, {}) for i in range(3)])
+    report = evaluate_run(run, assembly=assembly, truth=truth, views=views.__getitem__)
+    assert {n: figures["n_visible"] for n, figures in report["parts"].items()} == {
+        **dict.fromkeys(assembly.parts, 0),
+        "plate": 2,
+        "rod": 3,
+    }
 
 
 def test_a_csv_begins_after_the_frame_that_was_given(

@@ -105,6 +105,24 @@ def test_images_with_depth_come_back_through_the_reader(
     assert found.state == 1
 
 
+def test_a_part_behind_something_that_was_measured_gets_no_row(
+    sequence: Sequence, classed: Assembly, tmp_path: Path
+) -> None:
+    """The truth says of no part how much of it is seen, as after corrections."""
+    poses = {0: replace(truth()[0], visible={}), 5: replace(truth()[0], frame_index=5, visible={})}
+    export_bop(sequence, poses, tmp_path / "scene")
+    hand = np.zeros((48, 64), np.uint16)
+    hand[:, 32:] = 2000  # 0.2 m, before the jaw
+    for index, depth in ((0, hand), (5, np.zeros_like(hand))):
+        cv2.imwrite(str(tmp_path / "scene" / "depth" / f"{index:06d}.png"), depth)
+    source = open_sequence(tmp_path / "scene", assembly=classed)
+    export_yolo(source, poses, tmp_path / "out")
+    found = {i: [int(r[0]) for r in rows(tmp_path / "out/labels" / f"{i:06d}.txt")] for i in (0, 5)}
+    jaw = list(classed.parts).index("jaw")
+    assert {i: jaw in labels for i, labels in found.items()} == {0: False, 5: True}
+    assert all(0 in labels for labels in found.values())
+
+
 def test_states_that_no_row_tells_come_back(
     tmp_path: Path, sequence: Sequence, classed: Assembly
 ) -> None:
