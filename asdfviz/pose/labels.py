@@ -6,6 +6,7 @@ unequal labels, and the network would answer with their mean.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -31,6 +32,8 @@ OCCLUSION_TOLERANCE = 0.006
 """Depth difference in metres from which a keypoint counts as hidden: the sensor's noise."""
 SMALLEST_VISIBLE = 0.2
 """Objects of which less is seen are left out of label files; 0 to 1."""
+_RASTER = 128
+"""Pixels of the longer side of the picture in which a group's outlines are laid over one another."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +48,7 @@ class LabelledObject:
     keypoints: Float32[np.ndarray, "17 3"]
     """x, y in pixels, and 0 not labelled (states), 1 hidden, 2 visible."""
     visible: float
-    """Visible share of the outline, 0 to 1."""
+    """Visible share of what the object covers, 0 to 1."""
     part: str | None
     """None for a state."""
     T_camera_part: Transform | None
@@ -155,8 +158,7 @@ class Labeller:
             members = [found[name] for name in state.attached if name in found]
         else:
             members = [objects[place] for place in group.members]
-        shares = [1.0 if member.visible is None else member.visible for member in members]
-        if len(members) < len(state.attached) or min(shares) < self.smallest_visible:
+        if len(members) < len(state.attached):
             return None
         outlines: list[np.ndarray] = []
         for member in members:
@@ -165,11 +167,15 @@ class Labeller:
             if outline is None:
                 return None
             outlines.append(outline)
+        shares = [1.0 if member.visible is None else member.visible for member in members]
+        visible = _group_share(outlines, shares)
+        if visible < self.smallest_visible:
+            return None
         return LabelledObject(
             label=self._label(state.detector_class),
             outline=cv2.convexHull(np.concatenate(outlines))[:, 0].astype(np.float32),
             keypoints=np.zeros((KEYPOINTS, 3), np.float32),
-            visible=float(np.mean(shares)),
+            visible=visible,
             part=None,
             T_camera_part=None,
         )
@@ -180,6 +186,31 @@ class Labeller:
             return None
         pixels = project(points, self.K).astype(np.float32)
         return cv2.convexHull(pixels)[:, 0].astype(np.float32)
+
+
+def _group_share(outlines: Sequence[Float32[np.ndarray, "_ 2"]], shares: Sequence[float]) -> float:
+    """The visible share, 0 to 1, of what joined parts cover together; what they cover of each other counts.
+
+    Seen pixels of all over those of the union, the hulls standing for the silhouettes in both, so that
+    a part's holes nearly cancel: without anything before the group the share is 1 as it should be, and
+    behind an occluder it comes out a little high where hulls interlock. As in a part's own share, what
+    lies outside the picture is not seen.
+
+    Args:
+        outlines: convex hull of each part, pixels.
+        shares: visible share of each.
+    """
+    corners = np.concatenate(outlines)
+    low = corners.min(axis=0)
+    scale = (_RASTER - 1) / max(float((corners.max(axis=0) - low).max()), 1e-6)
+    union = np.zeros((_RASTER, _RASTER), np.uint8)
+    seen = 0.0
+    for outline, share in zip(outlines, shares, strict=True):
+        covered = np.zeros_like(union)
+        cv2.fillConvexPoly(covered, np.rint((outline - low) * scale).astype(np.int32), 1)
+        seen += share * cv2.countNonZero(covered)
+        union |= covered
+    return min(1.0, seen / cv2.countNonZero(union))
 
 
 def _visibility(

@@ -89,7 +89,12 @@ def test_hardly_visible_objects_have_no_label(
     info["1"][2]["visib_fract"] = 0.1
     (folder / "scene_gt_info.json").write_text(json.dumps(info))
     images = load_images([folder], (assembly,), image_size=640)
-    assert [o.part for o in images[1].objects] == ["bar", "body"]
+    # The state is seen by its body.
+    assert [o.part for o in images[1].objects] == ["bar", "body", None]
+    info["1"][1]["visib_fract"] = 0.1
+    (folder / "scene_gt_info.json").write_text(json.dumps(info))
+    images = load_images([folder], (assembly,), image_size=640)
+    assert [o.part for o in images[1].objects] == ["bar"]
 
 
 def test_large_pictures_shrink_with_their_labels(scene: Path, assembly: Assembly) -> None:
