@@ -49,7 +49,7 @@ COMPILING := tests/methods/test_tracking_methods.py::test_asdf_track_finds_parts
 
 tests:
 	@$(BIN)/python -m pytest -q -n 0 $(COMPILING) > .venv/compiling.log 2>&1 || cat .venv/compiling.log
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --no-loadscope-reorder --durations=25 $(ARGS)
 
 format: .venv/test.stamp
 	$(BIN)/ruff format .
