@@ -11,18 +11,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence as Rows
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from asdfviz.data.csv_layout import NO_SCORE, read_lines
+from asdfviz.data.csv_rows import CsvRow, parse_row, parts_by_id, poses_by_frame
 from asdfviz.data.hashes import file_sha256
 from asdfviz.data.run_files import load_run
 from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run, Sequence
 from asdfviz.errors import RunError, counted, some
-from asdfviz.geometry.shapes import Scores, Transform
-from asdfviz.geometry.transforms import is_rigid, orthonormalized, transform_from
 
 NOTES = "csv_notes"
 """Key of a run's config: what whoever judges it should know of how the csv was read, as sentences."""
@@ -32,17 +28,6 @@ GIVEN_BEFORE = "given_before"
 """Another: whether the first frame is the one after what the method was given as its start."""
 _MANY_WITH_ROWS = 0.9
 """Share of the frames; from here on, what has none may be what the method did not find."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Row:
-    frame: int
-    part: str
-    score: float
-    """Of any range, or NO_SCORE."""
-    T_camera_part: Transform | None
-    """None where the part was not found."""
-    seconds: float | None
 
 
 def load_run_or_csv(path: Path, *, sequence: Sequence, assembly: Assembly) -> Run:
@@ -68,13 +53,14 @@ def read_result_csv(
 
     Every frame of the sequence from the first row on gets a prediction, empty where there is no
     row: a frame left out is a miss. In the trackers' csv of GBOT, frames before the first row were
-    given to the method as its start and stay out. Of two rows for one part the better score counts.
+    given to the method as its start and stay out. Of two rows for one part the better score counts;
+    of rows with a number that copies share, as many as there are copies (`poses_by_frame`).
     A translation of zero, which the GBOT evaluator writes for a part that it did not find, is no pose.
 
     Args:
         path: the csv.
         sequence: gives the frame numbers.
-        assembly: gives the parts; repeated numbers stand for the first part that has them.
+        assembly: gives the parts.
         scene: which scene's rows to take; without it, those of the only scene, or of the one that is
             called (or numbered) as the sequence's folder.
         method: what to call the method; without it, the file's name.
@@ -83,21 +69,11 @@ def read_result_csv(
         RunError: with the line; or no row fits.
     """
     lines, is_bop = read_lines(path)
-    first = 1 if is_bop else 0
-    wanted = _wanted_scene(path, lines[first:], scene, folder=Path(sequence.path).name)
-    rows: list[_Row] = []
-    unknown: Counter[str] = Counter()
-    known, time_unit = _parts_by_id(assembly), 1.0 if is_bop else 1e-3
-    for number, cells in enumerate(lines[first:], start=first + 1):
-        if cells[0].strip() != wanted:
-            continue
-        part = known.get(cells[2].strip())
-        if part is None:
-            unknown[cells[2].strip()] += 1
-        else:
-            rows.append(_parse_row(cells, part, f"{path} line {number}", time_unit=time_unit))
+    results = lines[1 if is_bop else 0 :]
+    wanted = _wanted_scene(path, results, scene, folder=Path(sequence.path).name)
+    rows, unknown = _rows_of(wanted, path, results, assembly, is_bop=is_bop)
     _require_poses(rows, unknown, assembly, path)
-    predictions = _predictions(rows, sequence, path, is_bop=is_bop)
+    predictions = _predictions(rows, sequence, assembly, path, is_bop=is_bop)
     is_started = predictions[0].frame_index != sequence.frame_indices[0]
     return Run(
         method=method or path.stem,
@@ -118,19 +94,32 @@ def read_result_csv(
     )
 
 
-def _require_poses(rows: Rows[_Row], unknown: Counter[str], assembly: Assembly, path: Path) -> None:
+def _rows_of(
+    scene: str, path: Path, lines: Rows[Rows[str]], assembly: Assembly, *, is_bop: bool
+) -> tuple[list[CsvRow], Counter[str]]:
+    """The scene's rows of known parts, and how many there are of each object that is none."""
+    rows: list[CsvRow] = []
+    unknown: Counter[str] = Counter()
+    known, time_unit, first = parts_by_id(assembly), 1.0 if is_bop else 1e-3, 2 if is_bop else 1
+    for number, cells in enumerate(lines, start=first):
+        obj_id = cells[2].strip()
+        if cells[0].strip() != scene:
+            continue
+        if obj_id in known:
+            where = f"{path} line {number}"
+            rows.append(parse_row(cells, known[obj_id], where, time_unit=time_unit))
+        else:
+            unknown[obj_id] += 1
+    return rows, unknown
+
+
+def _require_poses(
+    rows: Rows[CsvRow], unknown: Counter[str], assembly: Assembly, path: Path
+) -> None:
     if not any(row.T_camera_part is not None for row in rows):
         strangers = f": its objects are {some(sorted(unknown))}" if unknown else ""
-        ids = some(_parts_by_id(assembly))
+        ids = some(parts_by_id(assembly))
         raise RunError(f"{path} has no pose of a known part{strangers}; {assembly.name} has {ids}")
-
-
-def _parts_by_id(assembly: Assembly) -> dict[str, str]:
-    known: dict[str, str] = {}
-    for part in assembly.parts.values():
-        if part.obj_id is not None:
-            known.setdefault(str(part.obj_id), part.name)
-    return {**known, **{name: name for name in assembly.parts}}
 
 
 def scenes_in(path: Path) -> list[str]:
@@ -175,7 +164,7 @@ def _told_gbot(path: Path, predictions: Rows[FramePrediction], sequence: Sequenc
 
 def _noted(
     path: Path,
-    rows: Rows[_Row],
+    rows: Rows[CsvRow],
     predictions: Rows[FramePrediction],
     sequence: Sequence,
     *,
@@ -184,56 +173,24 @@ def _noted(
     """What a config says of how its csv was read: what GBOT's layout means, and what is unusual."""
     notes = [] if is_bop else [_told_gbot(path, predictions, sequence)]
     found: dict[str, object] = {}
-    frames = len(predictions)
-    covered = len({row.frame for row in rows})
+    covered, frames = len({row.frame for row in rows}), len(predictions)
     if covered < _MANY_WITH_ROWS * frames:
         found[FRAMES_WITH_ROWS] = covered
         notes = [*notes, f"only {covered} of {frames} frames have rows; the others have no pose"]
-    posed = [(row.frame, row.part) for row in rows if row.T_camera_part is not None]
-    repeats = len(posed) - len(set(posed))
+    repeats = sum(r.T_camera_part is not None for r in rows) - sum(
+        len(p.poses) for p in predictions
+    )
     if repeats:
         told = (
-            f"{counted(repeats, 'row')} too many: a part has several in a frame, and the one with the "
-            "best score counts, the first if they are equal"
+            f"{counted(repeats, 'row')} too many: a part has several in a frame (or a number more than "
+            "it has copies), and the one with the best score counts, the first if they are equal"
         )
         notes = [*notes, told]
     return {**found, NOTES: notes} if notes else found
 
 
-def _parse_row(cells: Rows[str], part: str, where: str, *, time_unit: float) -> _Row:
-    frame = cells[1].strip()
-    if not (frame.isascii() and frame.isdigit()):
-        raise RunError(f"{where}: the frame is '{cells[1]}', expected a number")
-    R = _numbers(cells[4], 9, f"{where}: R").reshape(3, 3)
-    t_mm = _numbers(cells[5], 3, f"{where}: t")
-    T_camera_part: Transform | None = None
-    if t_mm.any():
-        T_raw = transform_from(R, t_mm * 1e-3)
-        if not is_rigid(T_raw, tolerance=1e-2):
-            raise RunError(f"{where}: R is no rotation (determinant {np.linalg.det(R):.4g})")
-        T_camera_part = orthonormalized(T_raw)
-    time = float(_numbers(cells[6], 1, f"{where}: time")[0])
-    return _Row(
-        frame=int(frame),
-        part=part,
-        score=float(_numbers(cells[3], 1, f"{where}: score")[0]),
-        T_camera_part=T_camera_part,
-        seconds=None if time < 0 else time * time_unit,
-    )
-
-
-def _numbers(cell: str, count: int, where: str) -> Scores:
-    try:
-        values = np.array(cell.split(), dtype=np.float64)
-    except ValueError as error:
-        raise RunError(f"{where} is '{cell}', expected {count} numbers") from error
-    if values.shape != (count,) or not np.isfinite(values).all():
-        raise RunError(f"{where} is '{cell}', expected {count} finite numbers")
-    return values
-
-
 def _predictions(
-    rows: Rows[_Row], sequence: Sequence, path: Path, *, is_bop: bool
+    rows: Rows[CsvRow], sequence: Sequence, assembly: Assembly, path: Path, *, is_bop: bool
 ) -> tuple[FramePrediction, ...]:
     frames = set(sequence.frame_indices)
     outside = sorted({row.frame for row in rows} - frames)
@@ -242,20 +199,16 @@ def _predictions(
             f"{path} has rows for frame {outside[0]}, which {sequence.name} does not have; "
             "is it the result of another scene?"
         )
-    best: dict[int, dict[str, _Row]] = {}
-    for row in rows:
-        of_frame = best.setdefault(row.frame, {})
-        if row.T_camera_part is not None and (
-            row.part not in of_frame or row.score > of_frame[row.part].score
-        ):
-            of_frame[row.part] = row
+    best = poses_by_frame(rows, assembly)
     start, spread = min(sequence.frame_indices if is_bop else best), _spread(rows)
     return tuple(
         _prediction(i, best.get(i, {}), spread) for i in sequence.frame_indices if i >= start
     )
 
 
-def _prediction(index: int, rows: dict[str, _Row], spread: tuple[float, float]) -> FramePrediction:
+def _prediction(
+    index: int, rows: dict[str, CsvRow], spread: tuple[float, float]
+) -> FramePrediction:
     seconds = [row.seconds for row in rows.values() if row.seconds is not None]
     return FramePrediction(
         frame_index=index,
@@ -275,7 +228,7 @@ def _prediction(index: int, rows: dict[str, _Row], spread: tuple[float, float]) 
     )
 
 
-def _spread(rows: Rows[_Row]) -> tuple[float, float]:
+def _spread(rows: Rows[CsvRow]) -> tuple[float, float]:
     """The range of the scores; 0 to 1 where all of them, or all but those not given, lie in it."""
     scores = [row.score for row in rows if row.T_camera_part is not None]
     if all(0 <= score <= 1 or score == NO_SCORE for score in scores):

@@ -163,3 +163,34 @@ def test_a_csv_of_few_frames_says_how_many(read: Read) -> None:
     config = read(f"{HEADER}\n1,3,2,0.5,{EYE},0 0 500,1\n1,7,2,0.5,{EYE},0 0 0,1\n").config
     assert config["csv_notes"] == ["only 2 of 3 frames have rows; the others have no pose"]
     assert config["frames_with_rows"] == 2
+
+
+def test_a_number_that_copies_share_stands_for_all_of_them(read: Read) -> None:
+    rows = f"1,3,5,0.3,{EYE},1 0 500,1\n1,3,5,0.9,{EYE},2 0 500,1\n1,3,5,0.5,{EYE},3 0 500,1\n"
+    run = read(f"{HEADER}\n{rows}")
+    poses = run.predictions[0].poses
+    assert {name: pose.score for name, pose in poses.items()} == {"pin": 0.9, "pin-Copy": 0.5}
+    assert poses["pin-Copy"].T_camera_part[0, 3] == pytest.approx(0.003)
+    notes = run.config["csv_notes"]
+    assert isinstance(notes, list)
+    assert notes[-1].startswith("1 row too many: ")
+    # A row that names a copy leaves the number the others.
+    named = read(f"{HEADER}\n{rows}1,3,pin,0.1,{EYE},9 0 500,1\n").predictions[0].poses
+    assert {name: pose.score for name, pose in named.items()} == {"pin": 0.1, "pin-Copy": 0.9}
+
+
+def test_copies_without_names_go_on_under_the_name_of_the_nearest(read: Read) -> None:
+    left, right, new = "0 0 500", "200 0 500", "-300 0 500"
+    run = read(
+        f"{HEADER}\n1,3,5,0.9,{EYE},{left},1\n1,3,5,0.5,{EYE},{right},1\n"
+        f"1,4,5,0.4,{EYE},{left},1\n1,4,5,0.8,{EYE},{right},1\n1,7,5,0.8,{EYE},{right},1\n"
+    )
+    x = [{n: p.T_camera_part[0, 3] for n, p in said.poses.items()} for said in run.predictions]
+    assert x == [
+        {"pin": 0, "pin-Copy": pytest.approx(0.2)},
+        {"pin": 0, "pin-Copy": pytest.approx(0.2)},
+        {"pin-Copy": pytest.approx(0.2)},
+    ]
+    # What is far from the one that was seen is the other, though it has the best score.
+    rows = f"1,3,5,0.9,{EYE},{left},1\n1,4,5,0.9,{EYE},{new},1\n"
+    assert list(read(f"{HEADER}\n{rows}").predictions[1].poses) == ["pin-Copy"]
