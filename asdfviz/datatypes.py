@@ -13,14 +13,13 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float64, UInt8
 
-from asdfviz.geometry.boxes import middle_of_points
+from asdfviz.geometry.boxes import BoxMask, middle_of_points
 from asdfviz.geometry.shapes import (
     Box,
     Depth,
     Distortion,
     Faces,
     Intrinsics,
-    Mask,
     Pixels,
     Points,
     Rgb,
@@ -163,16 +162,6 @@ class Assembly:
     def errors(self) -> tuple[State, ...]:
         """The error states."""
         return tuple(s for s in self.states if s.is_error)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BoxMask:
-    """Which pixels of the frame show a part, by a mask branch; none outside its box does."""
-
-    left: int
-    top: int
-    """Column and row of the first pixel."""
-    pixels: Mask
 
 
 @dataclass(frozen=True, slots=True, eq=False)

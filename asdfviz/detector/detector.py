@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from jaxtyping import Float32
 
-from asdfviz.datatypes import BoxMask, Detection
+from asdfviz.datatypes import Detection
 from asdfviz.detector.backends import Backend, Runs, TorchRun, make_run
 from asdfviz.detector.joint import keep_classes, own_columns
 from asdfviz.detector.letterbox import Letterbox, letterbox, plan_letterbox
@@ -21,7 +21,7 @@ from asdfviz.detector.network import Network
 from asdfviz.detector.nms import suppress
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import InputError
-from asdfviz.geometry.boxes import iou_matrix
+from asdfviz.geometry.boxes import BoxMask, iou_matrix
 from asdfviz.geometry.shapes import Box, Rgb, Scores
 
 CANDIDATES = 1000

@@ -16,9 +16,9 @@ import torch
 from jaxtyping import Float, Float32
 from torch import Tensor, nn
 
-from asdfviz.datatypes import BoxMask
 from asdfviz.detector.blocks import Conv, Upsample
 from asdfviz.detector.letterbox import Letterbox
+from asdfviz.geometry.boxes import BoxMask
 from asdfviz.geometry.shapes import Box, Mask
 
 PROTOTYPES = 32

@@ -10,7 +10,6 @@ import torch
 from jaxtyping import Float, Int64
 from torch import Tensor
 
-from asdfviz.datatypes import BoxMask
 from asdfviz.detector.head import decode
 from asdfviz.detector.joint import own_columns
 from asdfviz.detector.letterbox import Letterbox
@@ -18,6 +17,7 @@ from asdfviz.detector.mask_branch import MaskBranch, RawMasks, box_mask
 from asdfviz.detector.mask_weights import load_masks
 from asdfviz.detector.network import Network
 from asdfviz.detector.precision import has_bfloat16
+from asdfviz.geometry.boxes import BoxMask
 from asdfviz.geometry.shapes import Box
 
 

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float64
 
-from asdfviz.geometry.shapes import Box, Pixels, Points, Vector
+from asdfviz.geometry.shapes import Box, Mask, Pixels, Points, Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoxMask:
+    """Which pixels of the frame show a part, by a mask branch; none outside its box does."""
+
+    left: int
+    top: int
+    """Column and row of the first pixel."""
+    pixels: Mask
 
 
 def box_around(pixels: Pixels) -> Box:

@@ -19,7 +19,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from asdfviz.datatypes import BoxMask
+from asdfviz.geometry.boxes import BoxMask
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Mask, Points, Transform
 from asdfviz.pose.translation import TranslationConfig, refine_translation
 

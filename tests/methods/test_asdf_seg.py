@@ -12,8 +12,8 @@ import pytest
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.hashes import file_sha256
 from asdfviz.data.sequences import open_sequence
-from asdfviz.datatypes import BoxMask
 from asdfviz.errors import WeightsError
+from asdfviz.geometry.boxes import BoxMask
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.network import NetworkConfig, masks_path, weights_path
 from asdfviz.methods.registry import build_method, find_method

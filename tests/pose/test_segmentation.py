@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from box_refined import error_mm, refined
 
-from asdfviz.datatypes import BoxMask
+from asdfviz.geometry.boxes import BoxMask
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.pose.segmentation import refine_in_mask
 from asdfviz.pose.translation import TranslationConfig
