@@ -212,6 +212,9 @@ class FramePrediction:
     detections: tuple[Detection, ...] = ()
     runtime: Mapping[str, float] = field(default_factory=dict[str, float])
     """Seconds by stage, "total" among them."""
+    not_found: Mapping[str, Transform] = field(default_factory=dict[str, Transform])
+    """What a csv has in place of a pose for parts that were not found, its translation zero. No poses:
+    only the GBOT authors' rules count them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,8 +24,9 @@ class CsvRow:
     """Which part it is about; several where copies share the number that it gives."""
     score: float
     """Of any range, or NO_SCORE."""
-    T_camera_part: Transform | None
-    """None where the part was not found."""
+    T_camera_part: Transform
+    is_found: bool
+    """Else the translation is zero, which says that the part was not found."""
     seconds: float | None
 
 
@@ -46,18 +47,19 @@ def parse_row(cells: Rows[str], parts: tuple[str, ...], where: str, *, time_unit
         raise RunError(f"{where}: the frame is '{cells[1]}', expected a number")
     R = _numbers(cells[4], 9, f"{where}: R").reshape(3, 3)
     t_mm = _numbers(cells[5], 3, f"{where}: t")
-    T_camera_part: Transform | None = None
-    if t_mm.any():
-        T_raw = transform_from(R, t_mm * 1e-3)
-        if not is_rigid(T_raw, tolerance=1e-2):
+    is_found = bool(t_mm.any())
+    T_raw = transform_from(R, t_mm * 1e-3)
+    if not is_rigid(T_raw, tolerance=1e-2):
+        if is_found:
             raise RunError(f"{where}: R is no rotation (determinant {np.linalg.det(R):.4g})")
-        T_camera_part = orthonormalized(T_raw)
+        T_raw = np.eye(4)  # as the GBOT evaluator writes it
     time = float(_numbers(cells[6], 1, f"{where}: time")[0])
     return CsvRow(
         frame=int(frame),
         parts=parts,
         score=float(_numbers(cells[3], 1, f"{where}: score")[0]),
-        T_camera_part=T_camera_part,
+        T_camera_part=orthonormalized(T_raw),
+        is_found=is_found,
         seconds=None if time < 0 else time * time_unit,
     )
 
@@ -82,29 +84,35 @@ def parts_by_id(assembly: Assembly) -> dict[str, tuple[str, ...]]:
     return {**known, **{name: (name,) for name in assembly.parts}}
 
 
-def poses_by_frame(rows: Rows[CsvRow], assembly: Assembly) -> dict[int, dict[str, CsvRow]]:
-    """The rows with the poses that count, by frame and part; a frame whose rows have none is empty.
+def rows_by_frame(rows: Rows[CsvRow], assembly: Assembly) -> dict[int, dict[str, CsvRow]]:
+    """The rows that count, by frame and part.
 
-    Of the rows about one part the one with the best score counts, the first if they are equal; of
+    Of the poses of one part the one with the best score counts, the first if they are equal; of
     those about copies as many as there are copies. Which copy is which a number does not say: each
     goes on under the name of the one that was nearest to it, and begins in the order of the scores.
+    A row that says that a part was not found counts where no pose of the part does.
     """
     frames: dict[int, list[CsvRow]] = {}
     for row in rows:
         frames.setdefault(row.frame, []).append(row)
     last: dict[str, Transform] = {}
-    found: dict[int, dict[str, CsvRow]] = {}
+    counting: dict[int, dict[str, CsvRow]] = {}
     for index in sorted(frames):
-        found[index] = _named(frames[index], assembly, last)
-        last |= {n: r.T_camera_part for n, r in found[index].items() if r.T_camera_part is not None}
-    return found
+        named = _named([row for row in frames[index] if row.is_found], assembly, last)
+        last |= {name: row.T_camera_part for name, row in named.items()}
+        for row in frames[index]:
+            free = [name for name in row.parts if name not in named]
+            if free and not row.is_found:
+                named[free[0]] = row
+        counting[index] = named
+    return counting
 
 
 def _named(
-    rows: Rows[CsvRow], assembly: Assembly, last: Mapping[str, Transform]
+    poses: Rows[CsvRow], assembly: Assembly, last: Mapping[str, Transform]
 ) -> dict[str, CsvRow]:
     """Of one frame; `last` tells where each part was seen last."""
-    surest = sorted((r for r in rows if r.T_camera_part is not None), key=lambda row: -row.score)
+    surest = sorted(poses, key=lambda row: -row.score)
     named: dict[str, CsvRow] = {}
     for row in surest:
         if len(row.parts) == 1:
@@ -117,20 +125,20 @@ def _named(
 
 
 def _followed(
-    rows: Rows[CsvRow], copies: Rows[Part], last: Mapping[str, Transform]
+    poses: Rows[CsvRow], copies: Rows[Part], last: Mapping[str, Transform]
 ) -> dict[str, CsvRow]:
-    """Each row by the name of the copy that was nearest, of the least sum of distances.
+    """Each by the name of the copy that was nearest, of the least sum of distances.
 
     A copy that was not seen yet counts as a diameter away: what is nearer to another one is that one.
     """
-    cost = np.array([[_moved(row, part, last) for part in copies] for row in rows])
+    cost = np.array([[_moved(row, part, last) for part in copies] for row in poses])
     # Where nothing tells them apart, they are in order.
     cost -= 1e-9 * np.eye(*cost.shape)
-    return {copies[j].name: rows[i] for i, j in cheapest_pairs(cost)}
+    return {copies[j].name: poses[i] for i, j in cheapest_pairs(cost)}
 
 
 def _moved(row: CsvRow, part: Part, last: Mapping[str, Transform]) -> float:
     """How far the part's middle would have moved, metres."""
-    if row.T_camera_part is None or part.name not in last:
+    if part.name not in last:
         return part.diameter
     return point_distance(row.T_camera_part, last[part.name], part.middle)

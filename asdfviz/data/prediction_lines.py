@@ -10,6 +10,7 @@ import numpy as np
 from asdfviz.data.json_files import Json
 from asdfviz.datatypes import Detection, FramePrediction, PoseEstimate, Stage, StateEstimate
 from asdfviz.errors import RunError
+from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import is_rigid
 
 
@@ -26,6 +27,8 @@ def prediction_line(prediction: FramePrediction) -> str:
         "detections": [_detection_content(detection) for detection in prediction.detections],
         "runtime": {stage: float(seconds) for stage, seconds in prediction.runtime.items()},
     }
+    if prediction.not_found:
+        content["not_found"] = {name: T.tolist() for name, T in prediction.not_found.items()}
     try:
         return json.dumps(content, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     except ValueError as error:
@@ -42,12 +45,16 @@ def prediction_from(line: Json) -> FramePrediction:
         RunError: a field is missing or of a wrong kind, a pose is not rigid.
     """
     state, runtime = line.find("state"), line.get("runtime").items()
+    not_found = line.find("not_found")
     return FramePrediction(
         frame_index=line.get("frame").integer(),
         poses={name: _pose(name, raw) for name, raw in line.get("poses").items().items()},
         state=None if state is None else _state(state),
         detections=tuple(_detection(raw) for raw in line.get("detections").entries()),
         runtime={stage: seconds.number() for stage, seconds in runtime.items()},
+        not_found={}
+        if not_found is None
+        else {n: _rigid(n, T) for n, T in not_found.items().items()},
     )
 
 
@@ -60,10 +67,7 @@ def _pose_content(pose: PoseEstimate) -> dict[str, object]:
 
 
 def _pose(name: str, raw: Json) -> PoseEstimate:
-    field = raw.get("T_camera_part")
-    T_camera_part = _read_only(field.numbers(16).reshape(4, 4))
-    if not is_rigid(T_camera_part, tolerance=1e-2):
-        raise RunError(f"{field.where} of '{name}' is no rigid transform (metres, row by row)")
+    T_camera_part = _rigid(name, raw.get("T_camera_part"))
     stage = raw.get("stage").text()
     if stage not in get_args(Stage):
         raise raw.get("stage").fail(f"one of {', '.join(get_args(Stage))}")
@@ -73,6 +77,13 @@ def _pose(name: str, raw: Json) -> PoseEstimate:
         score=raw.get("score").number(),
         stage=cast(Stage, stage),
     )
+
+
+def _rigid(name: str, field: Json) -> Transform:
+    T_camera_part = _read_only(field.numbers(16).reshape(4, 4))
+    if not is_rigid(T_camera_part, tolerance=1e-2):
+        raise RunError(f"{field.where} of '{name}' is no rigid transform (metres, row by row)")
+    return T_camera_part
 
 
 def _state_content(state: StateEstimate) -> dict[str, object]:

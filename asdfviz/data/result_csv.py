@@ -14,7 +14,7 @@ from collections.abc import Sequence as Rows
 from pathlib import Path
 
 from asdfviz.data.csv_layout import NO_SCORE, read_lines
-from asdfviz.data.csv_rows import CsvRow, parse_row, parts_by_id, poses_by_frame
+from asdfviz.data.csv_rows import CsvRow, parse_row, parts_by_id, rows_by_frame
 from asdfviz.data.hashes import file_sha256
 from asdfviz.data.run_files import load_run
 from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run, Sequence
@@ -54,8 +54,9 @@ def read_result_csv(
     Every frame of the sequence from the first row on gets a prediction, empty where there is no
     row: a frame left out is a miss. In the trackers' csv of GBOT, frames before the first row were
     given to the method as its start and stay out. Of two rows for one part the better score counts;
-    of rows with a number that copies share, as many as there are copies (`poses_by_frame`).
-    A translation of zero, which the GBOT evaluator writes for a part that it did not find, is no pose.
+    of rows with a number that copies share, as many as there are copies (`rows_by_frame`).
+    A translation of zero, which the GBOT evaluator writes for a part that it did not find, is no pose; the prediction keeps
+    it apart.
 
     Args:
         path: the csv.
@@ -116,7 +117,7 @@ def _rows_of(
 def _require_poses(
     rows: Rows[CsvRow], unknown: Counter[str], assembly: Assembly, path: Path
 ) -> None:
-    if not any(row.T_camera_part is not None for row in rows):
+    if not any(row.is_found for row in rows):
         strangers = f": its objects are {some(sorted(unknown))}" if unknown else ""
         ids = some(parts_by_id(assembly))
         raise RunError(f"{path} has no pose of a known part{strangers}; {assembly.name} has {ids}")
@@ -177,9 +178,7 @@ def _noted(
     if covered < _MANY_WITH_ROWS * frames:
         found[FRAMES_WITH_ROWS] = covered
         notes = [*notes, f"only {covered} of {frames} frames have rows; the others have no pose"]
-    repeats = sum(r.T_camera_part is not None for r in rows) - sum(
-        len(p.poses) for p in predictions
-    )
+    repeats = sum(row.is_found for row in rows) - sum(len(p.poses) for p in predictions)
     if repeats:
         told = (
             f"{counted(repeats, 'row')} too many: a part has several in a frame (or a number more than "
@@ -199,7 +198,7 @@ def _predictions(
             f"{path} has rows for frame {outside[0]}, which {sequence.name} does not have; "
             "is it the result of another scene?"
         )
-    best = poses_by_frame(rows, assembly)
+    best = rows_by_frame(rows, assembly)
     start, spread = min(sequence.frame_indices if is_bop else best), _spread(rows)
     return tuple(
         _prediction(i, best.get(i, {}), spread) for i in sequence.frame_indices if i >= start
@@ -209,7 +208,8 @@ def _predictions(
 def _prediction(
     index: int, rows: dict[str, CsvRow], spread: tuple[float, float]
 ) -> FramePrediction:
-    seconds = [row.seconds for row in rows.values() if row.seconds is not None]
+    found = {name: row for name, row in rows.items() if row.is_found}
+    seconds = [row.seconds for row in found.values() if row.seconds is not None]
     return FramePrediction(
         frame_index=index,
         poses={
@@ -219,18 +219,18 @@ def _prediction(
                 score=_share(row.score, spread),
                 stage="csv",
             )
-            for name, row in rows.items()
-            if row.T_camera_part is not None
+            for name, row in found.items()
         },
         state=None,
         # Both formats repeat the time of the whole image in each of its rows.
         runtime={"total": max(seconds)} if seconds else {},
+        not_found={name: row.T_camera_part for name, row in rows.items() if not row.is_found},
     )
 
 
 def _spread(rows: Rows[CsvRow]) -> tuple[float, float]:
     """The range of the scores; 0 to 1 where all of them, or all but those not given, lie in it."""
-    scores = [row.score for row in rows if row.T_camera_part is not None]
+    scores = [row.score for row in rows if row.is_found]
     if all(0 <= score <= 1 or score == NO_SCORE for score in scores):
         return 0.0, 1.0
     return min(scores), max(scores)

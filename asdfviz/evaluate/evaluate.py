@@ -16,6 +16,7 @@ from asdfviz.evaluate.bop import DepthDrawer, View, Views, bop_recall
 from asdfviz.evaluate.calibration import ranking_area, reliability
 from asdfviz.evaluate.inputs import changed_inputs, open_result, unknown_objects
 from asdfviz.evaluate.judgement import Judgement, judge
+from asdfviz.evaluate.not_found import with_rows_not_found
 from asdfviz.evaluate.protocols import (
     DIAMETER_SHARE,
     TWINS,
@@ -125,7 +126,10 @@ def protocol_report(
 ) -> dict[str, Any]:
     """Count a judgement by a protocol: the report of `evaluate_run` without average recalls."""
     run, assembly, states = judgement.run, judgement.assembly, judgement.states
-    parts, means = pose_figures(judgement.comparison, assembly, protocol)
+    compared = judgement.comparison
+    if protocol == "gbot":
+        compared = with_rows_not_found(compared, judgement.predictions, assembly)
+    parts, means = pose_figures(compared, assembly, protocol)
     state = state_figures(states)
     if protocol == "gbot":
         was_given = run.initial == "first_frame_truth"

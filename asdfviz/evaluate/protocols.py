@@ -3,8 +3,8 @@
 `strict`: every part that can be seen counts, a missing pose is a miss. `bop`: the same, and the average
 recalls of `asdfviz.evaluate.bop` beside it. `gbot`: the rules of the GBOT
 authors' eval_calc_errors.py, by which the ASDF paper's tables were made. They count only the poses
-that were handed in, know no symmetry in e_t, and call a share at 10 cm ADD(S); it is kept apart to
-compare with the paper.
+that were handed in, rows of a csv that say "not found" among them, know no symmetry in e_t, and call a
+share at 10 cm ADD(S); it is kept apart to compare with the paper.
 Shares in percent, lengths in mm, angles in degrees; None where a figure is not defined.
 """
 
@@ -161,13 +161,14 @@ def _strict_figures(records: Sequence[PoseRecord], part: Part) -> Figures:
 
 
 def _gbot_figures(records: Sequence[PoseRecord], part: Part) -> Figures:
-    errors = [record.error for record in records if record.error is not None]
+    """By eval_calc_errors.py, which takes a row that says "not found" for a pose at the camera."""
+    errors = [e for record in records if (e := record.error or record.not_found) is not None]
     # Bounding spheres that do not overlap make the authors' ADD(S) infinite.
     adds = [error.add_s if error.e_t < part.diameter else np.inf for error in errors]
     near = [error.e_t for error in errors if error.e_t < GBOT_MAX_E_T]
     return {
         "n_visible": sum(record.visible >= VISIBLE for record in records),
-        "n_poses": len(errors),
+        "n_poses": sum(record.error is not None for record in records),
         **_add_shares(adds, part, total=len(errors)),
         **_distances(errors, near),
     }

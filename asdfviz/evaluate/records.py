@@ -31,6 +31,8 @@ class PoseRecord:
     T_camera_estimate: Transform | None
     score: float | None
     """How sure the run is of its pose, 0 to 1."""
+    not_found: PoseError | None = None
+    """Of a miss: what the row that says so would be off as a pose; see `asdfviz.evaluate.not_found`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -46,6 +46,8 @@ def test_the_gbot_evaluators_csv_reads_as_a_run(read: Read) -> None:
     first = run.predictions[0]
     # A zero translation says that the part was not found.
     assert list(first.poses) == ["base"]
+    assert list(first.not_found) == ["jaw"]
+    np.testing.assert_array_equal(first.not_found["jaw"], np.eye(4))
     expected = [[0, -1, 0, 0.0105], [1, 0, 0, -0.02], [0, 0, 1, 0.5], [0, 0, 0, 1]]
     np.testing.assert_allclose(first.poses["base"].T_camera_part, expected, atol=1e-12)
     assert first.poses["base"].score == 1.0
@@ -194,3 +196,20 @@ def test_copies_without_names_go_on_under_the_name_of_the_nearest(read: Read) ->
     # What is far from the one that was seen is the other, though it has the best score.
     rows = f"1,3,5,0.9,{EYE},{left},1\n1,4,5,0.9,{EYE},{new},1\n"
     assert list(read(f"{HEADER}\n{rows}").predictions[1].poses) == ["pin-Copy"]
+
+
+def test_a_row_that_says_not_found_is_kept_where_no_pose_is(read: Read) -> None:
+    turned = f"a,3,pin,-1,{TURNED},0 0 0,1\n"
+    zero = "a,3,jaw,-1,0 0 0 0 0 0 0 0 0,0 0 0,1\n"
+    first = read(
+        f"{turned}{zero}a,3,base,-1,{EYE},0 0 0,1\na,3,base,-1,{EYE},0 0 500,1\n"
+    ).predictions[0]
+    assert (list(first.poses), sorted(first.not_found)) == (["base"], ["jaw", "pin"])
+    assert first.not_found["pin"][0].tolist() == [0, -1, 0, 0]
+    np.testing.assert_array_equal(first.not_found["jaw"], np.eye(4))
+    # Of a number that copies share it is about those that have no pose.
+    shared = (
+        f"{HEADER}\n1,3,5,0.9,{EYE},0 0 0,1\n1,3,5,0.5,{EYE},1 0 500,1\n1,3,5,0.4,{EYE},0 0 0,1\n"
+    )
+    first = read(shared).predictions[0]
+    assert (list(first.poses), list(first.not_found)) == (["pin"], ["pin-Copy"])

@@ -42,7 +42,8 @@ def random_run(frames: int = 3) -> Run:
             runtime={"detect": 1 / 3, "total": 2 / 3},
         )
 
-    empty = FramePrediction(frame_index=999, poses={}, state=None)
+    zero = transform_from(rotation_about(np.ones(3), 0.5), np.zeros(3))
+    empty = FramePrediction(frame_index=999, poses={}, state=None, not_found={"jaw": zero})
     return Run(
         method="asdf",
         config={"w_P": 0.1, "steps": [1, 2], "weights": None, "name": "ü\u2028<b>"},
@@ -63,6 +64,9 @@ def assert_equal(a: FramePrediction, b: FramePrediction) -> None:
         other = b.poses[name]
         np.testing.assert_array_equal(pose.T_camera_part, other.T_camera_part)
         assert (pose.part, pose.score, pose.stage) == (other.part, other.score, other.stage)
+    assert list(a.not_found) == list(b.not_found)
+    for name, T in a.not_found.items():
+        np.testing.assert_array_equal(T, b.not_found[name])
     assert (a.state is None) == (b.state is None)
     if a.state is not None and b.state is not None:
         np.testing.assert_array_equal(a.state.probabilities, b.state.probabilities)

@@ -201,6 +201,34 @@ def test_gbot_figures_by_hand(
     assert report["state"]["accuracy"] == 75
 
 
+def test_rows_that_say_not_found_count_by_the_authors_rules_alone(
+    assembly: Assembly,
+    camera: Camera,
+    make_truth: MakeTruth,
+    make_prediction: MakePrediction,
+    make_run: MakeRun,
+) -> None:
+    poses = {"plate": placed(0.03, z=0.4), "rod": placed(0, z=1.2)}
+    truth = {i: make_truth(i, poses) for i in range(2)}
+    zero = {"plate": placed(0, z=0, turn=30), "rod": placed(0, z=0), "block": placed(0, z=0)}
+    silent = [make_prediction(0, poses), make_prediction(1, {})]
+    run = make_run([silent[0], replace(silent[1], not_found=zero)])
+    report = evaluate_run(run, assembly=assembly, truth=truth, protocol="gbot")
+    plate, rod = report["parts"]["plate"], report["parts"]["rod"]
+    assert (plate["add_s_10cm"], plate["n_poses"]) == (50, 1)
+    assert plate["e_t_mm"] == pytest.approx(np.hypot(30, 400) / 2)
+    assert plate["e_r_deg"] == pytest.approx(15)
+    assert (rod["add_s_10cm"], rod["e_t_mm"]) == (50, 0)  # 1.2 m is left out of the mean of e_t
+    assert plate["detection_recall"] == 50
+    assert report["parts"]["block"]["false_positives"] == 0
+    for told in ("strict", "bop"):
+        with_rows, without = (
+            evaluate_run(one, assembly=assembly, truth=truth, camera=camera, protocol=told)
+            for one in (run, make_run(silent))
+        )
+        assert with_rows == without
+
+
 def test_the_authors_parts_are_known(assembly: Assembly) -> None:
     assert gbot_evaluated_parts(assembly) == tuple(assembly.parts)
     part: Part = assembly.parts["plate"]

@@ -124,6 +124,20 @@ def test_poses_that_are_left_over_keep_their_names(assembly: Assembly) -> None:
     assert exchanged(poses, {}, names, model) == poses
 
 
+def test_a_row_that_says_not_found_goes_to_the_twin_without_a_pose(
+    clamp: Assembly, make_truth: MakeTruth, make_run: MakeRun
+) -> None:
+    truth = {0: make_truth(0, {"plate": at(0), "plate-Copy": at(100)})}
+    zero = transform_from(np.eye(3), np.zeros(3))
+    run = make_run([replace(said(0, plate=(98, 0.9)), not_found={"plate-Copy": zero})])
+    gbot = evaluate_run(run, assembly=clamp, truth=truth, protocol="gbot")
+    plate, copy = gbot["parts"]["plate"], gbot["parts"]["plate-Copy"]
+    assert (plate["e_t_mm"], plate["e_t_mm_twins"]) == (pytest.approx(98), pytest.approx(600))
+    assert copy["e_t_mm"] == pytest.approx(np.hypot(100, 600))
+    assert copy["e_t_mm_twins"] == pytest.approx(2)
+    assert (plate["add_s_10cm_twins"], copy["add_s_10cm_twins"]) == (0, 100)
+
+
 def test_without_twins_the_figures_are_the_plain_ones(
     assembly: Assembly, camera: Camera, make_truth: MakeTruth, make_run: MakeRun
 ) -> None:
