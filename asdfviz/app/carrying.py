@@ -164,7 +164,7 @@ class CarryJob(BackgroundJob):
             frame_at,
             carry.keyframes,
             bodies={name: bodies[name] for name in carry.keyframes},
-            camera=workspace.frames.camera,
+            camera=frame_at(carry.first).camera,
             first=carry.first,
             last=carry.last,
             config=CarryConfig(tracker=FINE if has_depth else RBOT_REGION),

@@ -28,10 +28,11 @@ from asdfviz.app.places import edited
 from asdfviz.app.playback import Pace, wait_until_shown
 from asdfviz.app.session import asked_for, settled, update
 from asdfviz.app.snapshot import take
-from asdfviz.app.view import View
+from asdfviz.app.view import Facts, View
 from asdfviz.app.welcome import is_first_visit, remember_visit
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AsdfvizError, MethodError
+from asdfviz.geometry.shapes import Intrinsics
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
 
@@ -71,6 +72,7 @@ class Controller:
         self._carrying = workspace.carrying
         self._drag: act.MovePart | None = None
         self._heard = heard
+        self._K: Intrinsics | None = None
         self._on_shown = on_shown
         self._is_closed = False
         self._end = workspace.subscribe(lambda: self.emit(act.Changed()))
@@ -130,7 +132,7 @@ class Controller:
                 action = asked_for(self.view, received)
                 if action is None:
                     continue
-                self.view = update(self.view, action, self._workspace.facts())
+                self.view = update(self.view, action, self._facts())
                 if isinstance(action, Edits):
                     with contextlib.suppress(AsdfvizError):
                         self._edit(action)
@@ -158,11 +160,16 @@ class Controller:
             if camera.has_drifted(cam, self.view):
                 self.emit(act.Drifted())
                 return
-            look = camera.looked_at(cam, self.view, self._workspace.facts())
+            look = camera.looked_at(cam, self.view, self._facts())
             if look is not None:
                 self.emit(look)
 
         self.client.camera.on_update(moved)
+
+    def _facts(self) -> Facts:
+        """What the view's rules depend on, by the camera of the picture that is shown."""
+        facts = self._workspace.facts()
+        return facts if self._K is None else replace(facts, K=self._K)
 
     def _next_actions(self) -> list[act.Action]:
         """Wait for actions, or while playing for the next frame's time; take all that are there."""
@@ -181,7 +188,7 @@ class Controller:
         action = asked_for(self.view, received)
         if action is None:
             return
-        facts = self._workspace.facts()
+        facts = self._facts()
         self.view = update(self.view, action, facts)
         match action:
             case act.MovePart(done=False):
@@ -237,7 +244,7 @@ class Controller:
         done = apply_edit(action, self.view, self._workspace, burst=self._burst, now=now)
         self._burst = done.burst
         self._status = f"{done.message}, saved"
-        facts = self._workspace.facts()
+        facts = self._facts()
         self.view = edited(self.view, action, done.place, facts, state=done.state)
         self._follow_seed()
         self._workspace.changed()
@@ -245,7 +252,7 @@ class Controller:
     def _to_gap(self, action: act.ToGap) -> None:
         """Go where a pose is missing."""
         place = gap_beside(self.view, self._workspace, action.direction)
-        self.view = update(self.view, act.Hold(place), self._workspace.facts())
+        self.view = update(self.view, act.Hold(place), self._facts())
         self._status = told_gap(self.view, self._workspace)
 
     def _follow_seed(self) -> None:
@@ -254,7 +261,7 @@ class Controller:
             self.view = replace(self.view, base=base, chosen=True)
 
     def _changed(self) -> None:
-        facts = self._workspace.facts()
+        facts = self._facts()
         self._follow_seed()
         self.view = settled(self.view, facts)
         messages = self._workspace.messages
@@ -273,7 +280,7 @@ class Controller:
         now = time.monotonic()
         if self._pace.wait_seconds(now) > 0:
             return
-        facts = self._workspace.facts()
+        facts = self._facts()
         self.view = update(self.view, act.Seek(self.view.place + 1), facts)
         if self.view.place == facts.count - 1:
             self.view = replace(self.view, playing=False)
@@ -286,6 +293,7 @@ class Controller:
             self._pace.reset()
         frame = self._display.frame(view.place)
         snap = take(self._workspace, view, frame=frame, status=self._status)
+        self._K = snap.facts.K
         if self._drag is not None and self._drag.place == view.place:
             snap.poses.update(dragged(self._workspace, view, self._drag))
         return self._display.show(snap)

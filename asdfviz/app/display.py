@@ -35,7 +35,7 @@ class Display:
     ) -> None:
         self._client = client
         self._workspace = workspace
-        self._turns = -1
+        self._placed = (-1, b"")
         self._unreadable: int | None = None
         self._notes = Notes(client)
         with client.atomic():
@@ -97,10 +97,12 @@ class Display:
         self._scene.ring.send_ahead(ready)
 
     def _place_camera(self, snap: Snapshot) -> None:
-        if self._turns == snap.view.turns:
+        is_ar = snap.view.mode == "ar"
+        placed = (snap.view.turns, snap.facts.K.tobytes() if is_ar else b"")
+        if self._placed == placed:
             return
-        self._turns = snap.view.turns
-        if snap.view.mode == "ar":
+        self._placed = placed
+        if is_ar:
             camera.place_ar(self._client, snap.view, snap.facts)
         else:
             camera.place_free(self._client, self._scene.middle(snap))

@@ -99,7 +99,7 @@ class FitJob(BackgroundJob):
             frame,
             fit.T_camera_part,
             body=bodies[fit.part],
-            camera=workspace.frames.camera,
+            camera=frame.camera,
             config=RBOT_REGION if frame.depth is None else FINE,
         )
         if found is None:

@@ -14,7 +14,7 @@ from asdfviz.app.desk import Desk, Done
 from asdfviz.app.truths import drawn_poses
 from asdfviz.app.view import centre_of
 from asdfviz.errors import AnnotationError, counted
-from asdfviz.geometry.shapes import Depth, Rotation, Transform
+from asdfviz.geometry.shapes import Depth, Intrinsics, Rotation, Transform
 from asdfviz.geometry.transforms import transform_from
 
 FALLBACK_DEPTH = 0.5
@@ -82,7 +82,7 @@ def _place(action: act.PlacePart, desk: Desk) -> Done:
             return joined
         _check_is_missing(desk)
     frame = desk.workspace.frames[desk.view.place]
-    pixel = _pixel_of(action, desk)
+    pixel = _pixel_of(action, desk, frame.camera.K)
     measured = _depth_near(frame.depth, pixel)
     depth = measured or FALLBACK_DEPTH
     ray = look_direction(frame.camera.K, pixel)
@@ -114,8 +114,8 @@ def _check_is_missing(desk: Desk) -> None:
     )
 
 
-def _pixel_of(action: act.PlacePart, desk: Desk) -> tuple[float, float]:
-    facts = desk.workspace.facts()
+def _pixel_of(action: act.PlacePart, desk: Desk, K: Intrinsics) -> tuple[float, float]:
+    facts = replace(desk.workspace.facts(), K=K)
     if action.u is None or action.v is None:
         return centre_of(desk.view, facts)
     width, height = facts.size_wh

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from asdfviz.annotate.records import PoseAnnotation
 from asdfviz.app import theme, timeline
@@ -61,9 +61,11 @@ def take(workspace: Workspace, view: View, *, frame: Frame | None, status: str =
     """Gather what a refresh needs."""
     run = workspace.run(view.base)
     index = workspace.indices[view.place]
+    facts = workspace.facts()
     return Snapshot(
         view=view,
-        facts=workspace.facts(),
+        # Each frame of a BOP scene may have intrinsics of its own.
+        facts=facts if frame is None else replace(facts, K=frame.camera.K),
         workspace=workspace,
         frame=frame,
         poses=workspace.poses(view.place, view.base),

@@ -19,6 +19,7 @@ from asdfviz.errors import SequenceError
 from asdfviz.evaluate.health_camera import (
     check_intrinsics,
     check_offsets,
+    check_one_camera,
     check_origins,
     check_part_sizes,
     size_finding,
@@ -80,6 +81,7 @@ def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> H
     findings += check_numbering(source.frame_indices)
     if isinstance(source, FolderSequence):
         findings += check_partners(source)
+        findings += check_one_camera(source)
         findings += check_assembly(source)
     findings += check_objects(source)
     if source.assembly is not None:

@@ -6,8 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.datatypes import Assembly, Camera
+from asdfviz.errors import counted
 from asdfviz.evaluate.health_report import Finding
+from asdfviz.geometry.camera import is_same_lens
 
 NARROWEST_DEG, WIDEST_DEG = 20.0, 130.0
 """Horizontal field of view of RGB-D cameras, degrees (Kinect's wide mode has 120)."""
@@ -73,6 +76,22 @@ def check_intrinsics(camera: Camera) -> Iterator[Finding]:
             f"fx and fy differ by {100 * abs(fx / fy - 1):.0f} % ({fx:.1f} and {fy:.1f} px): "
             "pixels of common cameras are square. Check both.",
             float(fx / fy),
+        )
+
+
+def check_one_camera(source: FolderSequence) -> Iterator[Finding]:
+    """Look for frames with other intrinsics than the first: some methods know one camera only."""
+    first, *others = source.frame_indices
+    K = source.camera_of(first).K
+    other = [index for index in others if not is_same_lens(source.camera_of(index).K, K)]
+    if other:
+        yield Finding(
+            "several_cameras",
+            "warning",
+            f"{counted(len(other), 'frame')} of {len(source)} have other intrinsics than frame "
+            f"{first}, frame {other[0]} first. Each frame is drawn, judged and seen by asdf with its "
+            "own, but trackers, asdf_plus and asdf_track need one camera and refuse the sequence.",
+            float(len(other)),
         )
 
 

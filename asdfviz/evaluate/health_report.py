@@ -10,6 +10,7 @@ Severity: TypeAlias = Literal["info", "warning", "error"]
 Kind: TypeAlias = Literal[
     "depth_unit",
     "intrinsics",
+    "several_cameras",
     "mesh_unit",
     "state_unit",
     "part_pose",

@@ -7,6 +7,14 @@ from jaxtyping import Bool, Float64, Int64
 
 from asdfviz.geometry.shapes import Depth, Intrinsics, Pixels, Points
 
+SAME_PX = 0.1
+"""Intrinsics that differ by less show the same, as far as anybody measures."""
+
+
+def is_same_lens(K: Intrinsics, other: Intrinsics) -> bool:
+    """Whether two pictures have the same intrinsics, to a tenth of a pixel."""
+    return bool(np.abs(K - other).max() < SAME_PX)
+
 
 def project(points_camera: Points, K: Intrinsics) -> Pixels:
     """Project points in front of the camera; points at or behind it become NaN."""

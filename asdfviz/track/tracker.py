@@ -17,13 +17,14 @@ from asdfviz.geometry.shapes import Rgb, Transform, Transforms, Vector
 from asdfviz.geometry.transforms import inverse, transform_from
 from asdfviz.track.bodies import Body
 from asdfviz.track.confidence import Evidence, confidence, depth_tolerance
+from asdfviz.track.frame_images import fitting_images
 from asdfviz.track.links import Link
 from asdfviz.track.modalities import Modalities
 from asdfviz.track.optimizer import Group
 from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.silhouettes import DrawnParts
 from asdfviz.track.starts import Trial, settle
-from asdfviz.track.visibility import NO_DEPTH, NO_SILHOUETTES, MaybeDepth, Silhouettes
+from asdfviz.track.visibility import NO_SILHOUETTES, MaybeDepth, Silhouettes
 
 
 class Tracker:
@@ -240,17 +241,7 @@ class Tracker:
 
     def _images(self, frame: Frame) -> tuple[Rgb, MaybeDepth]:
         """The frame's images as the kernels want them."""
-        shape = (self._camera.height, self._camera.width)
-        if frame.rgb.shape[:2] != shape:
-            raise InputError(
-                f"frame {frame.index} is {frame.rgb.shape[1]}x{frame.rgb.shape[0]}, "
-                f"the tracker's camera {shape[1]}x{shape[0]}"
-            )
-        if self.config.depth is None:
-            return np.ascontiguousarray(frame.rgb), NO_DEPTH
-        if frame.depth is None:
-            raise InputError(f"frame {frame.index} has no depth, which this tracker needs")
-        return np.ascontiguousarray(frame.rgb), np.ascontiguousarray(frame.depth)
+        return fitting_images(frame, self._camera, with_depth=self.config.depth is not None)
 
     def _place(self, name: str) -> int:
         if name not in self.names:

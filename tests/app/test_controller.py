@@ -8,6 +8,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from asdfviz.app import actions as act
@@ -16,6 +17,7 @@ from asdfviz.app.items import JobStatus
 from asdfviz.app.jobs import Background
 from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
+from asdfviz.datatypes import Camera
 
 
 class Screen:
@@ -205,3 +207,17 @@ def test_what_corrections_start_from_is_drawn_in_every_tab(
     for one in (tab, other):
         one.close()
         one.wait(30.0)
+
+
+def test_the_view_goes_by_the_shown_pictures_own_intrinsics(
+    opened: Open, with_run: Workspace
+) -> None:
+    tab, screen = opened()
+    frame = with_run.frames[2]
+    K = frame.camera.K - np.array([[0.0, 0, 100], [0, 0, 0], [0, 0, 0]])
+    vars(screen)["frame"] = lambda place: replace(frame, camera=Camera(K, 640, 480))
+    tab.emit(act.Changed())
+    until(lambda: screen.shown[-1].frame is not None)
+    tab.emit(act.Zoom(2.0))
+    until(lambda: tab.view.zoom > 1.5)
+    assert tab.view.centre == pytest.approx((219.5, 239.5))

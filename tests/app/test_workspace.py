@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,13 @@ from asdfviz.app import jobs, method_job
 from asdfviz.app.items import ANNOTATION, Message
 from asdfviz.app.jobs import Background, start_check, start_export, start_judging
 from asdfviz.app.method_job import next_run_folder, pace_of
+from asdfviz.app.snapshot import take
 from asdfviz.app.timeline import Verdict
 from asdfviz.app.truths import drawn_truth
-from asdfviz.app.view import TRUTH
+from asdfviz.app.view import TRUTH, View, centre_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import load_run, save_run
-from asdfviz.datatypes import Assembly, Frame, FramePrediction, PoseEstimate, Run
+from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate, Run
 from asdfviz.errors import MethodError, SequenceError
 from asdfviz.evaluate.health import HealthReport
 from asdfviz.methods.spec import MethodSpec
@@ -349,3 +350,14 @@ def test_a_check_that_fails_says_why(
     start_check(workspace).join(10)
     assert workspace.findings is not None
     assert f"It was not checked: {words}" in workspace.findings[0].message
+
+
+def test_a_frame_is_shown_with_its_own_intrinsics(with_run: Workspace) -> None:
+    """As in a BOP scene, whose pictures may be crops."""
+    view, frame = View(place=2, selected="jaw"), with_run.frames[2]
+    K = frame.camera.K - np.array([[0.0, 0, 100], [0, 0, 0], [0, 0, 0]])
+    cropped = replace(frame, camera=Camera(K, 640, 480))
+    snap = take(with_run, view, frame=cropped)
+    assert snap.facts.K[0, 2] == pytest.approx(219.5)
+    assert centre_of(view, snap.facts) == (219.5, 239.5)
+    assert take(with_run, view, frame=None).facts.K[0, 2] == pytest.approx(319.5)

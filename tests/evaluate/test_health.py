@@ -420,6 +420,20 @@ def test_images_that_were_cut_off_are_named_wherever_they_are(folder: Path) -> N
     )
 
 
+def test_intrinsics_that_change_within_a_sequence_are_named(folder: Path) -> None:
+    assert not found(check_sequence(open_sequence(folder)), "several_cameras")
+    (folder / "camera.json").unlink()
+    cameras = {
+        str(i): {"cam_K": [600.0, 0, 218.0 if i in (2, 5) else 318.0, 0, 600.0, 243.0, 0, 0, 1]}
+        for i in (0, 1, 2, 4, 5)
+    }
+    cameras["1"]["cam_K"][0] += 1e-6  # as numbers are rounded
+    (folder / "scene_camera.json").write_text(json.dumps(cameras))
+    finding = only(check_sequence(open_sequence(folder)), "several_cameras")
+    assert finding.severity == "warning"
+    assert "2 frames of 5 have other intrinsics than frame 0, frame 2 first" in finding.message
+
+
 def test_numbers_that_rise_by_a_step_have_no_gap_but_the_step_is_told(folder: Path) -> None:
     for number, name in enumerate(sorted(p.name for p in (folder / "rgb").iterdir())):
         for kind in ("rgb", "depth"):

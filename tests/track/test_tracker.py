@@ -172,6 +172,9 @@ def test_wrong_input_is_refused_with_its_name(
     small = Frame(4, 0.0, frame.rgb[:100].copy(), None, camera)
     with pytest.raises(InputError, match="frame 4 is 320x100"):
         tracker.start(small, {"box": box_poses[0]})
+    cropped = Camera(camera.K - np.array([[0, 0, 40.0], [0, 0, 0], [0, 0, 0]]), 320, 240)
+    with pytest.raises(InputError, match=r"frame 0 has other intrinsics \(.*cx 119\.5.*cx 159\.5"):
+        tracker.start(replace(frame, camera=cropped), {"box": box_poses[0]})
     tracker.start(frame, {"box": box_poses[0]})
     with pytest.raises(InputError, match="'lid' is not tracked"):
         tracker.replace(frame, {"lid": np.eye(4)})
