@@ -183,3 +183,19 @@ def test_what_was_moved_since_the_run_can_be_named(case: Case, tmp_path: Path) -
         evaluate_folder(case.run_folder, assembly=assembly, truth_folder=tmp_path / "nowhere")
     report = evaluate_folder(case.run_folder, assembly=assembly, truth_folder=case.scene)
     assert report["mean"]["add_s_01d"] == 100
+
+
+def test_visible_shares_are_drawn_by_each_frames_own_camera(case: Case, tmp_path: Path) -> None:
+    """As in a scene of crops: the last two frames show what lies 1 m aside, where the plate is then."""
+    file = case.scene / "scene_camera.json"
+    cameras = json.loads(file.read_text())
+    for index in ("1", "2"):
+        cameras[index]["cam_K"][2] -= 150.0
+    file.write_text(json.dumps(cameras))
+    write_truth(tmp_path / "aside", with_visibility=False)
+    gt = json.loads((tmp_path / "aside" / "scene_gt.json").read_text())
+    for index in ("1", "2"):
+        gt[index][0]["cam_t_m2c"][0] = 1000
+    (tmp_path / "aside" / "scene_gt.json").write_text(json.dumps(gt))
+    report = evaluate_folder(case.run_folder, truth_folder=tmp_path / "aside")
+    assert report["parts"]["plate"]["n_visible"] == 3
