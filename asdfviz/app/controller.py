@@ -72,7 +72,7 @@ class Controller:
         self._carrying = workspace.carrying
         self._drag: act.MovePart | None = None
         self._heard = heard
-        self._K: Intrinsics | None = None
+        self._lens: Intrinsics | None = None
         self._on_shown = on_shown
         self._is_closed = False
         self._end = workspace.subscribe(lambda: self.emit(act.Changed()))
@@ -169,7 +169,7 @@ class Controller:
     def _facts(self) -> Facts:
         """What the view's rules depend on, by the camera of the picture that is shown."""
         facts = self._workspace.facts()
-        return facts if self._K is None else replace(facts, K=self._K)
+        return facts if self._lens is None else replace(facts, K=self._lens)
 
     def _next_actions(self) -> list[act.Action]:
         """Wait for actions, or while playing for the next frame's time; take all that are there."""
@@ -293,7 +293,7 @@ class Controller:
             self._pace.reset()
         frame = self._display.frame(view.place)
         snap = take(self._workspace, view, frame=frame, status=self._status)
-        self._K = snap.facts.K
+        self._lens = snap.facts.K
         if self._drag is not None and self._drag.place == view.place:
             snap.poses.update(dragged(self._workspace, view, self._drag))
         return self._display.show(snap)

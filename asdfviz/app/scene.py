@@ -52,7 +52,7 @@ class Scene:
         self._tagged: Sequence[Detection] = ()
         self._cloud: Any = None
         self._cloud_place = -1
-        self._mode, self._K = "ar", workspace.frames.camera.K
+        self._mode, self._lens = "ar", workspace.frames.camera.K
         self.gizmo = Gizmo(self._scene, workspace, emit, self._frames)
         self.ring = Ring(self._scene, "/picture")
         self._prepare()
@@ -65,7 +65,7 @@ class Scene:
 
     def apply(self, snap: Snapshot) -> None:
         """Show a snapshot whose picture was loaded."""
-        self._mode, self._K = snap.view.mode, snap.facts.K
+        self._mode, self._lens = snap.view.mode, snap.facts.K
         self._apply_picture(snap)
         self._apply_parts(snap)
         self._apply_layers(snap)
@@ -89,7 +89,7 @@ class Scene:
         async def place(event: Any) -> None:
             x, y, z = event.ray_direction
             if z > 1e-6 and self._mode == "ar":  # elsewhere a click shows no pixel
-                K = self._K
+                K = self._lens
                 self._emit(act.PlacePart(K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2]))
 
         self._scene.on_click(modifier="shift")(place)
