@@ -17,6 +17,7 @@ from asdfviz.synth.grounds import FAR
 from asdfviz.synth.mesh_bank import MeshBank, Triangles
 from asdfviz.synth.raster import Cells, Projected, rasterize_cells
 from asdfviz.synth.shading import ShadingConfig, shade
+from asdfviz.synth.shrinking import area_means
 
 LARGEST = 2048
 """Side, in pixels, beyond which a silhouette is cut off."""
@@ -68,10 +69,7 @@ def render(
         exact = (fine.depth, fine.owner) if supersampling == 1 else None
         if exact is None:
             radiance, albedo = (
-                torch.nn.functional.interpolate(
-                    each.permute(0, 3, 1, 2), size=(camera.height, camera.width), mode="area"
-                ).permute(0, 2, 3, 1)
-                for each in (radiance, albedo)
+                area_means(each, camera.height, camera.width) for each in (radiance, albedo)
             )
         return _pictures(scenes, triangles, exact, radiance, albedo[..., 0], device)
 
