@@ -50,7 +50,8 @@ def keep_classes(network: Network, columns: Sequence[int]) -> Network:
     for branch in network.head.cv3:
         layers = cast(nn.Sequential, branch)
         last = cast(nn.Conv2d, layers[2])
-        kept = nn.Conv2d(last.in_channels, len(columns), 1)
+        like = last.weight
+        kept = nn.Conv2d(last.in_channels, len(columns), 1, device=like.device, dtype=like.dtype)
         kept.weight.copy_(last.weight[list(columns)])
         if last.bias is not None and kept.bias is not None:
             kept.bias.copy_(last.bias[list(columns)])

@@ -46,6 +46,12 @@ def test_the_outputs_that_are_kept_do_not_change() -> None:
     assert torch.equal(kept.keypoints, whole.keypoints)
 
 
+def test_the_outputs_that_are_kept_stay_where_the_network_is() -> None:
+    network = keep_classes(Network("n", classes=4).to("meta").half(), (3, 1))
+    kept = {(p.device.type, p.dtype) for p in network.parameters()}
+    assert kept == {("meta", torch.float16)}
+
+
 def test_a_detector_answers_for_its_assembly_alone(tmp_path: Path) -> None:
     torch.manual_seed(4)
     network = Network("n", classes=4)
