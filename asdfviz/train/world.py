@@ -48,10 +48,19 @@ class World:
             distributed.destroy_process_group()
 
     def average_gradients(self, parameters: Iterable[Tensor]) -> None:
-        """Replace every gradient by its mean over the processes."""
+        """Replace every gradient by its mean over the processes; one that is missing counts as 0.
+
+        Args:
+            parameters: the same ones in every process, whatever its batch gives gradients to.
+        """
         if not self.is_shared:
             return
-        gradients = [p.grad for p in parameters if p.grad is not None]
+        gradients: list[Tensor] = []
+        for parameter in parameters:
+            if parameter.requires_grad:
+                if parameter.grad is None:  # nothing in this process's batch asks for it
+                    parameter.grad = torch.zeros_like(parameter)
+                gradients.append(parameter.grad)
         flat = torch.cat([g.flatten() for g in gradients])
         distributed.all_reduce(flat)  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         flat /= self.size

@@ -102,6 +102,21 @@ def test_alone_nothing_changes(monkeypatch: pytest.MonkeyPatch) -> None:
     assert world.agree(0.3) == 0.3
 
 
+def test_a_gradient_that_one_process_lacks_is_averaged_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As where one's batch holds no part: all must send the same number of values."""
+    monkeypatch.setattr("torch.distributed.all_reduce", lambda flat: flat.add_(1.0))
+    known, missing = torch.nn.Parameter(torch.ones(2)), torch.nn.Parameter(torch.ones(3, 1))
+    frozen = torch.nn.Parameter(torch.ones(4), requires_grad=False)
+    known.grad = torch.tensor([1.0, 2.0])
+    World(size=2).average_gradients([known, frozen, missing])
+    assert known.grad.tolist() == [1.0, 1.5]
+    assert missing.grad is not None
+    assert missing.grad.tolist() == [[0.5]] * 3
+    assert frozen.grad is None
+
+
 def test_half_a_torchrun_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("WORLD_SIZE", "2")
     monkeypatch.delenv("RANK", raising=False)
