@@ -119,7 +119,10 @@ def silhouettes(
     index = triangles.vertex_instance[:, None].expand(-1, 2)
     low = torch.full((total, 2), torch.inf, device=px.device)
     high = torch.full((total, 2), -torch.inf, device=px.device)
-    low = low.scatter_reduce(0, index, px, "amin").floor().clamp(-LARGEST / 2, LARGEST / 2)
+    camera = scenes[0].camera
+    # A cell begins no farther off than it may be large; what is in the picture begins before its end.
+    farthest = max(LARGEST / 2, camera.width, camera.height)
+    low = low.scatter_reduce(0, index, px, "amin").floor().clamp(-LARGEST / 2, farthest)
     high = high.scatter_reduce(0, index, px, "amax").ceil()
     size = (high - low + 1).clamp(1, LARGEST).long()
     cells = Cells.of_sizes(size[:, 0], size[:, 1])

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -12,6 +14,7 @@ from asdfviz.synth.hands import hand_mesh
 from asdfviz.synth.mesh_bank import MeshBank, clustered, corner_normals
 from asdfviz.synth.primitives import box, lathe
 from asdfviz.synth.raster import Projected, corner_weights, depth_map, rasterize
+from asdfviz.synth.render import silhouettes
 
 CAMERA = Camera(np.array([[150.0, 0, 79.5], [0, 150.0, 44.5], [0, 0, 1]]), 160, 90)
 SHAPE = (1, 90, 160)
@@ -42,6 +45,19 @@ def test_box_face_on_covers_the_pixels_whose_centres_it_covers() -> None:
     mask[fragments.covered.numpy()] = True
     assert np.array_equal(mask.reshape(90, 160), expected)
     assert torch.allclose(fragments.depth, torch.tensor(0.5), atol=1e-6)
+
+
+@pytest.mark.parametrize("x", [-6.0, 0.0, 5.5, 6.3])
+def test_a_silhouette_is_whole_wherever_in_a_wide_image(x: float) -> None:
+    wide = Camera(np.array([[150.0, 0, 2047.5], [0, 150.0, 44.5], [0, 0, 1]]), 4096, 90)
+    one = replace(scene(pose(x, 0, 0.55)), camera=wide)
+    triangles = place_all([one], MeshBank.of([box((0.2, 0.1, 0.1))]))
+    seen = Views.of([one], scale=1.0, device="cpu").project(triangles)
+    covered = rasterize(seen, (1, 90, 4096)).covered.numpy()
+    v, u = np.divmod(covered, 4096)
+    counts, boxes = silhouettes([one], triangles, seen)
+    assert counts.tolist() == [len(covered)]
+    assert boxes.tolist() == [[u.min(), v.min(), np.ptp(u) + 1, np.ptp(v) + 1]]
 
 
 def test_depth_of_a_turned_box_is_the_ray_box_intersection() -> None:
