@@ -48,26 +48,30 @@ class Meter:
 
 
 class CsvLog:
-    """Appends lines to a CSV file; a resumed run goes on in the same file."""
+    """Appends lines to a CSV file; a resumed run goes on in the same file, with new columns too."""
 
     def __init__(self, path: Path, columns: Sequence[str], *, step: int) -> None:
         """Begin a file, or go on in one.
 
         Args:
             path: the file.
-            columns: their names, the first of them "step".
+            columns: their names, the first of them "step"; those that the file has already stay.
             step: that the run goes on from; rows of later ones, whose work was lost, go.
         """
         self.path = path
-        self.columns = tuple(columns)
         if not path.is_file():
+            self.columns = tuple(columns)
             write_text(path, ",".join(self.columns) + "\n")
             return
         head, *rows = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        had = head.rstrip("\n").split(",")
+        self.columns = tuple(dict.fromkeys((*had, *columns)))
         last = float(_cell(float(step)))
         kept = [row for row in rows if row.endswith("\n") and float(row.split(",")[0]) <= last]
-        if kept != rows:
-            write_text(path, "".join((head, *kept)))
+        empty = "," * (len(self.columns) - len(had))
+        if kept != rows or empty:
+            padded = (row.rstrip("\n") + empty + "\n" for row in kept)
+            write_text(path, "".join((",".join(self.columns) + "\n", *padded)))
 
     def add(self, values: Mapping[str, float]) -> None:
         """Append one line; a value that is missing stays empty."""
