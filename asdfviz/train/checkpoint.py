@@ -72,7 +72,8 @@ def save_checkpoint(
         average: of its weights.
         progress: how far the run is.
         about: what the weights are: "classes", "image_size", "run".
-        trainer: state of optimiser and auxiliary head, to go on exactly; None for weights alone.
+        trainer: state of optimiser, auxiliary head and warm-up, to go on exactly; None for weights
+            alone.
     """
     content = {
         "network": network.state_dict(),

@@ -236,7 +236,11 @@ class Session(Sitting):
         if not self.world.is_first:
             return
         self.progress.seconds = self.seconds
-        trainer = {"optimizer": self.optimizer.state_dict(), "hint": self.hint.state_dict()}
+        trainer = {
+            "optimizer": self.optimizer.state_dict(),
+            "hint": self.hint.state_dict(),
+            "warm_from": self._warm_from,
+        }
         save_checkpoint(
             path or self.last,
             network=self.network,
@@ -270,6 +274,7 @@ class Session(Sitting):
         if content["trainer"]:
             self.optimizer.load_state_dict(content["trainer"]["optimizer"])
             self.hint.load_state_dict(content["trainer"]["hint"])
+            self._warm_from = content["trainer"].get("warm_from", 0)  # older ones lack it
         else:
             self._warm_from = step
 

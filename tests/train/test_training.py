@@ -17,12 +17,17 @@ from asdfviz.detector.detector import Detector, DetectorConfig
 from asdfviz.detector.network import Network
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import InputError, SequenceError, WeightsError
-from asdfviz.train.checkpoint import begin_from, load_checkpoint
+from asdfviz.train.checkpoint import (
+    begin_from,
+    keep_average,
+    load_checkpoint,
+    write_checkpoint,
+)
 from asdfviz.train.config import Stage, TrainConfig
 from asdfviz.train.dataset import load_images
 from asdfviz.train.loop import TrainResult, export_weights, train
 from asdfviz.train.schedule import rate_at, stage_at
-from asdfviz.train.session import TrainReport
+from asdfviz.train.session import Session, TrainReport
 from asdfviz.train.validation import validate
 
 
@@ -115,12 +120,34 @@ def test_a_stopped_run_goes_on_as_if_nothing_had_happened(
     log = broken.output / "log.csv"
     with log.open("a") as file:
         file.write("5,1.0\n")  # of steps after the checkpoint, which a kill lost
+    content = load_checkpoint(broken.output / "last.pt")
+    del content["trainer"]["warm_from"]  # as older checkpoints are
+    write_checkpoint(broken.output / "last.pt", content)
     second = train(broken, assemblies=(assembly,))
     assert (second.finished, second.steps) == (True, 6)
     assert [row.split(",")[0] for row in log.read_text().splitlines()] == ["step", "3", "6"]
     one, other = weights_of(straight), weights_of(second)
     for name in one:
         torch.testing.assert_close(one[name], other[name], msg=name)
+
+
+def test_a_carried_run_that_stops_in_its_warm_up_goes_on_in_it(
+    config: TrainConfig, assembly: Assembly
+) -> None:
+    slow = dataclasses.replace(config, warmup_steps=8, stages=(Stage(1.0, 64, 64, 1, 1.0),))
+    run = Session(slow, [assembly])
+    run.progress.step = 3
+    run.checkpoint()
+    keep_average(run.last, run.last)
+    carried = Session(slow, [assembly])
+    carried.progress.step = 4
+    carried.checkpoint()
+    again = Session(slow, [assembly])
+    stops = iter((False, True))
+    again.go(lambda _: None, lambda: next(stops))
+    assert again.progress.step == 5
+    # The second step since the optimiser was new.
+    assert again.optimizer.param_groups[0]["lr"] == pytest.approx(rate_at(slow, 1, 4 / 6))
 
 
 def test_a_run_of_another_assembly_is_not_gone_on_with(
