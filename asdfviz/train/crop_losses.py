@@ -40,8 +40,9 @@ def crop_losses(
     """
     known = batch.names != views.nothing  # crops of nothing known have no pose
     likelihood = log_softmax(out.rotations[known].float(), dim=1)
-    rotation = -(target[known] * likelihood).sum(1).mean()
-    place = smooth_l1_loss(out.place[known].float(), batch.place[known], beta=0.1)
+    rotation = -(target[known] * likelihood).sum() / max(len(likelihood), 1)
+    moved = smooth_l1_loss(out.place[known].float(), batch.place[known], beta=0.1, reduction="sum")
+    place = moved / max(batch.place[known].numel(), 1)
     drawn = known & ~batch.outline[:, 0, 0].isnan()
     missed_cells = binary_cross_entropy_with_logits(
         out.outline[drawn].float(), batch.outline[drawn], reduction="sum"

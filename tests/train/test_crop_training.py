@@ -157,6 +157,24 @@ def test_crops_of_nothing_known_teach_only_that(
     )
 
 
+def test_crops_of_nothing_known_alone_teach_names_alone(
+    maker: CropMaker, crops: Crops, views: ViewMaker
+) -> None:
+    batch = views.views(crops, rng=np.random.default_rng(1))
+    nothing = torch.full_like(batch.names, views.nothing)
+    alone = replace(batch, names=nothing, states=torch.full_like(batch.states, -1))
+    target = views.targets(batch.quaternions, batch.labels)
+    count = len(maker.classes)
+    network = CropNetwork(classes=count, grid=600, states=2, names=True)
+    out = network(batch.pictures, batch.labels)
+    names = network.names(batch.pictures, batch.sizes)
+    losses = crop_losses(out, names, alone, target=target, views=views)
+    assert losses[:4].tolist() == [0.0] * 4
+    assert float(losses[4].detach()) > 0
+    losses.sum().backward()
+    assert all(p.grad.isfinite().all() for p in network.parameters() if p.grad is not None)
+
+
 def test_groups_have_no_name(maker: CropMaker) -> None:
     groups = [i for i, c in enumerate(maker.classes) if c.states]
     crops = maker.make(8, rng=np.random.default_rng(3), labels=groups)
