@@ -20,7 +20,8 @@ from asdfviz.errors import SequenceError
 from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.geometry.shapes import Depth, Intrinsics, Rgb
 from asdfviz.geometry.transforms import rotation_about
-from asdfviz.pose.labels import LabelledObject, Labeller, Subject, read_groups
+from asdfviz.pose.labels import Flags, LabelledObject, Labeller, Subject, read_groups
+from asdfviz.pose.yolo_rows import flags_of_rows
 
 SEQUENCE = "sequence.json"
 
@@ -192,15 +193,44 @@ def _load_scene(
         rgb = read_rgb(files.rgb[index])
         size_wh = (rgb.shape[1], rgb.shape[0])
         labeller = Labeller(subject, camera.K, size_wh, depth, smallest_visible)
+        labels = labeller.labels(objects[index], groups.get(index, ()))
+        file = folder / "labels" / f"{index:06d}.txt"
         image = LabelledImage(
             name=f"{folder.name}/{index:06d}",
             assembly=subject.assembly.name,
             rgb=rgb,
             K=camera.K,
-            objects=labeller.labels(objects[index], groups.get(index, ())),
+            objects=_as_told(labels, file, size_wh, subject.first_label),
         )
         images.append(_reduced(image, image_size))
     return images, len(indices)
+
+
+def _as_told(
+    objects: tuple[LabelledObject, ...], file: Path, size_wh: tuple[int, int], first_label: int
+) -> tuple[LabelledObject, ...]:
+    """Take flags from a label file, if there is one: who drew the picture knew what hides what.
+
+    Of a picture without depth nothing else tells, and a sensor's depth is noisy and has holes.
+    """
+    if not file.is_file():
+        return objects
+    told = flags_of_rows(
+        file.read_text(encoding="utf-8", errors="replace"),
+        objects,
+        width=size_wh[0],
+        height=size_wh[1],
+        first_label=first_label,
+    )
+    return tuple(
+        item if flags is None else _flagged(item, flags)
+        for item, flags in zip(objects, told, strict=True)
+    )
+
+
+def _flagged(item: LabelledObject, flags: Flags) -> LabelledObject:
+    keypoints = np.concatenate([item.keypoints[:, :2], flags[:, None]], axis=1)
+    return replace(item, keypoints=keypoints.astype(np.float32, copy=False))
 
 
 def _reduced(image: LabelledImage, image_size: int) -> LabelledImage:

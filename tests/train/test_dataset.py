@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,7 +14,9 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.transforms import apply
-from asdfviz.train.dataset import load_images
+from asdfviz.pose.labels import LabelledObject
+from asdfviz.pose.yolo_rows import yolo_rows
+from asdfviz.train.dataset import LabelledImage, load_images
 
 
 def test_labels_are_the_projected_truth(scene: Path, assembly: Assembly) -> None:
@@ -79,6 +83,49 @@ def test_keypoints_behind_something_are_hidden(scene: Path, assembly: Assembly) 
     flags = np.concatenate([o.keypoints[:, 2] for i in images for o in i.objects if o.part])
     assert set(flags) == {1.0, 2.0}
     assert 0.2 < float((flags == 2).mean()) < 0.9
+
+
+def relabelled(image: LabelledImage, rng: np.random.Generator) -> LabelledImage:
+    """The picture with other flags in the same places."""
+    objects: list[LabelledObject] = []
+    for item in image.objects:
+        keypoints = item.keypoints.copy()
+        if item.part is not None:
+            keypoints[:, 2] = rng.integers(1, 3, len(keypoints))
+        objects.append(replace(item, keypoints=keypoints))
+    return replace(image, objects=tuple(objects))
+
+
+def flags_of(image: LabelledImage) -> np.ndarray:
+    return np.stack([item.keypoints[:, 2] for item in image.objects])
+
+
+@pytest.mark.parametrize("with_depth", [True, False])
+def test_a_label_file_knows_which_keypoints_are_hidden(
+    new_scene: Callable[[int], Path], assembly: Assembly, with_depth: bool
+) -> None:
+    """Each row counts for its own object, one of two bars too; a row of another pose for none."""
+    folder = new_scene(2)
+    if not with_depth:
+        shutil.rmtree(folder / "depth")
+    measured = load_images([folder], (assembly,), image_size=640)
+    rng = np.random.default_rng(0)
+    (folder / "labels").mkdir()
+    told = [relabelled(image, rng) for image in measured]
+    for number, image in enumerate(told):
+        text = yolo_rows(image.objects[::-1], width=320, height=180)
+        (folder / f"labels/{number:06d}.txt").write_text(f"0 0.5 0.5 0.1 0.1\n{text}")
+    for wanted, image in zip(told, load_images([folder], (assembly,), image_size=640), strict=True):
+        np.testing.assert_array_equal(flags_of(image), flags_of(wanted))
+        np.testing.assert_array_equal(image.objects[0].keypoints, wanted.objects[0].keypoints)
+    moved = [
+        replace(item, keypoints=item.keypoints + np.array([2, 0, 0], np.float32))
+        for item in told[1].objects
+    ]
+    (folder / "labels/000001.txt").write_text(yolo_rows(moved, width=320, height=180))
+    again = load_images([folder], (assembly,), image_size=640)
+    np.testing.assert_array_equal(flags_of(again[0]), flags_of(told[0]))
+    np.testing.assert_array_equal(flags_of(again[1]), flags_of(measured[1]))
 
 
 def test_hardly_visible_objects_have_no_label(
