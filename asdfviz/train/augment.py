@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import cv2
 import numpy as np
-from jaxtyping import Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 
 from asdfviz.datatypes import KEYPOINTS
 from asdfviz.geometry.shapes import Intrinsics, Rgb
@@ -94,26 +94,49 @@ def view(
         height: of the window, pixels.
         angle: the roll that H contains, radians, to turn the parts' rotations by.
         fill: colour of what the picture does not cover.
-        smallest_inside: objects with less than this share of their area in the window get no
-            label (states need 0.7: a part of an assembled thing looks like another state).
+        smallest_inside: as for `boxes_in`.
     """
     rgb = cv2.warpAffine(
         image.rgb, H[:2], (width, height), flags=cv2.INTER_LINEAR, borderValue=fill
     ).astype(np.uint8, copy=False)
     labels = image.stacked
-    window = np.array([width, height], np.float32)
-    if not len(labels.labels):
-        return _labelled(rgb, labels, np.zeros(0, np.int64), np.zeros((0, 4)), H, angle)
     # Pixel centres move by half a pixel between a frame's and the network's coordinates.
     outlines = move_points(H, labels.outlines) + np.float32(0.5)
+    boxes, is_taught = boxes_in(
+        labels, outlines, width=width, height=height, smallest_inside=smallest_inside
+    )
+    kept = is_taught.nonzero()[0]
+    return _labelled(rgb, labels, kept, boxes[kept], H, angle)
+
+
+def boxes_in(
+    labels: Stacked,
+    outlines: Float32[np.ndarray, "p 2"],
+    *,
+    width: int,
+    height: int,
+    smallest_inside: float = 0.4,
+) -> tuple[Float32[np.ndarray, "m 4"], Bool[np.ndarray, "m"]]:
+    """Boxes x0, y0, x1, y1 of all objects, cut at a window's border, and which of them are taught.
+
+    Args:
+        labels: whose outlines they are.
+        outlines: in network coordinates of the window.
+        width: of the window, pixels.
+        height: of the window, pixels.
+        smallest_inside: objects with less than this share of their area in the window get no
+            label (states need 0.7: a part of an assembled thing looks like another state).
+    """
+    if not len(labels.labels):
+        return np.zeros((0, 4), np.float32), np.zeros(0, bool)
+    window = np.array([width, height], np.float32)
     first = np.minimum.reduceat(outlines, labels.starts, axis=0)
     last = np.maximum.reduceat(outlines, labels.starts, axis=0)
     low, high = np.clip(first, 0, window), np.clip(last, 0, window)
     needed = np.where(labels.is_state, 0.7, smallest_inside)
     shown = (high - low).astype(float).prod(1) >= needed * (last - first).astype(float).prod(1)
-    kept = (shown & ((high - low).min(1) >= 2)).nonzero()[0]
-    boxes = np.concatenate([low[kept], high[kept]], axis=1)
-    return _labelled(rgb, labels, kept, boxes, H, angle)
+    boxes = np.concatenate([low, high], axis=1).astype(np.float32, copy=False)
+    return boxes, shown & ((high - low).min(1) >= 2)
 
 
 def _labelled(

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
+from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Part
 from asdfviz.detector.detector import DetectorConfig, detect
@@ -18,6 +19,7 @@ from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import rotation_angle
 from asdfviz.pose.labels import LabelledObject
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
+from asdfviz.train.augment import boxes_in
 from asdfviz.train.dataset import LabelledImage
 
 MATCH_IOU = 0.5
@@ -32,7 +34,8 @@ class ClassScore:
     label: str
     objects: int
     recall: float
-    """Found with the right class, a score above the threshold and IoU >= 0.5."""
+    """Found with the right class, a score above the threshold and IoU >= 0.5 with what the picture
+    holds of the box."""
     precision: float
     keypoint_px: float | None
     """Median over objects of the median keypoint distance, pixels."""
@@ -146,27 +149,38 @@ def _count_class(
     image: LabelledImage,
     assembly: Assembly,
 ) -> None:
-    objects = [item for item in image.objects if item.label == label]
+    labels = image.stacked
+    height, width = image.rgb.shape[:2]
+    boxes, is_taught = boxes_in(
+        labels, labels.outlines + np.float32(0.5), width=width, height=height
+    )
+    boxes = boxes.astype(np.float64) - 0.5
+    mine = labels.labels == label
+    objects = (mine & is_taught).nonzero()[0]
+    pairs = list(_matches(boxes[objects], found))
+    claimed = {row for _, row in pairs}
+    others = [d for row, d in enumerate(found) if row not in claimed]
+    # What lies so far outside that it is not taught need not be found, but may be.
+    spared = list(_matches(boxes[mine & ~is_taught], others))
     tally.objects += len(objects)
-    tally.claims += len(found)
-    for item, detection in _matches(objects, found):
-        _count(tally, item, detection, image.K, assembly, image.rgb.shape[1])
+    tally.claims += len(found) - len(spared)
+    for place, row in pairs:
+        _count(tally, image.objects[int(objects[place])], found[row], image.K, assembly, width)
 
 
 def _matches(
-    objects: Sequence[LabelledObject], detections: Sequence[Detection]
-) -> Iterable[tuple[LabelledObject, Detection]]:
-    """Pair each detection, best first, with the free object of highest IoU."""
-    if not objects or not detections:
+    truth: Float64[np.ndarray, "m 4"], detections: Sequence[Detection]
+) -> Iterable[tuple[int, int]]:
+    """Pair each detection, best first, with the free box of highest IoU: places of box and detection."""
+    if not len(truth) or not detections:
         return
-    truth = np.stack([np.concatenate([o.outline.min(0), o.outline.max(0)]) for o in objects])
-    overlaps = iou_matrix(np.stack([d.box_xyxy for d in detections]), truth.astype(np.float64))
-    free = np.ones(len(objects), bool)
-    for row, detection in enumerate(detections):
+    overlaps = iou_matrix(np.stack([d.box_xyxy for d in detections]), truth)
+    free = np.ones(len(truth), bool)
+    for row in range(len(detections)):
         place = int(np.where(free, overlaps[row], -1.0).argmax())
         if free[place] and overlaps[row, place] >= MATCH_IOU:
             free[place] = False
-            yield objects[place], detection
+            yield place, row
 
 
 def _count(

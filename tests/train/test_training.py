@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 import torch
 
-from asdfviz.datatypes import Assembly
+from asdfviz.datatypes import Assembly, Detection
 from asdfviz.detector.crop_weights import load_crop_network
 from asdfviz.detector.detector import Detector, DetectorConfig
 from asdfviz.detector.network import Network
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import InputError, SequenceError, WeightsError
+from asdfviz.pose.labels import LabelledObject
+from asdfviz.train.augment import view
 from asdfviz.train.checkpoint import (
     begin_from,
     keep_average,
@@ -24,7 +26,7 @@ from asdfviz.train.checkpoint import (
     write_checkpoint,
 )
 from asdfviz.train.config import Stage, TrainConfig
-from asdfviz.train.dataset import load_images
+from asdfviz.train.dataset import LabelledImage, load_images
 from asdfviz.train.loop import TrainResult, export_weights, train
 from asdfviz.train.schedule import rate_at, stage_at
 from asdfviz.train.session import Session, TrainReport
@@ -218,11 +220,44 @@ def test_the_rate_warms_up_and_falls(config: TrainConfig) -> None:
     assert rates[100] == pytest.approx(config.learning_rate * config.final_rate)
 
 
+def test_objects_at_the_border_are_judged_as_they_are_taught(
+    assembly: Assembly, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of what is 45 % inside the part inside is wanted; what is 30 % inside may be found or not."""
+    square = np.array([[0, 100], [100, 100], [100, 200], [0, 200]], np.float32)
+    items = tuple(
+        LabelledObject(
+            0,
+            square + np.array([x, 0], np.float32),
+            np.ones((17, 3), np.float32),
+            1.0,
+            "body",
+            None,
+        )
+        for x in (-55.0, 200.0, 610.0)
+    )
+    K = np.array([[600.0, 0, 320], [0, 600, 180], [0, 0, 1]])
+    image = LabelledImage("border", "toy", np.zeros((360, 640, 3), np.uint8), K, items)
+    taught = view(image, np.eye(3), width=640, height=360, angle=0.0, fill=(0, 0, 0)).boxes - 0.5
+    assert len(taught) == 2
+    boxes = [*taught, np.array([609.5, 99.5, 639.5, 199.5])]
+    found = tuple(
+        Detection("body", box.astype(np.float64), np.zeros((17, 2)), np.ones(17), 0.9)
+        for box in boxes
+    )
+    scores = []
+    for answer in (found, found[:2]):
+        monkeypatch.setattr("asdfviz.train.validation.detect", lambda *_, a=answer, **__: a)
+        network = Network("n", classes=3)
+        result = validate(network, [image], [assembly], image_size=640)
+        scores.append(result.classes[0])
+    assert [(s.objects, s.recall, s.precision) for s in scores] == [(2, 1.0, 1.0)] * 2
+
+
 def test_a_perfect_network_validates_perfectly(
     scene: Path, assembly: Assembly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Feed the labels back as detections: recall 1, no pixel error, small pose errors."""
-    from asdfviz.datatypes import Detection
     from asdfviz.train import validation
 
     images = load_images([scene], (assembly,), image_size=640)
