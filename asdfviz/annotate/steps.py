@@ -1,7 +1,8 @@
 """Steps of undo: which one is taken back or done again next, and what stands in its way.
 
-One person may work in several browser tabs. Each takes back what was done in itself, and never what
-another one, still open, did: that may lie in frames that nobody sees here.
+Several people may work on one file, and one person in several browser tabs. Each takes back what was
+done in the own tab, and never what another one, still open, or somebody else did: that may lie in
+frames that nobody sees here.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ _OF_OTHERS = "drag IS NOT NULL AND substr(drag, 1, instr(drag, '/') - 1) IN (SEL
 _OWN = f"author = ?1 AND NOT ({_OF_OTHERS})"
 _LAST_STEP = f"""SELECT max(step) FROM edits
 WHERE {_OWN} AND undone = 0 AND kind NOT IN ('undo', 'redo')"""
+# A step bears the number of its first edit; a seed that was handed over to it ends nothing.
 _LAST_UNDONE_STEP = f"""SELECT step FROM edits AS u WHERE {_OWN} AND kind = 'undo' AND id >
-(SELECT coalesce(max(id), 0) FROM edits WHERE {_OWN} AND kind NOT IN ('undo', 'redo'))
+(SELECT coalesce(max(step), 0) FROM edits WHERE {_OWN} AND kind NOT IN ('undo', 'redo'))
 AND (SELECT undone FROM edits WHERE id = u.step) = 1 ORDER BY id DESC LIMIT 1"""
 _ALL_OF = f"SELECT {COLUMNS} FROM edits WHERE step = ? AND kind NOT IN ('undo', 'redo') ORDER BY id"
-_LATER = f"""SELECT {COLUMNS} FROM edits WHERE author = ?1 AND {_OF_OTHERS} AND id > ?3
+_LATER = f"""SELECT {COLUMNS} FROM edits WHERE NOT ({_OWN}) AND id > ?3
 AND undone = 0 AND kind NOT IN ('undo', 'redo') ORDER BY id"""
 
 
@@ -53,7 +55,7 @@ def switch_step(
         The step's edits, none if there is nothing left.
 
     Raises:
-        AnnotationError: one of the other tabs changed the same since.
+        AnnotationError: one of the other tabs, or somebody else, changed the same since.
     """
     query = _LAST_STEP if kind == "undo" else _LAST_UNDONE_STEP
     names = json.dumps(list(others))
@@ -64,7 +66,7 @@ def switch_step(
     edits = _read(connection, _ALL_OF, (step,))
     # The first edit's number: one that was added to the step later says nothing of its time.
     later = _read(connection, _LATER, (author, names, edits[0].id))
-    _check_untouched(edits, later)
+    _check_untouched(edits, later, author)
     if kind == "undo" and later:
         _hand_over_seed(connection, edits, later[0])
     insert_edit(connection, (kind, None, None, None, {}), author=author, step=step, group=group)
@@ -81,7 +83,7 @@ def _read(
     return tuple(edit_from_row(row) for row in connection.execute(query, values))
 
 
-def _check_untouched(step: Sequence[Edit], later: Sequence[Edit]) -> None:
+def _check_untouched(step: Sequence[Edit], later: Sequence[Edit], author: str) -> None:
     """Refuse what would change nothing that is seen, since something later was said of the same."""
     spoken = [edit for edit in step if edit.kind != "seed"] or step
     poses = {(edit.frame, edit.part) for edit in spoken if edit.part is not None}
@@ -93,9 +95,11 @@ def _check_untouched(step: Sequence[Edit], later: Sequence[Edit]) -> None:
             what = what if other.frame is None else f"the state of frame {other.frame}"
         else:
             continue
-        raise AnnotationError(
-            f"another tab has changed {what} since: undo that there first, or close that tab"
-        )
+        if other.author == author:
+            who, way = "another tab", "undo that there first, or close that tab"
+        else:
+            who, way = other.author, "it is theirs to undo first, or yours to change by hand"
+        raise AnnotationError(f"{who} has changed {what} since: {way}")
 
 
 def _overlap(edit: Edit, other: Edit) -> bool:

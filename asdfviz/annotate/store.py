@@ -235,7 +235,7 @@ class AnnotationStore:
             group: names the tab that asks, as `steps.group_of` does.
 
         Raises:
-            AnnotationError: one of the other tabs changed the same since.
+            AnnotationError: one of the other tabs, or somebody else, changed the same since.
         """
         with self.transaction() as connection:
             return switch_step(connection, "undo", author=self.author, others=others, group=group)

@@ -178,18 +178,37 @@ def test_undo_takes_back_ones_own_edits_only(open_store: OpenStore) -> None:
     ada.set_pose(0, "lid", pose(1))
     bob.set_pose(0, "lid", pose(2))
     bob.set_pose(1, "pin", pose(3))
-    ada.undo()
-    np.testing.assert_array_equal(kept(bob), pose(2))  # Bob's came later and stands
-    assert ada.undo() == ()
+    # Bob's came later and stands: taking back what lies under it would change nothing that is seen.
+    with pytest.raises(AnnotationError, match="bob has changed lid in frame 0 since: it is theirs"):
+        ada.undo()
     bob.undo()
     assert kept(ada, 1, "pin") is None
     bob.undo()
+    np.testing.assert_array_equal(kept(bob), pose(1))
+    ada.undo()
     assert kept(ada) is None
+    assert ada.undo() == ()
     ada.redo()
     np.testing.assert_array_equal(kept(bob), pose(1))
     # Ada's edits do not end what Bob can bring back.
     bob.redo()
     np.testing.assert_array_equal(kept(ada), pose(2))
+
+
+def test_undo_leaves_what_somebody_elses_corrections_start_from(open_store: OpenStore) -> None:
+    ada, bob = open_store("ada"), open_store("bob")
+    ada.set_seed(Seed("truth"), group="first edit")
+    ada.set_pose(0, "lid", pose(1), group="first edit")
+    bob.set_pose(5, "pin", pose(2))
+    bob.set_pose(6, "pin", pose(3))
+    bob.undo()
+    assert len(ada.undo()) == 2
+    assert set(bob.poses()) == {(5, "pin")}
+    assert bob.seed() == Seed("truth")
+    assert len(bob.redo()) == 1  # that the seed came to Bob's step ends nothing
+    bob.undo()
+    bob.undo()
+    assert bob.seed() == Seed("none")
 
 
 def test_a_drag_is_one_step(store: AnnotationStore) -> None:
