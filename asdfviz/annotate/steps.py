@@ -111,9 +111,15 @@ def _overlap(edit: Edit, other: Edit) -> bool:
 
 
 def _hand_over_seed(connection: sqlite3.Connection, step: Sequence[Edit], later: Edit) -> None:
-    """Make what corrections start from, where a step began them, part of one that rests on it, too."""
+    """Make what corrections start from, where a step began them, part of one that rests on it, too.
+
+    One that says itself what they start from rests on nothing else.
+    """
     seeds = [edit for edit in step if edit.kind == "seed"]
     if not seeds or len(seeds) == len(step):
+        return
+    said = "SELECT 1 FROM edits WHERE step = ? AND kind = 'seed'"
+    if connection.execute(said, (later.step,)).fetchone() is not None:
         return
     (drag,) = connection.execute("SELECT drag FROM edits WHERE id = ?", (later.id,)).fetchone()
     row = ("seed", None, None, None, seeds[-1].payload)

@@ -204,8 +204,9 @@ class AnnotationStore:
         )
 
     def seed(self) -> Seed:
-        """What the corrections start from."""
-        found = self._edits("kind = 'seed' AND undone = 0 ORDER BY id DESC LIMIT 1", ())
+        """What the corrections start from: what the last step that says it says."""
+        # By steps, since one that undo handed over to a step is older than what was chosen after it.
+        found = self._edits("kind = 'seed' AND undone = 0 ORDER BY step DESC, id DESC LIMIT 1", ())
         return Seed(**found[0].payload) if found else Seed()
 
     def note(self, key: str, value: str) -> None:

@@ -211,6 +211,32 @@ def test_undo_leaves_what_somebody_elses_corrections_start_from(open_store: Open
     assert bob.seed() == Seed("none")
 
 
+def test_undo_leaves_the_seed_that_another_tab_chose_since(store: AnnotationStore) -> None:
+    left, right = group_of("left", "edit@1"), group_of("right", "edit@2")
+    run = Seed("run", "asdf", "asdf")
+    store.set_seed(Seed("truth"), group=left)
+    store.set_pose(0, "lid", pose(1), group=left)
+    store.set_seed(run, group=right)
+    store.undo(others=["right"], group=left)
+    assert store.seed() == run
+    store.redo(others=["right"], group=left)
+    store.undo(others=["left"], group=right)
+    assert store.seed() == Seed("truth")
+
+
+def test_what_rests_on_a_seed_keeps_it_under_a_later_choice(store: AnnotationStore) -> None:
+    left, right = group_of("left", "edit@1"), group_of("right", "edit@2")
+    run = Seed("run", "asdf", "asdf")
+    store.set_seed(Seed("truth"), group=left)
+    store.set_pose(0, "lid", pose(1), group=left)
+    store.set_pose(5, "pin", pose(2), group=right)
+    store.set_seed(run, group=group_of("right", "base@3"))
+    store.undo(others=["right"], group=left)
+    assert store.seed() == run
+    store.undo(others=["left"], group=right)
+    assert store.seed() == Seed("truth")
+
+
 def test_a_drag_is_one_step(store: AnnotationStore) -> None:
     store.set_pose(0, "lid", pose(0))
     for seed in range(1, 20):
