@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from http.cookies import SimpleCookie
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs, quote, unquote, urlsplit
 
 import viser
 import websockets.asyncio.server as websocket_server
@@ -49,6 +49,8 @@ _LOOPBACK = ("127.0.0.1", "localhost", "::1")
 _EVERYWHERE = ("0.0.0.0", "::")
 _ELSEWHERE = {socket.AF_INET: "192.0.2.1", socket.AF_INET6: "2001:db8::1"}
 """Addresses that are nobody's, kept for documents."""
+_ANY_BYTES = "surrogateescape"
+"""How text holds bytes that are no UTF-8; headers and the command line come so."""
 _Handler = Callable[[ServerConnection, Request], Response | None]
 
 
@@ -82,7 +84,7 @@ class Gate:
         """The Set-Cookie value that a first visit with the right token gets."""
         if self.token is None or _same(_cookie(headers), self.token):
             return None
-        return f"{COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+        return f"{COOKIE}={_quoted(self.token)}; HttpOnly; SameSite=Strict; Path=/"
 
 
 def is_websocket(headers: Headers) -> bool:
@@ -127,7 +129,7 @@ def start_server(host: str, port: int, *, token: str | None = None) -> tuple[Any
         raise _busy(port)
     shown = "127.0.0.1" if host in _EVERYWHERE else host
     shown = f"[{shown}]" if ":" in shown else shown
-    return server, f"http://{shown}:{bound}/" + (f"?token={token}" if token else "")
+    return server, f"http://{shown}:{bound}/" + (f"?token={_quoted(token)}" if token else "")
 
 
 def outside_url(url: str, host: str) -> str | None:
@@ -249,12 +251,17 @@ def _page(body: bytes, *, packed: bool) -> bytes:
 
 def _cookie(headers: Headers) -> str:
     morsel = SimpleCookie(headers.get("Cookie", "")).get(COOKIE)
-    return "" if morsel is None else morsel.value
+    return "" if morsel is None else unquote(morsel.value, errors=_ANY_BYTES)
 
 
 def _query_token(path: str) -> str:
-    return parse_qs(urlsplit(path).query).get("token", [""])[0]
+    return parse_qs(urlsplit(path).query, errors=_ANY_BYTES).get("token", [""])[0]
+
+
+def _quoted(token: str) -> str:
+    """A token as addresses and cookies carry it: a person's own may hold any character."""
+    return quote(token, safe="", errors=_ANY_BYTES)
 
 
 def _same(given: str, token: str) -> bool:
-    return hmac.compare_digest(given.encode(), token.encode())
+    return hmac.compare_digest(given.encode(errors=_ANY_BYTES), token.encode(errors=_ANY_BYTES))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import urllib.error
 import urllib.request
+from types import SimpleNamespace
 
 import pytest
 from websockets.datastructures import Headers
@@ -56,6 +57,23 @@ def test_the_token_becomes_a_strict_cookie_once() -> None:
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
     assert LOCKED.welcome_cookie(Headers({**HERE, "Cookie": "asdfviz_token=sesame"})) is None
+
+
+@pytest.mark.parametrize(
+    "token", ["a+b/c==", "a&b", "a#b", "100%25", "a b", "a;b", 'q"x', "geheïm", "sur\udcff"]
+)
+def test_a_token_may_hold_any_character(token: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The server itself is not needed to ask which address it prints.
+    monkeypatch.setattr(server, "_Server", lambda **_: SimpleNamespace(get_port=lambda: 8080))
+    _, url = start_server("127.0.0.1", 0, token=token)
+    gate, path = Gate(None, token), url.removeprefix("http://127.0.0.1:8080")
+    assert url.isascii()
+    assert gate.refusal(Headers(HERE), path) is None
+    cookie = gate.welcome_cookie(Headers(HERE))
+    assert cookie is not None
+    back = {"Cookie": cookie.split("; HttpOnly")[0]}
+    assert gate.refusal(Headers({**HERE, **back}), "/") is None
+    assert gate.refusal(Headers(HERE), f"{path}x") is not None
 
 
 @pytest.mark.parametrize(
