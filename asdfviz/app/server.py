@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import gzip
+import hashlib
 import hmac
 import http
 import io
@@ -17,7 +18,6 @@ import secrets
 import socket
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from http.cookies import SimpleCookie
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, quote, unquote, urlsplit
@@ -30,7 +30,7 @@ from websockets.http11 import Request, Response
 
 from asdfviz.errors import InputError
 
-COOKIE = "asdfviz_token"
+_COOKIE = "asdfviz_token"
 STATIC = Path(__file__).parent / "static"
 ASSETS = {
     "/asdfviz/app.js": "application/javascript; charset=utf-8",
@@ -74,7 +74,7 @@ class Gate:
         upgrade = is_websocket(headers)
         if upgrade and urlsplit(headers.get("Origin", "")).netloc != host:
             return 403, "Only the app's own page may connect."
-        if self.token is None or _same(_cookie(headers), self.token):
+        if self.token is None or self._knows(headers, self.token):
             return None
         if not upgrade and _same(_query_token(path), self.token):
             return None
@@ -82,9 +82,21 @@ class Gate:
 
     def welcome_cookie(self, headers: Headers) -> str | None:
         """The Set-Cookie value that a first visit with the right token gets."""
-        if self.token is None or _same(_cookie(headers), self.token):
+        if self.token is None or self._knows(headers, self.token):
             return None
-        return f"{COOKIE}={_quoted(self.token)}; HttpOnly; SameSite=Strict; Path=/"
+        return (
+            f"{_cookie_name(self.token)}={_quoted(self.token)}; HttpOnly; SameSite=Strict; Path=/"
+        )
+
+    @staticmethod
+    def _knows(headers: Headers, token: str) -> bool:
+        """Whether a request brings our cookie, whatever other programs of this host have set."""
+        pairs = ";".join(headers.get_all("Cookie")).split(";")
+        ours = f"{_cookie_name(token)}="
+        values = (
+            pair.strip().removeprefix(ours) for pair in pairs if pair.strip().startswith(ours)
+        )
+        return any(_same(unquote(value, errors=_ANY_BYTES), token) for value in values)
 
 
 def is_websocket(headers: Headers) -> bool:
@@ -249,9 +261,9 @@ def _page(body: bytes, *, packed: bool) -> bytes:
     return gzip.compress(page) if packed else page
 
 
-def _cookie(headers: Headers) -> str:
-    morsel = SimpleCookie(headers.get("Cookie", "")).get(COOKIE)
-    return "" if morsel is None else unquote(morsel.value, errors=_ANY_BYTES)
+def _cookie_name(token: str) -> str:
+    """Browsers share the cookies of a host between its ports, so every token has its own."""
+    return f"{_COOKIE}_{hashlib.sha256(token.encode(errors=_ANY_BYTES)).hexdigest()[:8]}"
 
 
 def _query_token(path: str) -> str:

@@ -18,6 +18,7 @@ from asdfviz.errors import InputError
 
 OPEN = Gate(frozenset({"127.0.0.1", "localhost"}), None)
 LOCKED = Gate(None, "sesame")
+COOKIE = "asdfviz_token_d0c04f4b=sesame"
 HERE = {"Host": "127.0.0.1:8080"}
 SOCKET = {**HERE, "Upgrade": "websocket"}
 
@@ -36,11 +37,11 @@ SOCKET = {**HERE, "Upgrade": "websocket"}
         (LOCKED, HERE, "/", 401),
         (LOCKED, HERE, "/?token=wrong", 401),
         (LOCKED, HERE, "/?token=sesame", None),
-        (LOCKED, {**HERE, "Cookie": "asdfviz_token=sesame"}, "/", None),
+        (LOCKED, {**HERE, "Cookie": COOKIE}, "/", None),
         (LOCKED, {**SOCKET, "Origin": "http://127.0.0.1:8080"}, "/?token=sesame", 401),
         (
             LOCKED,
-            {**SOCKET, "Origin": "http://127.0.0.1:8080", "Cookie": "asdfviz_token=sesame"},
+            {**SOCKET, "Origin": "http://127.0.0.1:8080", "Cookie": COOKIE},
             "/",
             None,
         ),
@@ -51,12 +52,34 @@ def test_who_comes_in(gate: Gate, headers: dict[str, str], path: str, status: in
     assert (None if refusal is None else refusal[0]) == status
 
 
+@pytest.mark.parametrize(
+    "other",
+    ['p={"dark":true}', "x[y]=1", "name=Jörg", "foo", "a=1,2 3", "a/b=1", "@id=1", "=", ""],
+)
+def test_cookies_of_other_programs_change_nothing(other: str) -> None:
+    for cookies in (f"{other}; {COOKIE}", f"{COOKIE}; {other}"):
+        assert LOCKED.refusal(Headers({**HERE, "Cookie": cookies}), "/") is None
+    refusal = LOCKED.refusal(Headers({**HERE, "Cookie": other}), "/")
+    assert refusal is not None
+    assert refusal[0] == 401
+
+
+def test_two_apps_on_one_host_let_the_same_browser_in() -> None:
+    gates = (LOCKED, Gate(None, "other"))
+    given = [gate.welcome_cookie(Headers(HERE)) or "" for gate in gates]
+    # A browser keeps one cookie of a name, whichever port of the host it came from.
+    jar = dict(cookie.split(";")[0].split("=", 1) for cookie in given)
+    back = {"Cookie": "; ".join(f"{name}={value}" for name, value in jar.items())}
+    for gate in gates:
+        assert gate.refusal(Headers({**HERE, **back}), "/") is None
+
+
 def test_the_token_becomes_a_strict_cookie_once() -> None:
     cookie = LOCKED.welcome_cookie(Headers(HERE))
     assert cookie is not None
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
-    assert LOCKED.welcome_cookie(Headers({**HERE, "Cookie": "asdfviz_token=sesame"})) is None
+    assert LOCKED.welcome_cookie(Headers({**HERE, "Cookie": COOKIE})) is None
 
 
 @pytest.mark.parametrize(
