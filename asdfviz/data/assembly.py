@@ -13,6 +13,7 @@ import numpy as np
 import yaml
 
 from asdfviz.data.meshes import METRES_PER_UNIT, default_keypoints, read_mesh
+from asdfviz.data.path_names import check_name
 from asdfviz.data.resources import bundled_assemblies
 from asdfviz.data.states_section import parse_states
 from asdfviz.data.yaml_fields import Fields, load_yaml
@@ -41,7 +42,7 @@ def find_assembly(name_or_path: str | Path) -> Path:
     """Return the assembly.yaml that a name, a folder or a file stands for.
 
     Raises:
-        AssemblyError: nothing of that name is bundled and no such path exists.
+        AssemblyError: nothing of that name is bundled and no such path exists, or its name is no text.
     """
     bundled = bundled_assemblies()
     if str(name_or_path) in bundled:
@@ -53,7 +54,9 @@ def find_assembly(name_or_path: str | Path) -> Path:
             f"no assembly at '{name_or_path}': give a folder with an assembly.yaml or one of the "
             f"bundled ones: {', '.join(bundled) or 'none'}"
         )
-    return file.resolve()
+    file = file.resolve()
+    check_name(file, error=AssemblyError)
+    return file
 
 
 def load_assembly(name_or_path: str | Path) -> Assembly:

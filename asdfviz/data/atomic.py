@@ -8,6 +8,7 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from asdfviz.data.path_names import check_name
 from asdfviz.errors import InputError
 
 
@@ -15,8 +16,9 @@ def make_folder(folder: Path) -> None:
     """Make a folder for results and try that it takes files, before hours go into what belongs there.
 
     Raises:
-        InputError: a file stands in the way, or nothing can be written there.
+        InputError: a file stands in the way, nothing can be written there, or its name is no text.
     """
+    check_name(folder)
     for place in (folder, *folder.parents):
         if place.exists() and not place.is_dir():
             raise InputError(f"{place} is a file; results need a folder, so name another one")

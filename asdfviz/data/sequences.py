@@ -22,6 +22,7 @@ from asdfviz.data.cameras import CameraEntry, read_camera_file, read_scene_camer
 from asdfviz.data.folder_sequence import PLAIN, FolderSequence, SceneReaders
 from asdfviz.data.images import read_rgb
 from asdfviz.data.json_files import Json, read_json
+from asdfviz.data.path_names import check_name
 from asdfviz.data.resources import MODEL, bundled_assemblies, sample_folder
 from asdfviz.data.scene_files import SceneFiles, find_scene_files
 from asdfviz.data.scene_objects import id_kind
@@ -52,13 +53,15 @@ def open_sequence(
         format: one of `FORMATS`, to override what the content says.
 
     Raises:
-        SequenceError: there is no scene, no frame, no camera, or the format does not fit.
+        SequenceError: there is no scene, no frame, no camera, the format does not fit, or the
+            folder's name is no text.
         AssemblyError: the assembly that sequence.json names is broken.
     """
     if format is not None and format not in FORMATS:
         raise SequenceError(f"unknown format '{format}'; formats: {', '.join(FORMATS)}")
     is_sample = str(path) == SAMPLE
     folder = (sample_folder() if is_sample else Path(path).expanduser()).resolve()
+    check_name(folder, error=SequenceError)
     kind = _layout(folder) if format is None else format
     files = _FILES.get(kind, find_scene_files)(folder)
     if kind not in _READERS:
