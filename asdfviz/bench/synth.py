@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from asdfviz.datatypes import Assembly
+from asdfviz.errors import InputError
 from asdfviz.synth.assets import load_assets
 from asdfviz.synth.images import ImageWork, generate_images
 from asdfviz.synth.packs import PackConfig, draw_pack
@@ -62,8 +63,10 @@ def measure_synth(
         progress: called with kinds and sizes done and in all.
 
     Raises:
-        InputError: the number of workers.
+        InputError: the number of images or of workers.
     """
+    if images < 1:
+        raise InputError(f"{images} images: time 1 or more")
     jobs = [(kind, *size) for kind in KINDS for size in SIZES]
     found: list[SynthSpeed] = []
     for place, (kind, width, height) in enumerate(jobs):

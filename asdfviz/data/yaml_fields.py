@@ -35,9 +35,12 @@ def load_yaml(text: str) -> Any:
     """Read YAML of plain values, each key once.
 
     Raises:
-        yaml.YAMLError: it is none, with the line.
+        yaml.YAMLError: it is none, with the line, or nested deeper than Python follows.
     """
-    return yaml.load(text, Loader=_EachKeyOnce)
+    try:
+        return yaml.load(text, Loader=_EachKeyOnce)
+    except RecursionError as error:
+        raise yaml.YAMLError("it is nested too deeply") from error
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,12 @@ def load_checkpoint(path: Path) -> dict[str, Any]:
         content = torch.load(path, map_location="cpu", weights_only=True)
     except FileNotFoundError as error:
         raise WeightsError(f"no checkpoint at '{path}'") from error
-    except (pickle.UnpicklingError, RuntimeError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except pickle.UnpicklingError as error:
+        raise WeightsError(
+            f"'{path}' is no checkpoint of a training run, and programs inside a file are never run: "
+            "give the run's best.pt or last.pt"
+        ) from error
+    except (RuntimeError, OSError, EOFError, zipfile.BadZipFile) as error:
         raise WeightsError(f"checkpoint '{path}' is corrupt or cut short: {error}") from error
     if not isinstance(content, dict) or "average" not in content or "about" not in content:
         raise WeightsError(f"'{path}' is no checkpoint of a training run")

@@ -35,3 +35,9 @@ def test_every_kind_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_no_workers_are_refused() -> None:
     with pytest.raises(InputError, match="0 workers"):
         measure_synth(load_assembly("corner_clamp"), images=1, workers=0)
+
+
+@pytest.mark.parametrize("images", [0, -1])
+def test_no_images_are_refused(images: int) -> None:
+    with pytest.raises(InputError, match=f"^{images} images: time 1 or more"):
+        measure_synth(load_assembly("corner_clamp"), images=images)

@@ -424,3 +424,11 @@ def test_what_no_assembly_means_is_refused(
     target[place[-1]] = value
     with pytest.raises(AssemblyError, match=said):
         load_assembly(write(content))
+
+
+def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "assembly.yaml").write_text(f"parts: {'[' * 600}{']' * 600}")
+    with pytest.raises(
+        AssemblyError, match=r"assembly\.yaml cannot be read: it is nested too deeply"
+    ):
+        load_assembly(tmp_path)

@@ -358,6 +358,14 @@ def test_a_run_begins_from_another(config: TrainConfig, assembly: Assembly, tmp_
         begin_from(Network("x", classes=2), first.output / "last.pt", classes=["a", "b"])
 
 
+def test_what_is_no_checkpoint_is_said_to_be_none(tmp_path: Path) -> None:
+    text = tmp_path / "notes.txt"
+    text.write_text("learn from this")
+    with pytest.raises(WeightsError, match=r"notes\.txt' is no checkpoint") as told:
+        load_checkpoint(text)
+    assert "weights_only" not in str(told.value)  # torch would have it unpickled whatever it does
+
+
 def test_data_of_another_assembly_are_refused(
     config: TrainConfig, scene: Path, assembly: Assembly, tmp_path: Path
 ) -> None:
