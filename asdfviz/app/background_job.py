@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Literal
 
-from asdfviz.app.items import JobStatus
+from asdfviz.app.items import PROGRAM_FAULT, JobStatus
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AsdfvizError
 
@@ -78,4 +78,4 @@ class BackgroundJob(ABC):
         finally:
             # Else it would seem to work for good, and no other could begin.
             if self._status is not None and self._status.is_active:
-                self._fail("a fault in the program, which the terminal tells")
+                self._fail(PROGRAM_FAULT)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -65,3 +66,26 @@ def looked_at(camera: Any, view: View, facts: Facts) -> act.Look | None:
     R = T_from_wxyz(camera.wxyz, np.zeros(3))[:3, :3]
     u, v = pixel_at(facts.K, R, fov=camera.fov, aspect=view.aspect, ndc=(0.0, 0.0))
     return act.Look(u, v)
+
+
+def listen(
+    client: Any,
+    view: Callable[[], View],
+    facts: Callable[[], Facts],
+    emit: Callable[[act.Action], None],
+) -> None:
+    """Emit what the viewer's camera and window do, by the view and facts of that moment."""
+
+    async def moved(cam: Any) -> None:
+        aspect = float(cam.aspect)
+        if abs(aspect - view().aspect) > 1e-6:
+            emit(act.Resized(aspect))
+            return
+        if has_drifted(cam, view()):
+            emit(act.Drifted())
+            return
+        look = looked_at(cam, view(), facts())
+        if look is not None:
+            emit(look)
+
+    client.camera.on_update(moved)

@@ -10,28 +10,28 @@ import contextlib
 import secrets
 import threading
 import time
-from collections.abc import Callable, Mapping
+import traceback
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import replace
 from typing import Any
 
 from asdfviz.app import actions as act
 from asdfviz.app import camera
-from asdfviz.app.carrying import plan
 from asdfviz.app.desk import Burst, NothingLeft, dragged
 from asdfviz.app.display import Display
 from asdfviz.app.editing import Edits, apply_edit, gap_beside, told_gap, use_base
-from asdfviz.app.fitting import plan_fit
 from asdfviz.app.inbox import Inbox
+from asdfviz.app.items import PROGRAM_FAULT
 from asdfviz.app.jobs import Background
-from asdfviz.app.options import config_from
 from asdfviz.app.places import edited
 from asdfviz.app.playback import Pace, wait_until_shown
 from asdfviz.app.session import asked_for, settled, update
 from asdfviz.app.snapshot import take
+from asdfviz.app.starting import begin_or_stop
 from asdfviz.app.view import Facts, View
 from asdfviz.app.welcome import is_first_visit, remember_visit
 from asdfviz.app.workspace import Workspace
-from asdfviz.errors import AsdfvizError, MethodError
+from asdfviz.errors import AsdfvizError
 from asdfviz.geometry.shapes import Intrinsics
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
@@ -105,9 +105,9 @@ class Controller:
 
     def _work(self) -> None:
         self._build()
-        self._changed()
-        self._refresh()
-        self._on_shown()
+        for begin in (self._changed, self._refresh, self._on_shown):
+            with self._telling():
+                begin()
         self._serve()
         self._keep_what_is_left()
 
@@ -118,12 +118,17 @@ class Controller:
                 self._handle(received)
             if self._is_closed:
                 return
-            if self.view.playing:
-                self._play()
-            was_shown = self._refresh()
-            moved = self.view.place != before
-            if (moved or self.view.playing) and not was_shown:
-                wait_until_shown(self.client)
+            with self._telling():
+                self._show_what_is_new(before)
+
+    def _show_what_is_new(self, before: int) -> None:
+        """Show the view, which stood at the place before."""
+        if self.view.playing:
+            self._play()
+        was_shown = self._refresh()
+        moved = self.view.place != before
+        if (moved or self.view.playing) and not was_shown:
+            wait_until_shown(self.client)
 
     def _keep_what_is_left(self) -> None:
         """The tab may go while edits still wait; they are kept, and nobody is there to be told."""
@@ -134,7 +139,7 @@ class Controller:
                     continue
                 self.view = update(self.view, action, self._facts())
                 if isinstance(action, Edits):
-                    with contextlib.suppress(AsdfvizError):
+                    with contextlib.suppress(AsdfvizError, OSError):
                         self._edit(action)
 
     def _build(self) -> None:
@@ -149,22 +154,7 @@ class Controller:
             welcome=is_first_visit(self.client),
         )
         self._display = Display(self.client, workspace, self.emit, self._methods)
-        self._listen()
-
-    def _listen(self) -> None:
-        async def moved(cam: Any) -> None:
-            aspect = float(cam.aspect)
-            if abs(aspect - self.view.aspect) > 1e-6:
-                self.emit(act.Resized(aspect))
-                return
-            if camera.has_drifted(cam, self.view):
-                self.emit(act.Drifted())
-                return
-            look = camera.looked_at(cam, self.view, self._facts())
-            if look is not None:
-                self.emit(look)
-
-        self.client.camera.on_update(moved)
+        camera.listen(self.client, lambda: self.view, self._facts, self.emit)
 
     def _facts(self) -> Facts:
         """What the view's rules depend on, by the camera of the picture that is shown."""
@@ -177,12 +167,25 @@ class Controller:
         return self._inbox.take(wait)
 
     def _handle(self, action: act.Action) -> None:
-        try:
+        with self._telling():
             self._act(action)
+
+    @contextlib.contextmanager
+    def _telling(self) -> Generator[None]:
+        """Tell what goes wrong and go on: without its thread a tab would lose every later edit."""
+        try:
+            yield
         except NothingLeft as end:
             self._display.tell("Nothing left", str(end), color="gray")
-        except AsdfvizError as error:
-            self._display.tell("That did not work", str(error), color="red")
+        except (AsdfvizError, OSError) as error:
+            self._failed(str(error))
+        except Exception:  # noqa: BLE001 - whatever it is, the terminal tells
+            traceback.print_exc()
+            self._failed(PROGRAM_FAULT)
+
+    def _failed(self, why: str) -> None:
+        self.view = replace(self.view, playing=False)  # the next frame might fail again
+        self._display.tell("That did not work", why, color="red")
 
     def _act(self, received: act.Action) -> None:
         action = asked_for(self.view, received)
@@ -205,38 +208,9 @@ class Controller:
                 if isinstance(action, Edits):
                     self._edit(action)
                 else:
-                    self._work_on(action)
-
-    def _work_on(self, action: act.Action) -> None:
-        """Begin or stop what works in the background."""
-        match action:
-            case act.RunMethod():
-                self._run(action)
-            case act.StopRun():
-                self._background.stop()
-            case act.TrackPart():
-                self._background.track(plan(self._workspace, self.view, action.direction))
-            case act.FitPart():
-                self._background.fit(plan_fit(self._workspace, self.view))
-            case act.StopTracking():
-                self._background.stop_tracking()
-            case act.Evaluate():
-                self._background.judge()
-                self.view = replace(self.view, tab="results")
-            case act.Export():
-                self._background.export(self.view.base, guesses=action.unchecked)
-            case _:
-                pass
-
-    def _run(self, action: act.RunMethod) -> None:
-        spec = self._methods.get(action.method)
-        if not isinstance(spec, MethodSpec):
-            raise MethodError(f"there is no method '{action.method}' that can be run")
-        known = self.view.options
-        given = known.get(action.method, {}) if action.options is None else action.options
-        self._background.run(spec, config_from(spec.config, given))
-        options = {**known, action.method: given}
-        self.view = replace(self.view, tab="methods", asking=None, options=options)
+                    self.view = begin_or_stop(
+                        action, self.view, self._workspace, self._background, self._methods
+                    )
 
     def _edit(self, action: Edits) -> None:
         self._drag = None

@@ -14,6 +14,8 @@ from asdfviz.geometry.shapes import Transform
 
 ANNOTATION = "annotation"
 """The source of what was corrected."""
+PROGRAM_FAULT = "a fault in the program, which the terminal tells"
+"""What is told of an error that nobody foresaw."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from asdfviz.annotate.records import gone_of
 from asdfviz.app.by_state import told_off
 from asdfviz.app.carrying import Carry, CarryJob
 from asdfviz.app.fitting import Fit, FitJob
-from asdfviz.app.items import LoadedRun, Message
+from asdfviz.app.items import PROGRAM_FAULT, LoadedRun, Message
 from asdfviz.app.method_job import MethodJob
 from asdfviz.app.truths import exported_truth, truth_of
 from asdfviz.app.workspace import Workspace
@@ -110,7 +110,7 @@ def start_check(workspace: Workspace) -> threading.Thread:
     """Look for wrong units, sizes and shifts in the background; a check that fails is a finding, too."""
 
     def work() -> None:
-        why = "a fault in the program, which the terminal tells"
+        why = PROGRAM_FAULT
         try:
             workspace.findings = tuple(check_sequence(workspace.frames.source).findings)
         except (AsdfvizError, OSError) as error:

@@ -155,10 +155,20 @@ def _reserved(runs: Path, method: str) -> Path:
 
 
 def next_run_folder(runs: Path, method: str) -> Path:
-    """A folder that is not there yet: asdf, asdf-2, asdf-3 ..."""
+    """A folder that is not there yet: asdf, asdf-2, asdf-3 ...
+
+    Raises:
+        MethodError: what is there cannot be read, or all names are taken.
+    """
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", method) or "run"
     names = (safe if n == 1 else f"{safe}-{n}" for n in range(1, 10_000))
-    free = next((runs / name for name in names if not (runs / name).exists()), None)
+    try:
+        free = next((runs / name for name in names if not (runs / name).exists()), None)
+    except OSError as error:
+        raise MethodError(
+            f"runs cannot be kept in {runs}, which cannot be read ({error.strerror}): "
+            "ask whose it is for access, or move it away"
+        ) from error
     if free is None:
         raise MethodError(f"{runs} holds 9999 runs of '{method}': move some of them away")
     return free

@@ -52,7 +52,9 @@ def opened(with_run: Workspace, monkeypatch: pytest.MonkeyPatch) -> Iterator[Ope
     """Opens tabs, whose threads end before the workspace does."""
     tabs: list[Controller] = []
 
-    def made(*, seconds: float = 0.0, **view: Any) -> tuple[Controller, Screen]:
+    def made(
+        *, seconds: float = 0.0, on_shown: Callable[[], None] = lambda: None, **view: Any
+    ) -> tuple[Controller, Screen]:
         screen = Screen(seconds)
 
         def build(tab: Controller) -> None:
@@ -61,7 +63,7 @@ def opened(with_run: Workspace, monkeypatch: pytest.MonkeyPatch) -> Iterator[Ope
 
         monkeypatch.setattr(Controller, "_build", build)
         client = SimpleNamespace(camera=SimpleNamespace(aspect=1.5))
-        tab = Controller(cast(Any, client), with_run, Background(with_run), {})
+        tab = Controller(cast(Any, client), with_run, Background(with_run), {}, on_shown=on_shown)
         tab.start()
         tabs.append(tab)
         until(lambda: screen.shown)
@@ -221,3 +223,35 @@ def test_the_view_goes_by_the_shown_pictures_own_intrinsics(
     tab.emit(act.Zoom(2.0))
     until(lambda: tab.view.zoom > 1.5)
     assert tab.view.centre == pytest.approx((219.5, 239.5))
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (PermissionError(13, "Permission denied", "runs/asdf"), "Permission denied: 'runs/asdf'"),
+        (ZeroDivisionError("of nothing"), "a fault in the program, which the terminal tells"),
+    ],
+)
+def test_a_tab_goes_on_after_whatever_goes_wrong(
+    opened: Open,
+    with_run: Workspace,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: Exception,
+    words: str,
+) -> None:
+    def broken(*_given: object) -> None:
+        raise error
+
+    monkeypatch.setattr(Background, "stop", broken)
+    tab, screen = opened(on_shown=lambda: broken(), base="first")
+    tab.emit(act.StopRun())
+    until(lambda: len(screen.told) == 2)
+    assert all(title == "That did not work" and words in said for title, said in screen.told)
+    assert ("of nothing" in capsys.readouterr().err) == isinstance(error, ZeroDivisionError)
+    monkeypatch.setattr(Screen, "show", broken)
+    tab.emit(act.TogglePlay())
+    until(lambda: len(screen.told) == 3)
+    until(lambda: not tab.view.playing)
+    tab.emit(act.Nudge(0, 1))
+    until(with_run.store.poses)

@@ -152,6 +152,13 @@ def test_run_folders_never_meet(tmp_path: Path) -> None:
     assert next_run_folder(tmp_path, "../x:y").parent == tmp_path
 
 
+def test_a_folder_of_runs_that_cannot_be_read_is_told(tmp_path: Path) -> None:
+    with pytest.raises(
+        MethodError, match=r"cannot be read \(File name too long\): ask whose it is"
+    ):
+        next_run_folder(tmp_path / ("x" * 300), "asdf")
+
+
 def test_poses_are_the_runs_and_then_the_corrections(with_run: Workspace) -> None:
     shown = with_run.poses(1, "first")
     assert {name: s.source for name, s in shown.items()} == dict.fromkeys(shown, "first")
