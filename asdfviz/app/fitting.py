@@ -32,6 +32,8 @@ class Fit:
     view: View
     """As it was when that was asked for."""
     T_camera_part: Transform
+    said: tuple[str, str] | None
+    """What was said last of the part there, and how; None where nobody spoke of it."""
 
 
 def plan_fit(workspace: Workspace, view: View) -> Fit:
@@ -47,7 +49,11 @@ def plan_fit(workspace: Workspace, view: View) -> Fit:
         raise AnnotationError(
             f"{part} has no pose in frame {frame} to begin with: place it about where it is"
         )
-    return Fit(part, view, here.T_camera_part)
+    return Fit(part, view, here.T_camera_part, _said(workspace, view, part))
+
+
+def _said(workspace: Workspace, view: View, part: str) -> tuple[str, str] | None:
+    return workspace.store.said().get((workspace.indices[view.place], part))
 
 
 class FitJob(BackgroundJob):
@@ -68,11 +74,27 @@ class FitJob(BackgroundJob):
         except Stopped:
             self._set(replace(self._begun, state="stopped"))
             return
-        group = group_of(fit.view.page, f"fit@{time.monotonic():.6f}")
-        Desk(workspace, fit.view, group).move(fit.part, T, FITTED)
+        self._keep(T)
         told = f"{fit.part} fitted to the picture, {self._moved(T)}"
         end = replace(self._begun, state="done", done=1, told=told, part=fit.part)
         self._set(replace(end, version=workspace.store.version()))
+
+    def _keep(self, T_camera_part: Transform) -> None:
+        """Write the pose, as one step.
+
+        Raises:
+            AnnotationError: somebody spoke of the part meanwhile, or it cannot be written.
+        """
+        fit, workspace = self._fit, self._workspace
+        desk = Desk(workspace, fit.view, group_of(fit.view.page, f"fit@{time.monotonic():.6f}"))
+        with workspace.store.transaction():
+            now = workspace.poses(fit.view.place, fit.view.base).get(fit.part)
+            is_same = now is not None and np.array_equal(now.T_camera_part, fit.T_camera_part)
+            if not is_same or _said(workspace, fit.view, fit.part) != fit.said:
+                raise AnnotationError(
+                    f"in frame {desk.frame} it was changed meanwhile, so nothing was done: fit again"
+                )
+            desk.move(fit.part, T_camera_part, FITTED)
 
     def _fail(self, message: str) -> None:
         self._set(replace(self._begun, state="failed", message=message))

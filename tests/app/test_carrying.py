@@ -12,7 +12,7 @@ import pytest
 
 from asdfviz.annotate.records import TRACKED
 from asdfviz.annotate.store import AnnotationStore
-from asdfviz.app import carrying
+from asdfviz.app import carrying, fitting
 from asdfviz.app.carrying import Carry, plan
 from asdfviz.app.editing import gap_beside
 from asdfviz.app.fitting import FITTED, plan_fit
@@ -237,6 +237,32 @@ def test_what_cannot_be_fitted_is_said_and_stays(opened: Open) -> None:
     assert "agree with no place near" in status.message
     assert workspace.messages[-1].title == "jaw could not be fitted"
     assert len(workspace.store.history()) == edits
+
+
+@pytest.mark.parametrize("meanwhile", ["moved", "verified", "removed"])
+def test_what_a_person_says_while_a_part_is_fitted_stays(
+    opened: Open, monkeypatch: pytest.MonkeyPatch, meanwhile: str
+) -> None:
+    workspace = opened()
+    annotate(workspace, 2)
+    fit, store = plan_fit(workspace, View(place=2, selected="jaw")), workspace.store
+    T = pose_of(workspace.assembly, 2)
+
+    def found(_job: object) -> Transform:
+        if meanwhile == "moved":
+            store.set_pose(FIRST + 2, "jaw", pose_of(workspace.assembly, 3), provenance="keys")
+        elif meanwhile == "verified":
+            store.verify(FIRST + 2, "jaw", T, provenance="keys")
+        else:
+            store.remove_pose(FIRST + 2, "jaw")
+        return pose_of(workspace.assembly, 4)
+
+    monkeypatch.setattr(fitting.FitJob, "_found", found)
+    Background(workspace).fit(fit)
+    status = ended(workspace)
+    assert status.state == "failed"
+    assert f"in frame {FIRST + 2} it was changed meanwhile" in status.message
+    assert len(store.history()) == 2
 
 
 def test_a_tracked_pose_that_is_tracked_on_from_stays(opened: Open) -> None:
