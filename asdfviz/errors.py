@@ -59,10 +59,11 @@ class Stopped(AsdfvizError):
     """The user asked a long job to stop; what was done so far is kept."""
 
 
-def some(values: Iterable[object], most: int = 6) -> str:
-    """The first of some values for a message, and how many more there are."""
+def some(values: Iterable[object], most: int = 6, *, count: int | None = None) -> str:
+    """The first of some values for a message, and how many more there are; `count` where not all are given."""
     shown = [str(value) for value in values]
-    return ", ".join(shown[:most]) + (f" and {len(shown) - most} more" if len(shown) > most else "")
+    more = (len(shown) if count is None else count) - most
+    return ", ".join(shown[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def counted(count: int, what: str) -> str:

@@ -19,6 +19,7 @@ from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Mesh, Part, State
 from asdfviz.evaluate.health import Finding, HealthReport, check_sequence
+from asdfviz.evaluate.health_files import check_numbering
 from asdfviz.evaluate.health_shift import SCALES, measure_shift, spread
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.sampling import diameter
@@ -399,6 +400,19 @@ def test_missing_frames_are_named(folder: Path) -> None:
     assert "1 of 5 colour images have no depth image of their number: 5." in text
     assert "1 depth image without a colour image of that number, not shown: 9." in text
     assert "1 image not used, for want of a number as name: rgb/cover.png." in text
+
+
+@pytest.mark.parametrize("step", [1, 5])
+def test_missing_frames_are_counted_however_many_there_are(step: int) -> None:
+    """One image that is named by date and time lies among the frames."""
+    indices = (0, step, 2 * step, 4 * step, 5 * step, 20240131123000)
+    (finding,) = (f for f in check_numbering(indices) if f.kind == "missing_frames")
+    count = 1 + len(range(6 * step, indices[-1], step))
+    named = ", ".join(str(k * step) for k in (3, 6, 7, 8, 9, 10))
+    assert finding.value == count
+    assert f"{count} missing frames between 0 and {indices[-1]}: {named} and {count - 6} more." in (
+        finding.message
+    )
 
 
 def test_images_that_were_cut_off_are_named_wherever_they_are(folder: Path) -> None:
