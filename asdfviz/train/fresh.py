@@ -135,9 +135,9 @@ class Feeding:
     data: tuple[Path, ...] = ()
     """Scene folders that are drawn from beside what is rendered; each process has its share."""
     image_size: int = 640
-    """Longer side of a whole frame, pixels."""
-    scale: float = 1.0
-    """Input pixels a picture pixel at zoom 1."""
+    """Longer side that larger stored pictures are reduced to, pixels."""
+    side: int = 640
+    """Longer side of every picture at zoom 1, input pixels."""
     augment: AugmentConfig = field(default_factory=AugmentConfig)
 
 
@@ -178,7 +178,7 @@ class Feeder:
         """Make the batch of a step from what there is."""
         if self._packer is None or self._made - self._packed >= RENEW_EVERY:
             images = [*self._stored, *self._pool]
-            self._packer = Packer(images, scale=self._job.scale, config=self._job.augment)
+            self._packer = Packer(images, side=self._job.side, config=self._job.augment)
             self._packed = self._made
         self._drawn += recipe.stage.batch
         return make_batch(self._packer, recipe, seed=self._job.seed, step=step)

@@ -55,14 +55,13 @@ def input_stream(
             processes=config.loaders,
             data=config.data,
             image_size=config.image_size,
-            scale=size / config.image_size,
+            side=size,
             augment=config.augment,
         )
         with fed(job, recipe, first=first) as stream:
             yield stream
         return
-    scale = size / max(images[0].rgb.shape[:2])
-    packer = Packer(images, scale=scale, config=config.augment)
+    packer = Packer(images, side=size, config=config.augment)
     with batches(packer, recipe, seed=seed, first=first, loaders=config.loaders) as stream:
         yield stream
 

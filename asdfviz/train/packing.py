@@ -51,17 +51,17 @@ class Packer:
     """Draws training inputs from a set of pictures."""
 
     def __init__(
-        self, images: Sequence[LabelledImage], *, scale: float, config: AugmentConfig
+        self, images: Sequence[LabelledImage], *, side: int, config: AugmentConfig
     ) -> None:
         """Index the objects by class.
 
         Args:
-            images: the training set.
-            scale: input pixels a picture pixel at zoom 1.
+            images: the training set; their sizes may differ.
+            side: longer side of every picture at zoom 1, input pixels: as a detector shows them.
             config: how much to change.
         """
         self._images = images
-        self._scale = scale
+        self._side = side
         self._config = config
         parts: dict[int, list[tuple[int, int]]] = {}
         states: dict[int, list[tuple[int, int]]] = {}
@@ -88,7 +88,7 @@ class Packer:
         middle = H_roll[:2, :2] @ ((size - 1) / 2) + H_roll[:2, 2]
         window = np.array([width, height], float)
         shift = rng.uniform(-self._config.shift, self._config.shift, 2) * window
-        zoom = self._scale * self._zoom(rng)
+        zoom = self._scale(image) * self._zoom(rng)
         H = similarity(middle, (window - 1) / 2 + shift, zoom) @ H_roll
         sample = view(image, H, width=width, height=height, angle=angle, fill=_color(rng))
         return _recolored(sample, rng, self._config.colors)
@@ -111,8 +111,12 @@ class Packer:
         return pool[int(rng.integers(len(pool)))]
 
     def _size(self, pick: tuple[int, int]) -> float:
-        outline = self._images[pick[0]].objects[pick[1]].outline
-        return _extent(outline)
+        image = self._images[pick[0]]
+        return _extent(image.objects[pick[1]].outline) * self._scale(image)
+
+    def _scale(self, image: LabelledImage) -> float:
+        """Input pixels a pixel of the picture at zoom 1."""
+        return self._side / max(image.rgb.shape[:2])
 
     def _tile(
         self,
@@ -127,7 +131,7 @@ class Packer:
         H_roll = roll(image.K, angle)
         outline = move_points(H_roll, image.objects[pick[1]].outline)
         extent = _extent(outline)
-        zoom = self._scale * self._zoom(rng)
+        zoom = self._scale(image) * self._zoom(rng)
         side = min(width, height)
         if extent * zoom > 0.95 * side:
             zoom = side / extent * rng.uniform(0.7, 0.95)

@@ -133,7 +133,7 @@ QUIET = AugmentConfig(
 def test_tiles_keep_every_label_on_its_dot(seed: int) -> None:
     image = dotted()
     dark = LabelledImage(image.name, "toy", image.rgb, image.K, image.objects)
-    packer = Packer([dark], scale=1.0, config=QUIET)
+    packer = Packer([dark], side=96, config=QUIET)
     sample = packer.packed(np.random.default_rng(seed), width=320, height=192, spread=1.0)
     assert len(sample.labels) >= 4
     for box, keypoints in zip(sample.boxes, sample.keypoints, strict=True):
@@ -147,7 +147,7 @@ def test_tiles_keep_every_label_on_its_dot(seed: int) -> None:
 
 
 def test_packing_fills_the_input_with_objects() -> None:
-    packer = Packer([dotted()], scale=1.0, config=AugmentConfig())
+    packer = Packer([dotted()], side=96, config=AugmentConfig())
     counts = [
         len(packer.packed(np.random.default_rng(s), width=640, height=384, spread=1.0).labels)
         for s in range(6)
@@ -157,7 +157,7 @@ def test_packing_fills_the_input_with_objects() -> None:
 
 
 def test_the_same_seed_draws_the_same_input() -> None:
-    packer = Packer([dotted()], scale=1.0, config=AugmentConfig())
+    packer = Packer([dotted()], side=96, config=AugmentConfig())
     for draw in (packer.packed, packer.frame):
         a, b = (draw(np.random.default_rng(5), width=320, height=192, spread=0.5) for _ in range(2))
         np.testing.assert_array_equal(a.rgb, b.rgb)
@@ -168,7 +168,7 @@ def test_states_get_tiles_of_their_own() -> None:
     part, state = dotted(), dotted(part=None)
     both = [part, LabelledImage("state", "toy", state.rgb, state.K, state.objects)]
     for share, seen in ((0.0, False), (1.0, True)):
-        packer = Packer(both, scale=1.0, config=AugmentConfig(states=share))
+        packer = Packer(both, side=96, config=AugmentConfig(states=share))
         sample = packer.packed(np.random.default_rng(0), width=320, height=192, spread=1.0)
         assert len(sample.labels) > 0
         assert bool((sample.keypoints[:, 0, 2] == 0).all()) is seen

@@ -23,7 +23,7 @@ RECIPE = Recipe(stage=Stage(1.0, 96, 64, 2, 0.5), spread=1.0)
 
 
 def job(**more: object) -> Feeding:
-    given: dict[str, object] = {"fresh": SMALL, "seed": 3, "image_size": 128, **more}
+    given: dict[str, object] = {"fresh": SMALL, "seed": 3, "image_size": 128, "side": 128, **more}
     return Feeding(assemblies=("corner_clamp",), **given)  # type: ignore[arg-type]
 
 

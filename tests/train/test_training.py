@@ -27,10 +27,14 @@ from asdfviz.train.checkpoint import (
 )
 from asdfviz.train.config import Stage, TrainConfig
 from asdfviz.train.dataset import LabelledImage, load_images
+from asdfviz.train.inputs import input_stream
+from asdfviz.train.loader import Recipe
 from asdfviz.train.loop import TrainResult, export_weights, train
+from asdfviz.train.packing import AugmentConfig
 from asdfviz.train.schedule import rate_at, stage_at
 from asdfviz.train.session import Session, TrainReport
 from asdfviz.train.validation import validate
+from asdfviz.train.world import World
 
 
 @pytest.fixture
@@ -211,6 +215,29 @@ def test_stages_end_at_the_image_size(
     config = TrainConfig(assemblies=("toy",), data=(), output=Path("run"), **change)
     assert [(stage.width, stage.height) for stage in config.stages] == sizes_wh
     assert [(s.share, s.batch, s.packed) for s in config.stages] == [(0.3, 16, 1.0), (0.7, 8, 0.6)]
+
+
+@pytest.mark.parametrize("sizes", [(320, 160), (160, 320)])
+def test_every_picture_is_shown_as_large_as_a_detector_shows_it(
+    config: TrainConfig, scene: Path, assembly: Assembly, sizes: tuple[int, int]
+) -> None:
+    images = [load_images([scene], (assembly,), image_size=s, limit=1)[0] for s in sizes]
+    still = dataclasses.replace(
+        config,
+        stages=(Stage(1.0, 320, 192, 8, 0.0),),
+        augment=AugmentConfig(roll_deg=0.0, zoom=1.0, shift=0.0),
+    )
+    recipe = Recipe(still.stages[0], spread=1.0)
+    stream = input_stream(
+        still, [assembly], images, world=World(), recipe=lambda _: recipe, first=0
+    )
+    with stream as batches:
+        targets = next(batches).targets
+    body = targets.boxes[targets.labels.eq(0) & targets.present]
+    assert len(body) == 8
+    wanted = next(o for i in images for o in i.objects if o.label == 0 and i.rgb.shape[1] == 320)
+    side = np.ptp(wanted.outline, axis=0)
+    np.testing.assert_allclose((body[:, 2:] - body[:, :2]).numpy(), [side] * 8, atol=1e-2)
 
 
 def test_the_rate_warms_up_and_falls(config: TrainConfig) -> None:
