@@ -220,6 +220,13 @@ def network_of(content: Mapping[str, Any]) -> Network:
     return network
 
 
+def averaged(network: Network, average: Average) -> Network:
+    """Another network of the same size with the averaged weights, in evaluation mode, on the CPU."""
+    other = Network(network.scale, classes=network.classes, keypoint_width=network.keypoint_width)
+    other.load_state_dict(average.state)
+    return other.eval()
+
+
 def export_weights(checkpoint: Path, path: Path) -> Path:
     """Write a checkpoint's averaged weights as half-precision safetensors, and how they came to be.
 

@@ -23,10 +23,13 @@ from asdfviz.train.checkpoint import (
     Average,
     Progress,
     about_run,
+    averaged,
     begin_from,
     load_checkpoint,
+    network_of,
     require_same,
     save_checkpoint,
+    write_checkpoint,
 )
 from asdfviz.train.config import TrainConfig
 from asdfviz.train.dataset import LabelledImage, load_images
@@ -203,30 +206,39 @@ class Session(Sitting):
             return None
         if frames is not None:
             images = images[:: max(1, len(images) // frames)]
-        config = self.config
-        network = Network(
-            config.scale, classes=self.network.classes, keypoint_width=self.network.keypoint_width
-        ).to(self.world.device)
-        network.load_state_dict(self.average.state)
-        network.eval()
-        found = validate(
-            network, images, self.assemblies, image_size=config.image_size, device=self.world.device
-        )
+        found = self._judged(averaged(self.network, self.average), images)
         when = {"step": float(self.progress.step), "minutes": self.seconds / 60}
         self.validation_log.add({**when, "score": found.score, **found.columns()})
         if found.score > self.progress.best:
             self.progress.best = found.score
-            self.checkpoint(path=config.output / "best.pt", whole=False)
-            write_text(config.output / "validation.json", json.dumps(found.as_json(), indent=2))
+            self.checkpoint(path=self.config.output / "best.pt", whole=False)
+            self._note(found)
         return found
+
+    def _judged(self, network: Network, images: Sequence[LabelledImage]) -> Validation:
+        size, device = self.config.image_size, self.world.device
+        return validate(network.to(device), images, self.assemblies, image_size=size, device=device)
+
+    def _note(self, found: Validation) -> None:
+        write_text(self.config.output / "validation.json", json.dumps(found.as_json(), indent=2))
+
+    def _rejudge_best(self, best: Path) -> None:
+        """Score the best weights so far on all frames: a score of some does not compare with that."""
+        content = load_checkpoint(best)
+        found = self._judged(network_of(content), self.validation_images)
+        self.progress.best = found.score
+        write_checkpoint(best, {**content, "progress": [*content["progress"][:2], found.score]})
+        self._note(found)
 
     def finish(self) -> Validation | None:
         """Checkpoint and validate on all frames; without validation the last weights are best."""
         if not self.world.is_first:
             return None
         self.checkpoint()
-        found = self.validate(None)
         best = self.config.output / "best.pt"
+        if self.validation_images and self.progress.best >= 0 and best.is_file():
+            self._rejudge_best(best)
+        found = self.validate(None)
         if found is None or not best.is_file():
             self.checkpoint(path=best, whole=False)
         return found

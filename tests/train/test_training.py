@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from asdfviz.train.loop import TrainResult, export_weights, train
 from asdfviz.train.packing import AugmentConfig
 from asdfviz.train.schedule import rate_at, stage_at
 from asdfviz.train.session import Session, TrainReport
-from asdfviz.train.validation import validate
+from asdfviz.train.validation import Validation, validate
 from asdfviz.train.world import World
 
 
@@ -154,6 +155,36 @@ def test_a_carried_run_that_stops_in_its_warm_up_goes_on_in_it(
     assert again.progress.step == 5
     # The second step since the optimiser was new.
     assert again.optimizer.param_groups[0]["lr"] == pytest.approx(rate_at(slow, 1, 4 / 6))
+
+
+@pytest.mark.parametrize(("best", "kept_step"), [(0.5, 2), (0.7, 1)])
+def test_the_best_weights_are_chosen_by_scores_of_the_same_frames(
+    config: TrainConfig,
+    scene: Path,
+    assembly: Assembly,
+    monkeypatch: pytest.MonkeyPatch,
+    best: float,
+    kept_step: int,
+) -> None:
+    scores, counts = iter((0.9, best, 0.6)), []
+
+    def judge(
+        network: Network, images: Sequence[LabelledImage], *_: object, **__: object
+    ) -> Validation:
+        counts.append(len(images))
+        return Validation(next(scores), ())
+
+    monkeypatch.setattr("asdfviz.train.session.validate", judge)
+    run = Session(dataclasses.replace(config, validation=(scene,)), [assembly])
+    run.progress.step = 1
+    run.validate(2)
+    run.progress.step = 2
+    run.finish()
+    assert counts == [2, 8, 8]
+    step, _, score = load_checkpoint(config.output / "best.pt")["progress"]
+    assert (step, score) == (kept_step, max(best, 0.6))
+    assert run.progress.best == score
+    assert json.loads((config.output / "validation.json").read_text())["score"] == score
 
 
 def test_a_run_of_another_assembly_is_not_gone_on_with(
