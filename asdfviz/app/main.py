@@ -17,10 +17,11 @@ from asdfviz.annotate.paths import annotation_file, annotations_folder
 from asdfviz.app.controller import Controller
 from asdfviz.app.items import Message
 from asdfviz.app.jobs import Background, start_check
-from asdfviz.app.server import start_server, stop_server
+from asdfviz.app.server import check_free, start_server, stop_server
 from asdfviz.app.truths import lost_base
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
+from asdfviz.data.atomic import make_folder
 from asdfviz.data.resources import bundled_assemblies, models_folder
 from asdfviz.data.result_csv import load_run_or_csv
 from asdfviz.data.run_files import RUN, RUNS, load_run
@@ -141,6 +142,7 @@ def open_app(config: ViewConfig) -> App:
     Raises:
         InputError: the sequence, the assembly, a run, the annotation or the port cannot be used.
     """
+    check_free(config.host, config.port)  # no annotation file is made for what cannot be served
     workspace = open_workspace(config)
     try:
         server, url = start_server(config.host, config.port, token=config.token)
@@ -173,6 +175,7 @@ def open_workspace(config: ViewConfig) -> Workspace:
     # Truth is read here: where it does not fit the assembly, no annotation file is made for that.
     sequence.truth(0)
     folder = annotations_folder() if config.annotations is None else config.annotations
+    make_folder(folder)
     store = open_annotation(
         sequence, assembly, folder=folder, author=config.author or _login_name()
     )

@@ -128,7 +128,7 @@ def start_server(host: str, port: int, *, token: str | None = None) -> tuple[Any
     Raises:
         InputError: there is no such port, it is taken, or the address is not one of this machine's.
     """
-    _check_free(host, port)
+    check_free(host, port)
     wide = not is_loopback(host)
     token = token or (secrets.token_urlsafe(16) if wide else None)
     gate = Gate(None if wide else frozenset({*_LOOPBACK, host}), token)
@@ -163,14 +163,12 @@ def stop_server(server: viser.ViserServer) -> None:
         server.stop()
 
 
-class _Server(viser.ViserServer):
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        """Never open viser's public tunnel, which any client may ask for."""
-        del verbose
-        return None
+def check_free(host: str, port: int) -> None:
+    """Try the address, before anything is opened or written for it.
 
-
-def _check_free(host: str, port: int) -> None:
+    Raises:
+        InputError: there is no such port, it is taken, or the address is not one of this machine's.
+    """
     if not 0 <= port <= LAST_PORT:
         raise InputError(
             f"there is no port {port}: take one from 1024 to {LAST_PORT}, or 0 for any"
@@ -186,6 +184,15 @@ def _check_free(host: str, port: int) -> None:
             if isinstance(error, socket.gaierror) or error.errno not in (98, 48, 10048):
                 raise InputError(f"cannot listen on '{host}': {error.strerror or error}") from error
             raise _busy(port) from error
+        except TypeError as error:  # what Python cannot even encode as a host's name
+            raise InputError(f"cannot listen on {host!r}: no host can have that name") from error
+
+
+class _Server(viser.ViserServer):
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        """Never open viser's public tunnel, which any client may ask for."""
+        del verbose
+        return None
 
 
 def _busy(port: int) -> InputError:

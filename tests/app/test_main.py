@@ -192,6 +192,19 @@ def test_a_start_that_fails_makes_no_annotation_file(
     assert not (scene.parent / "notes").exists()
 
 
+def test_an_address_that_cannot_be_served_makes_no_annotation_file(scene: Path) -> None:
+    with pytest.raises(InputError, match="there is no port -1"):
+        open_app(config(scene, port=-1))
+    assert not (scene.parent / "notes").exists()
+
+
+def test_a_file_in_the_place_of_the_annotations_is_named(scene: Path) -> None:
+    notes = scene.parent / "notes"
+    notes.touch()
+    with pytest.raises(InputError, match=r"notes is a file; results need a folder"):
+        open_workspace(config(scene))
+
+
 def test_a_token_is_in_the_address(scene: Path) -> None:
     with contextlib.closing(open_app(config(scene, token="open sesame"[:4]))) as app:
         assert app.url.endswith("?token=open")

@@ -143,9 +143,10 @@ def test_a_port_that_there_is_not_is_an_error(port: int) -> None:
         start_server("127.0.0.1", port)
 
 
-def test_a_foreign_address_is_an_error() -> None:
+@pytest.mark.parametrize("host", ["192.0.2.1", "ü..x", "a\0b"])
+def test_a_foreign_address_is_an_error(host: str) -> None:
     with pytest.raises(InputError, match="cannot listen on"):
-        start_server("192.0.2.1", 0)
+        start_server(host, 0)
 
 
 def test_beyond_this_machine_there_is_a_token() -> None:
