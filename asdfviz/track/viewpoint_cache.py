@@ -3,6 +3,7 @@
 A model lies in `.viewpoints` beside its assembly.yaml, or in the user's cache folder where that
 cannot be written. Its name holds a hash of the mesh and of the sampling, so a changed mesh makes a
 new one. Coordinates are stored as 16-bit steps of the part's size: 4 micrometres on a hand's width.
+A model that was just made is handed out as its file tells it, so that a second run repeats the first.
 """
 
 from __future__ import annotations
@@ -61,17 +62,14 @@ def load_viewpoint_models(
                 progress(before + k, len(missing) * views)
 
         model = build_viewpoint_model(parts[file].mesh, config=config, progress=tell, stop=stop)
-        _keep(model, _places(assembly, file))
-        ready[file] = model
+        packed = pack_viewpoint_model(model)
+        _keep(packed, _places(assembly, file))
+        ready[file] = unpack_viewpoint_model(packed)
     return {name: model for name, file in files.items() if (model := ready[file]) is not None}
 
 
-def save_viewpoint_model(model: ViewpointModel, path: Path) -> None:
-    """Write a model to an .npz file in one step.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
+def pack_viewpoint_model(model: ViewpointModel) -> bytes:
+    """The content of a model's .npz file: positions and offsets in steps, as the module says."""
     reach = float(max(np.abs(model.contours[..., :3]).max(), np.abs(model.surfaces[..., :3]).max()))
     buffer = io.BytesIO()
     np.savez_compressed(
@@ -88,28 +86,37 @@ def save_viewpoint_model(model: ViewpointModel, path: Path) -> None:
         surface_offsets=_coded_offsets(model.surface_offsets),
         occlusion_radii=np.array(model.occlusion_radii),
     )
-    write_bytes(path, buffer.getvalue())
+    return buffer.getvalue()
+
+
+def unpack_viewpoint_model(packed: bytes) -> ViewpointModel:
+    """Make a model of what `pack_viewpoint_model` wrote.
+
+    Raises:
+        OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile: it is something else.
+    """
+    # In memory, because NumPy leaves a file open that turns out to be none of its own.
+    with np.load(io.BytesIO(packed), allow_pickle=False) as file:
+        held = {key: file[key] for key in file.files}
+    reach = float(held["reach"])
+    widths = held["widths"].astype(np.float32) / 1e3
+    return ViewpointModel(
+        centre=held["centre"],
+        directions=held["directions"],
+        contours=np.concatenate([_decoded(held["contours"], reach), widths], axis=2),
+        contour_lengths=held["contour_lengths"],
+        contour_offsets=held["contour_offsets"].astype(np.float32) * _OFFSET_STEP,
+        surfaces=_decoded(held["surfaces"], reach),
+        surface_areas=held["surface_areas"],
+        surface_offsets=held["surface_offsets"].astype(np.float32) * _OFFSET_STEP,
+        occlusion_radii=tuple(held["occlusion_radii"].tolist()),
+    )
 
 
 def read_viewpoint_model(path: Path) -> ViewpointModel | None:
     """Read a model back; None where there is none, or a file that is not one."""
     try:
-        # In memory, because NumPy leaves a file open that turns out to be none of its own.
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as file:
-            held = {key: file[key] for key in file.files}
-        reach = float(held["reach"])
-        widths = held["widths"].astype(np.float32) / 1e3
-        return ViewpointModel(
-            centre=held["centre"],
-            directions=held["directions"],
-            contours=np.concatenate([_decoded(held["contours"], reach), widths], axis=2),
-            contour_lengths=held["contour_lengths"],
-            contour_offsets=held["contour_offsets"].astype(np.float32) * _OFFSET_STEP,
-            surfaces=_decoded(held["surfaces"], reach),
-            surface_areas=held["surface_areas"],
-            surface_offsets=held["surface_offsets"].astype(np.float32) * _OFFSET_STEP,
-            occlusion_radii=tuple(held["occlusion_radii"].tolist()),
-        )
+        return unpack_viewpoint_model(path.read_bytes())
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
         return None
 
@@ -136,11 +143,11 @@ def _read_any(places: tuple[Path, ...]) -> ViewpointModel | None:
     return next((model for model in found if model is not None), None)
 
 
-def _keep(model: ViewpointModel, places: tuple[Path, ...]) -> None:
+def _keep(packed: bytes, places: tuple[Path, ...]) -> None:
     """Write to the first place that can be written; a cache that cannot be kept is no error."""
     for place in places:
         try:
-            save_viewpoint_model(model, place)
+            write_bytes(place, packed)
         except OSError:
             continue
         return
