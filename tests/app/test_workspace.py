@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from asdfviz.app.items import ANNOTATION, Message
 from asdfviz.app.jobs import Background, start_check, start_export, start_judging
 from asdfviz.app.method_job import next_run_folder, pace_of
 from asdfviz.app.snapshot import take
+from asdfviz.app.strips import annotation_row
 from asdfviz.app.timeline import Verdict
 from asdfviz.app.truths import drawn_truth
 from asdfviz.app.view import TRUTH, View, centre_of
@@ -222,6 +224,34 @@ def test_the_annotation_row_tells_verdicts(with_run: Workspace) -> None:
     assert said == {1: Verdict(("jaw",), ("bolt",)), 4: Verdict(unlabelled=True)}
     store.drop_pose(101, "jaw")
     assert with_run.rows()[0].verdicts[1] == Verdict(gone=("bolt",))
+
+
+class Counted(Sequence[int]):
+    """Frame numbers that count how often one of them is looked at."""
+
+    def __init__(self, numbers: range) -> None:
+        self._numbers = numbers
+        self.looks = 0
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def __getitem__(self, place: Any) -> Any:
+        self.looks += 1
+        return self._numbers[place]
+
+
+def test_a_label_costs_its_own_frames_only(with_run: Workspace) -> None:
+    store, state = with_run.store, label_of(with_run.assembly.states[1])
+    indices = Counted(range(0, 6000, 3))
+    with store.transaction():
+        for k in range(20):
+            store.set_state(30 * k + 1, state, last_frame=30 * k + 13)  # between two frames
+        store.set_state(9999, state)
+    row = annotation_row(with_run.assembly, store, indices, {})
+    labelled = [place for place, mark in enumerate(row.marks) if mark]
+    assert labelled == [10 * k + j for k in range(20) for j in (1, 2, 3, 4)]
+    assert indices.looks < 2 * len(indices)
 
 
 def test_figures_are_stale_once_something_was_corrected(with_run: Workspace) -> None:
