@@ -49,6 +49,8 @@ class Resume:
 
     place: int
     mode: Mode
+    page: str = ""
+    """The name that it had (`View.page`); its steps of undo go on being its own."""
 
 
 @dataclass(frozen=True, slots=True)

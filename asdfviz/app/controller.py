@@ -7,7 +7,6 @@ empties it, so nothing here needs a lock, and no click is lost while something w
 from __future__ import annotations
 
 import contextlib
-import secrets
 import threading
 import time
 import traceback
@@ -65,7 +64,7 @@ class Controller:
         self._background = background
         self._methods = methods
         self._inbox = Inbox()
-        self.view = View(page=secrets.token_hex(4))
+        self.view = View(page=workspace.pages.open())
         self._burst = Burst()
         self._pace = Pace()
         self._status = ""
@@ -76,7 +75,6 @@ class Controller:
         self._on_shown = on_shown
         self._is_closed = False
         self._end = workspace.subscribe(lambda: self.emit(act.Changed()))
-        workspace.pages.add(self.view.page)
         self._thread = threading.Thread(target=self._work, name="tab", daemon=True)
 
     @property
@@ -95,7 +93,7 @@ class Controller:
     def close(self) -> None:
         """The browser tab has gone."""
         self._is_closed = True
-        self._workspace.pages.discard(self.view.page)
+        self._workspace.pages.close(self.view.page)
         self._end()
         self._inbox.wake()
 
@@ -198,6 +196,8 @@ class Controller:
                 self._drag = action
             case act.Changed():
                 self._changed()
+            case act.Resume():
+                self._workspace.pages.go_on(self.view.page, action.page)
             case act.DismissWelcome():
                 remember_visit(self.client)
             case act.UseRun():

@@ -154,7 +154,7 @@ def _revert(desk: Desk) -> Done:
 def _switch(action: act.Undo | act.Redo, desk: Desk) -> Done:
     undo = isinstance(action, act.Undo)
     store, view = desk.workspace.store, desk.view
-    others = desk.workspace.pages - {view.page}
+    others = desk.workspace.pages.others(view.page)
     switch = store.undo if undo else store.redo
     edits = switch(others=others, group=desk.group)
     if not edits:

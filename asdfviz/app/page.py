@@ -91,6 +91,7 @@ class Page:
         return mount(
             "view",
             "",
+            page=view.page,
             mode=view.mode,
             zoom=f"{view.zoom:.4f}",
             count=count,

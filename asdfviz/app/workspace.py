@@ -18,6 +18,7 @@ from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import strips, theme, timeline
 from asdfviz.app.items import ANNOTATION, JobStatus, LoadedRun, Message, Shown
 from asdfviz.app.lanes import Lane, lane_of
+from asdfviz.app.pages import Pages
 from asdfviz.app.view import TRUTH, Facts
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.datatypes import Assembly, Run, Stage, State
@@ -68,7 +69,7 @@ class Workspace:
         self.messages: tuple[Message, ...] = ()
         """What happened in the background; every tab shows those that it has not shown yet."""
         self.is_judging = False
-        self.pages: set[str] = set()
+        self.pages = Pages()
         """The browser tabs that are open."""
         self._runs: tuple[LoadedRun, ...] = ()
         self._changes = 0

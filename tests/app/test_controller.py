@@ -143,6 +143,23 @@ def test_a_tab_that_is_open_keeps_its_steps_to_itself(opened: Open, with_run: Wo
     other.close()
 
 
+def test_what_a_page_did_before_it_lost_its_connection_stays_its_own(
+    opened: Open, with_run: Workspace
+) -> None:
+    (tab, _), (other, screen) = opened(base="first"), opened(base="first")
+    tab.emit(act.Nudge(0, 1))
+    until(with_run.store.poses)
+    tab.close()
+    again, _ = opened(base="first")
+    again.emit(act.Resume(2, "3d", tab.view.page))
+    until(lambda: again.view.mode == "3d")
+    other.emit(act.Undo())
+    until(lambda: screen.told)
+    assert screen.told == [("Nothing left", "nothing left to undo in this tab")]
+    again.emit(act.Undo())
+    until(lambda: not with_run.store.poses())
+
+
 def test_beside_undo_stands_what_was_tracked_last(opened: Open, with_run: Workspace) -> None:
     tab, screen = opened()
     tab.emit(act.Nudge(0, 1))

@@ -124,8 +124,8 @@ def test_undo_of_tracking_tells_it_and_stays_where_it_is_seen(
 
 
 def test_undo_takes_back_what_was_done_in_this_tab(with_run: Workspace, do: Do) -> None:
-    left, right = replace(JAW, page="left"), replace(JAW, page="right", place=3)
-    with_run.pages |= {"left", "right"}
+    pages = with_run.pages
+    left, right = replace(JAW, page=pages.open()), replace(JAW, page=pages.open(), place=3)
     do(act.Nudge(0, 1), left)
     use_base(replace(right, base=TRUTH), with_run, now=0.5)
     do(act.Nudge(0, 1), right, now=1.0)
@@ -136,7 +136,7 @@ def test_undo_takes_back_what_was_done_in_this_tab(with_run: Workspace, do: Do) 
     do(act.Nudge(0, 1), replace(left, place=3), now=4.0)
     with pytest.raises(AnnotationError, match="another tab has changed jaw in frame 103 since"):
         do(act.Undo(), right, now=5.0)
-    with_run.pages.remove("left")
+    pages.close(left.page)
     assert do(act.Undo(), right, now=6.0).message == "undid: moved jaw in frame 103"
     assert do(act.Undo(), right, now=7.0).message == "undid: moved jaw in frame 103"
     assert do(act.Undo(), right, now=8.0).message == "undid: what corrections start from"

@@ -586,6 +586,8 @@ def test_a_lost_connection_comes_back_as_it_was(page: Page, app: App) -> None:
     app.drop_connections()
     until(lambda: app.tabs() and app.tabs() != before, "the page connects again")
     until(lambda: app.tabs()[-1].view.place == 11, "it is where it was")
+    names = app.workspace.pages.others("")
+    assert {tab.view.page for tab in (*before, *app.tabs())} <= names, "its steps are its own"
     expect(page.get_by_test_id("welcome")).to_be_hidden()
     expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "11")
     centre = "() => Math.hypot(...window.__viserMutable.camera.position.toArray())"
@@ -611,7 +613,9 @@ def test_a_page_that_is_loaded_again_is_where_it_was(page: Page, app: App) -> No
     expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "10")
     page.keyboard.press("t")
     expect(page.get_by_test_id("view-3d")).to_have_attribute("aria-pressed", "true")
+    before = app.tabs()[-1].view.page
     page.reload()
     expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "10")
     expect(page.get_by_test_id("view-3d")).to_have_attribute("aria-pressed", "true")
+    until(lambda: before in app.workspace.pages.others(""), "its steps are its own")
     until(lambda: np.linalg.norm(client(app).camera.position) > 0.05, "the camera is free")

@@ -77,6 +77,7 @@
   const stored = (opened) => {
     try {
       const kept = JSON.parse(sessionStorage.getItem(STORED)) || {};
+      sessionStorage.removeItem(STORED);  // a copy of this tab is another page
       return kept.opened === opened ? kept : {};
     } catch {
       return {};  // the browser keeps nothing
@@ -86,15 +87,15 @@
     if (NS.bridge === uuid) return;
     NS.keyNames = JSON.parse(keys);
     const seen = NS.sequence === sequence ? NS.view : {};
-    const { place = 0, mode = "ar" } = NS.bridge === null ? stored(opened) : seen;
+    const { page, place = 0, mode = "ar" } = NS.bridge === null ? stored(opened) : seen;
     Object.assign(NS, { bridge: uuid, opened, sequence });
-    if (Number(place) > 0 || mode !== "ar") send({ kind: "Resume", place: Number(place), mode });
+    if (page) send({ kind: "Resume", page, place: Number(place), mode });
   };
   window.addEventListener("pagehide", () => {
-    const { place, mode } = NS.view;
+    const { page, place, mode } = NS.view;
     if (!mode) return;
     try {
-      sessionStorage.setItem(STORED, JSON.stringify({ opened: NS.opened, place, mode }));
+      sessionStorage.setItem(STORED, JSON.stringify({ opened: NS.opened, page, place, mode }));
     } catch {
       // then the page begins at the first frame
     }
