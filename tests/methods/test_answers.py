@@ -59,6 +59,7 @@ def answer(**changes: Any) -> Any:
         "state": STATE,
         "detections": (detection(),),
         "runtime": {"think": 0.1},
+        "not_found": {},
     }
     return unchecked(FramePrediction, **{**values, **changes})
 
