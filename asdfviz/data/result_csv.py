@@ -55,8 +55,8 @@ def read_result_csv(
     row: a frame left out is a miss. In the trackers' csv of GBOT, frames before the first row were
     given to the method as its start and stay out. Of two rows for one part the better score counts;
     of rows with a number that copies share, as many as there are copies (`rows_by_frame`).
-    A translation of zero, which the GBOT evaluator writes for a part that it did not find, is no pose; the prediction keeps
-    it apart.
+    A translation of zero, which the GBOT evaluator writes for a part that it did not find, is no pose;
+    the prediction keeps it apart.
 
     Args:
         path: the csv.
