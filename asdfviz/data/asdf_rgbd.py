@@ -25,6 +25,7 @@ from asdfviz.data.folder_sequence import SceneReaders
 from asdfviz.data.images import RawDepth, kind_of, read_stored
 from asdfviz.data.scene_files import SceneFiles, numbered_files
 from asdfviz.data.truth import STATES, StateTruth, read_states
+from asdfviz.data.yaml_fields import load_yaml
 from asdfviz.datatypes import KEYPOINTS, Assembly, FrameTruth
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.shapes import Rgb
@@ -125,7 +126,7 @@ def class_names(folder: Path, assembly: Assembly) -> tuple[str, ...]:
 
 def _names_in(path: Path) -> tuple[str, ...]:
     try:
-        content: object = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content: object = load_yaml(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise SequenceError(f"{path} cannot be read as YAML: {error}") from error
     if not isinstance(content, dict):

@@ -28,10 +28,10 @@ def lacking(
 def says_what_is_there(
     frame: FrameTruth, parts: Iterable[str], gone: Collection[tuple[int, str]]
 ) -> bool:
-    """Whether a frame's truth tells parts that are there from parts that are not: poses do, and so does
-    a person who said of every part that it is gone, but not a state alone.
+    """Whether a frame's truth tells parts that are there from parts that are not: poses do, a list without
+    any does, and so does a person who said of every part that it is gone, but not a state alone.
     """
-    if frame.T_camera_part or frame.state is None:
+    if frame.T_camera_part or frame.lists_parts or frame.state is None:
         return True
     return not lacking(frame.frame_index, (), parts, gone=gone)
 

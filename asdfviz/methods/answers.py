@@ -17,6 +17,7 @@ from asdfviz.datatypes import (
     StateEstimate,
 )
 from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import is_rigid
 
 SUM_TOLERANCE = 1e-3
@@ -38,6 +39,9 @@ def check_answer(
         raise MethodError(f"{where}: it answered for frame {answer.frame_index}")
     for name, pose in _mapping(answer.poses, f"{where}: poses").items():
         _check_pose(name, pose, assembly, where)
+    for name, T_camera_part in _mapping(answer.not_found, f"{where}: not_found").items():
+        _check_part(name, assembly, where)
+        _check_transform(name, T_camera_part, f"{where}: not_found")
     if cast(object, answer.state) is not None:
         _check_state(answer.state, assembly, where)
     for detection in _items(answer.detections, f"{where}: detections"):
@@ -48,21 +52,29 @@ def check_answer(
     return answer
 
 
-def _check_pose(name: object, pose: object, assembly: Assembly, where: str) -> None:
+def _check_part(name: object, assembly: Assembly, where: str) -> None:
     if name not in assembly.parts:
         raise MethodError(
             f"{where}: no part '{name}' in {assembly.name}; parts: {', '.join(assembly.parts)}"
         )
+
+
+def _check_transform(name: object, T_camera_part: object, where: str) -> None:
+    if not _is_array(T_camera_part, (4, 4)) or not is_rigid(cast(Transform, T_camera_part)):
+        raise MethodError(
+            f"{where}: the pose of '{name}' is not a rigid transform (4x4 array, metres)"
+        )
+
+
+def _check_pose(name: object, pose: object, assembly: Assembly, where: str) -> None:
+    _check_part(name, assembly, where)
     if not isinstance(pose, PoseEstimate):
         raise MethodError(
             f"{where}: the pose of '{name}' is {_kind(pose)}, expected a PoseEstimate"
         )
     if pose.part != name:
         raise MethodError(f"{where}: the pose of '{name}' says that it is of '{pose.part}'")
-    if not _is_array(pose.T_camera_part, (4, 4)) or not is_rigid(pose.T_camera_part):
-        raise MethodError(
-            f"{where}: the pose of '{name}' is not a rigid transform (4x4 array, metres)"
-        )
+    _check_transform(name, pose.T_camera_part, where)
     if not _is_number(pose.score) or abs(pose.score - 0.5) > 0.5 + SUM_TOLERANCE:
         raise MethodError(
             f"{where}: the score of '{name}' is {pose.score!r}, expected a number from 0 to 1"

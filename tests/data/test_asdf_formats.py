@@ -242,6 +242,12 @@ def test_broken_exports(kind: str, said: str, rgbd: Path, tiny: Assembly) -> Non
         _ = (sequence := open_sequence(rgbd, assembly=tiny))[0], sequence.truth(0)
 
 
+def test_class_names_that_are_nested_too_deeply(rgbd: Path, tiny: Assembly) -> None:
+    (rgbd.parents[1] / "Tiny.yaml").write_text("names: " + "[" * 3000)
+    with pytest.raises(SequenceError, match=r"Tiny\.yaml cannot be read as YAML: .* too deeply"):
+        open_sequence(rgbd, assembly=tiny).truth(0)
+
+
 def test_a_plain_scene_stays_one(write_scene: WriteScene, tiny: Assembly) -> None:
     scene = write_scene("gbot")
     (scene.folder / "labels").mkdir()

@@ -77,6 +77,8 @@ def test_a_state_alone_does_not_say_that_no_part_is_there(
     assert json.loads((tmp_path / "out" / "scene_gt.json").read_text()) == {str(second): []}
     read = read_back(tmp_path / "out", assembly)[1]
     assert {i: frame.state for i, frame in read.items()} == {first: 1, second: 1}
+    export_bop(memory, read, tmp_path / "again")
+    assert json.loads((tmp_path / "again" / "scene_gt.json").read_text()) == {str(second): []}
 
 
 def test_what_is_exported_reads_back(
