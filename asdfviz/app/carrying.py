@@ -137,10 +137,9 @@ class CarryJob(BackgroundJob):
             self._set(replace(end, part=carry.part, version=self._workspace.store.version()))
 
     def _fail(self, message: str) -> None:
-        carry = self._carry
-        self._set(replace(self._begun, state="failed", message=message))
-        said = Message(f"{carry.label} could not be tracked", message, is_problem=True)
+        said = Message(f"{self._carry.label} could not be tracked", message, is_problem=True)
         self._workspace.say(said)
+        self._set(replace(self._begun, state="failed", message=message))
 
     def _tracked(self) -> dict[str, dict[int, CarriedPose]]:
         workspace, carry = self._workspace, self._carry

@@ -97,9 +97,9 @@ class FitJob(BackgroundJob):
             desk.move(fit.part, T_camera_part, FITTED)
 
     def _fail(self, message: str) -> None:
-        self._set(replace(self._begun, state="failed", message=message))
         title = f"{self._fit.part} could not be fitted"
         self._workspace.say(Message(title, message, is_problem=True))
+        self._set(replace(self._begun, state="failed", message=message))
 
     def _found(self) -> Transform:
         """T_camera_part where the picture has it.
