@@ -4,6 +4,10 @@ The paper's Pose2State averages, so it has inertia and never vetoes. Here a stat
 reached along the assembly's transitions, evidence multiplies, and a state that all terms rule out
 is out. `StateFilter` uses the past alone; `most_likely_path` (Viterbi) a whole recording, and is
 reported apart from it.
+
+States only change in frames that tell them apart. Where nothing is seen, or all states are equally
+likely, the belief stays: else a covered camera would go through the steps by itself, since the model
+expects the next one.
 """
 
 from __future__ import annotations
@@ -12,6 +16,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeGuard
 
 import numpy as np
 from jaxtyping import Float64
@@ -20,14 +25,17 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
 
+ALIKE = 1e-9
+"""Evidence of which the largest and the least differ by less than this share tells nothing."""
+
 
 @dataclass(frozen=True)
 class SmoothingConfig:
     """How fast states change and how far one frame's evidence is trusted."""
 
     stay: float = 0.96
-    """Probability that a state lasts for another frame: 25 frames a state, as in the paper's
-    sequences."""
+    """Probability that a state lasts for another frame that tells states apart: 25 frames a state, as
+    in the paper's sequences."""
     stay_wrong: float = 0.5
     """Probability that an error lasts for another frame: it is undone at once, and while it is there
     every frame says so."""
@@ -101,7 +109,7 @@ class StateFilter:
         group_fit: Scores | None = None,
         place_looks: Scores | None = None,
     ) -> Scores | None:
-        """Take in one frame; None before anything was ever seen.
+        """Take in one frame; None before anything was ever seen. What tells nothing changes nothing.
 
         Args:
             appearance: probabilities by looks, None where they say nothing.
@@ -114,10 +122,9 @@ class StateFilter:
             if evidence is None:
                 return None
             self._belief = evidence / evidence.sum()
-            return self._belief
-        expected = self._belief @ self._move
-        joint = expected if evidence is None else expected * evidence
-        self._belief = joint / joint.sum()
+        elif _tells(evidence):
+            joint = (self._belief @ self._move) * evidence
+            self._belief = joint / joint.sum()
         return self._belief
 
 
@@ -164,15 +171,17 @@ def most_likely_path(
     states = len(log_move)
     best = np.zeros(states)
     came_from: list[np.ndarray] = []
-    for i, seen in enumerate(evidence):
-        if i > 0:
+    has_begun = False
+    for seen in evidence:
+        origins = np.arange(states)
+        if has_begun and _tells(seen):
             options = best[:, None] + log_move
-            came_from.append(options.argmax(axis=0))
-            best = options.max(axis=0)
+            origins, best = options.argmax(axis=0), options.max(axis=0)
+        came_from.append(origins)
         if seen is not None:
-            best = best + np.log(seen)
+            best, has_begun = best + np.log(seen), True
     path = [int(best.argmax())]
-    for origins in reversed(came_from):
+    for origins in reversed(came_from[1:]):
         path.append(int(origins[path[-1]]))
     return path[::-1]
 
@@ -229,3 +238,8 @@ def combined(
             share = np.maximum(term / max(float(term.max()), 1e-12), config.floor) ** weight
             product = share if product is None else product * share
     return product
+
+
+def _tells(evidence: Scores | None) -> TypeGuard[Scores]:
+    """Whether it tells any two states apart."""
+    return evidence is not None and float(np.ptp(evidence)) > ALIKE * float(evidence.max())

@@ -5,9 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
+from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly, State
 from asdfviz.errors import MethodError
+from asdfviz.state.half_done import HalfDone
 from asdfviz.state.smoothing import (
+    FOLLOWED,
     SmoothingConfig,
     StateFilter,
     combined,
@@ -52,6 +55,7 @@ def test_an_error_ends_when_nothing_speaks_for_it_and_stays_while_all_does(
 ) -> None:
     wrong, none = np.full(5, 0.05), np.full(5, 0.2)
     wrong[4] = 0.8
+    none[3] = 0.19  # parts are seen, and tell 1 and 4 not apart
     online = StateFilter(assembly, config=SmoothingConfig(stay_wrong=0.7))
     online.step(None, np.array([0.05, 0.8, 0.05, 0.05, 0.05]))
     said = [online.step(None, wrong) for _ in range(40)]
@@ -90,21 +94,34 @@ def test_the_group_can_overrule_the_relative_poses(assembly: Assembly) -> None:
     assert int(belief.argmax()) == 2
 
 
-def test_the_filter_and_the_path_are_what_all_sequences_say() -> None:
-    """Both against sums and maxima over every possible sequence of states."""
+@pytest.mark.parametrize(
+    ("blank", "alike"), [((), ()), ((2,), ()), ((), (2,)), ((0, 2), (3,)), ((0, 1, 4), ())]
+)
+def test_the_filter_and_the_path_are_what_all_sequences_say(
+    blank: tuple[int, ...], alike: tuple[int, ...]
+) -> None:
+    """Both against sums and maxima over every possible sequence of states.
+
+    Where nothing is seen, or all states are equally likely, no state changes.
+    """
     assembly, rng = chain(3), np.random.default_rng(5)
     config = SmoothingConfig(stay=0.7, leak=0.05)
-    looks = [random_scores(rng, 3) for _ in range(5)]
-    poses = [random_scores(rng, 3) if i != 2 else None for i in range(5)]
+    looks = [None if i in blank else random_scores(rng, 3) for i in range(5)]
+    poses = [None if i in (2, *blank) else random_scores(rng, 3) for i in range(5)]
+    for i in alike:
+        looks[i], poses[i] = np.full(3, 1 / 3), None
     move = transition_matrix(assembly, config=config)
     evidence = [combined(a, p, config=config) for a, p in zip(looks, poses, strict=True)]
+    first = next(i for i, seen in enumerate(evidence) if seen is not None)
     weights: dict[tuple[int, ...], float] = {}
     for path in itertools.product(range(3), repeat=5):
         weight = 1.0
         for i, state in enumerate(path):
+            is_silent = i in (*blank, *alike) or i <= first
+            step = np.eye(3) if is_silent else move
             seen = evidence[i]
-            assert seen is not None
-            weight *= float(seen[state]) * (1.0 if i == 0 else float(move[path[i - 1], state]))
+            weight *= 1.0 if i == 0 else float(step[path[i - 1], state])
+            weight *= 1.0 if seen is None else float(seen[state])
         weights[path] = weight
     last = np.zeros(3)
     for path, weight in weights.items():
@@ -152,15 +169,30 @@ def test_nothing_seen_is_nothing_known() -> None:
     assert online.step(None, None) is None
     assert most_likely_path([None, None], [None, None], assembly) is None
     first = online.step(np.array([0.1, 0.8, 0.1]), None)
-    later = online.step(None, None)
     assert first is not None
-    assert later is not None
-    assert later.argmax() == 1
-    assert later[2] > first[2]
     online.reset()
     assert online.step(None, None) is None
     with pytest.raises(MethodError, match="all cover the same frames"):
         most_likely_path([None], [], assembly)
+
+
+@pytest.mark.parametrize("name", ["vise", "corner_clamp"])
+@pytest.mark.parametrize("uniform", [True, False])
+def test_nothing_seen_for_long_says_the_same_state(name: str, *, uniform: bool) -> None:
+    """A covered camera does not go on through the assembly."""
+    ways = HalfDone.of(load_assembly(name))
+    online = StateFilter(ways.assembly, config=FOLLOWED, half_done=ways.indices)
+    count = len(ways.assembly.states)
+    sure = np.full(count, 1e-6)
+    sure[1] = 1.0
+    before = [online.step(None, sure / sure.sum()) for _ in range(30)][-1]
+    assert before is not None
+    nothing = np.full(count, 1 / count) if uniform else None
+    after = [online.step(nothing, nothing) for _ in range(100)][-1]
+    assert after is not None
+    assert np.array_equal(after, before)
+    path = most_likely_path([sure, *[nothing] * 100], [None] * 101, ways.assembly, config=FOLLOWED)
+    assert path == [1] * 101
 
 
 @pytest.mark.parametrize(
