@@ -125,7 +125,7 @@ class PartTracks:
 
         Args:
             frame: the frame that the tracker moved to.
-            joined: parts that the base holds; they are where it has them, also where not seen.
+            joined: parts that the base holds, also where they are not seen, until it is lost.
         """
         evidence = self.tracker.evidence(frame)
         sure = {name: self.tracker.judged(seen) for name, seen in evidence.items()}
@@ -159,6 +159,8 @@ class PartTracks:
                         continue
             stage = "group" if name in joined else "tracked"
             said[name] = PoseEstimate(name, track.T_now, sure[name], stage)
+        if base in poses and self.tracks[base].unsure > self._config.patience:  # it holds nothing
+            said = {n: p for n, p in said.items() if self.tracks[n].unsure <= self._config.patience}
         self.tracker.learn(frame, [name for name in said if name in shown])
         self.let_go(intruders)  # and all that were held move freely
         self.tracker.replace(frame, back)

@@ -561,6 +561,26 @@ def test_a_hidden_base_is_where_two_joined_parts_that_are_seen_have_it(
         assert said["base"].score >= min(said[name].score for name in joined)
 
 
+def test_joined_parts_are_absent_once_the_base_is_lost(scene: Scene) -> None:
+    """The camera is covered; later the picture comes back."""
+    assembly, truth, whole = scene.assembly, scene.truth[-1], scene.frames[-1]
+    refind, state = RefindConfig(patience=4), assembly.states[1]
+    tracks = PartTracks(assembly, whole.camera, tracker=PROPOSED, refind=refind, turns=TurnConfig())
+    proposed = {n: PoseEstimate(n, T, 0.8, "refined") for n, T in truth.items()}
+    grey, nothing = np.full_like(whole.rgb, 128), np.zeros(whole.rgb.shape[:2], np.float32)
+    covered = replace(whole, rgb=grey, depth=nothing)
+    told: list[set[str]] = []
+    for i in range(18):
+        frame, found = (covered, {}) if 6 <= i < 16 else (whole, proposed)
+        tracks.refind(frame, found, {}, None)
+        tracks.tracker.release()
+        tracks.tracker.hold(state, base="base")
+        tracks.tracker.move(frame)
+        told.append(set(tracks.settle(frame, frozenset({"block"}))))
+    assert told[5] == told[-1] == {"base", "block"}
+    assert told[6 + refind.patience : 16] == [set()] * (10 - refind.patience)
+
+
 def board_over_base(whole: Frame, without: Frame) -> Frame:
     """The frame with a board over all of the base that shows, and around it."""
     assert whole.depth is not None
