@@ -3,6 +3,7 @@
 Not in the paper. In a shaken, blurred picture a small part's rotation is off by something else in every
 frame, but parts on a table lie still to each other. So where most of what is found has moved as one, the
 camera has moved, and a part that moved with it is told where it lay, turned as most frames have it.
+Where too few parts lie loose to tell, a camera that moved has come to rest once the base lies still.
 """
 
 from __future__ import annotations
@@ -115,6 +116,8 @@ class AtRest:
         T_stage_camera = inverse(self._T_camera_stage)
         for name, pose in loose.items():
             self._see(name, T_stage_camera @ pose.T_camera_part, pose.score)
+        if T_camera_stage is None and self._base in loose and self.is_shaken:  # the base tells
+            self._still = 0 if self._resting[self._base].away else self._still + 1
         enough = self._config.enough
         self._there = frozenset(
             n for n in loose if not self._resting[n].away and self._resting[n].frames >= enough

@@ -189,6 +189,23 @@ def test_while_too_little_is_seen_the_camera_is_taken_to_go_on(rest: AtRest) -> 
     assert rest.told(estimates(turned))["pad"].T_camera_part is turned["pad"]
 
 
+@pytest.mark.parametrize("is_still", [True, False])
+def test_where_few_parts_are_loose_the_base_tells_that_the_camera_has_come_to_rest(
+    vise: Assembly, rest: AtRest, *, is_still: bool
+) -> None:
+    play(rest, 10, lambda k: lying())
+    joined = frozenset(NAMES) - {vise.base, "pad"}
+    was_shaken: list[bool] = []
+    for k in range(10, 70):
+        T = shaken(10 if is_still else k)
+        rest.see(estimates({n: T @ T_stage for n, T_stage in lying().items()}), joined=joined)
+        was_shaken.append(rest.is_shaken)
+    assert all(was_shaken[: AtRestConfig().shaken])
+    assert set(was_shaken[AtRestConfig().shaken + AtRestConfig().patience :]) == {not is_still}
+    rest.see({}, joined=joined)
+    assert rest.is_shaken == (not is_still)
+
+
 def test_what_a_state_places_stays_and_with_it_the_base(vise: Assembly, rest: AtRest) -> None:
     play(rest, 12, lambda k: lying())
     there = {name: rest.T_camera_stage @ T for name, T in lying().items()}
