@@ -23,8 +23,8 @@ What the paper leaves open, and what is done here:
   lends no weight, so that one term alone does not overrule what both have said before.
 - What is told is P raised to a power (`sharpness`) and divided by its sum: means of means are flat, and
   of states that had 0.8 of P all were right, but they were one frame in a hundred. P itself goes on.
-- Neither term: nothing was seen; the previous result is kept as it is, and before any evidence the
-  state is unknown (None).
+- Neither term, or none that has a weight: nothing was seen; the previous result is kept as it is, and
+  before any evidence the state is unknown (None).
 - State 0, which has no class: see `asdfviz.state.appearance`.
 
 Where both terms speak, the default weights follow a real transition within 3 frames although states
@@ -153,6 +153,8 @@ class Pose2State:
         if carried is None:
             return current
         w_f, w_previous = share * self._config.w_f, self._config.w_previous
+        if w_f + w_previous == 0:
+            return self._previous
         return _normalized(w_f * current + w_previous * carried)
 
 
@@ -179,5 +181,4 @@ def _carry_matrix(
 
 
 def _normalized(scores: Scores) -> Scores:
-    total = scores.sum()
-    return scores / total if total > 0 else np.full_like(scores, 1.0 / len(scores))
+    return scores / scores.sum()

@@ -93,6 +93,19 @@ def test_frames_that_show_nothing_keep_the_state_as_it_was(assembly: Assembly) -
     assert set(hidden.terms) == {"previous"}
 
 
+@pytest.mark.parametrize(("w_dl", "w_p"), [(0.0, 1.0), (1.0, 0.0)])
+def test_a_term_without_weight_keeps_the_state_as_it_was(
+    assembly: Assembly, w_dl: float, w_p: float
+) -> None:
+    fusion = Pose2State(assembly, config=FusionConfig(w_dl=w_dl, w_p=w_p, w_previous=0.0))
+    seen = fusion.step(peak(2), peak(2))
+    other = (None, peak(1)) if w_p == 0 else (peak(1), None)
+    after = [fusion.step(*other) for _ in range(3)][-1]
+    assert seen is not None
+    assert after is not None
+    assert after.probabilities == pytest.approx(seen.probabilities)
+
+
 def test_first_and_last_state_do_not_lose_to_the_middle(assembly: Assembly) -> None:
     uniform = np.full(5, 0.2)
     for state in (0, 3):
