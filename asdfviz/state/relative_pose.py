@@ -146,11 +146,14 @@ def relative_pose_probabilities(
     """Return the probability of every state (errors too) by where the parts are.
 
     Returns:
-        None where the base part was not found, or no other part that any state joins.
+        None where the base part was not found, or no other part that any state joins; an assembly's
+        only state needs no other part.
     """
     base = poses.get(assembly.base)
     if base is None:
         return None
+    if len(assembly.states) == 1:
+        return np.ones(1)
     T_base_camera = inverse(base.T_camera_part)
     logs, alone = dict[str, Scores](), 0.0
     for places in _twin_places(assembly):

@@ -11,11 +11,13 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.state.fusion import Pose2State
 from asdfviz.state.relative_pose import (
     PlaceOdds,
     RelativePoseConfig,
     relative_pose_probabilities,
 )
+from asdfviz.state.smoothing import StateFilter
 
 FAR = transform_from(rotation_about(np.array([1.0, 1, 0]), 1.0), np.array([0.3, 0.2, -0.1]))
 
@@ -50,6 +52,19 @@ def test_without_the_base_part_nothing_is_said(assembly: Assembly, place: Callab
 def test_the_base_alone_says_nothing(assembly: Assembly, place: Callable) -> None:
     assert fitting(assembly, {}) is None
     assert fitting(assembly, place({"base": np.eye(4)})) is None
+
+
+def test_the_only_state_is_said_once_the_base_was_found(
+    assembly: Assembly, place: Callable
+) -> None:
+    only = replace(assembly, states=assembly.states[:1], transitions=frozenset())
+    assert fitting(only, place({"lid": FAR})) is None
+    said = fitting(only, place({"base": np.eye(4)}))
+    assert said == pytest.approx(np.ones(1))
+    fused, followed = Pose2State(only).step(None, said), StateFilter(only).step(None, said)
+    assert fused is not None
+    assert fused.index == 0
+    assert followed == pytest.approx(np.ones(1))
 
 
 def test_missing_parts_speak_neither_for_nor_against(assembly: Assembly, place: Callable) -> None:
