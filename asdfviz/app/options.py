@@ -1,7 +1,7 @@
 """A method's options as a form shows them: found in its config dataclass, read back from text. Pure.
 
-Every field becomes one line: its name, its default, and its docstring as the hint. Nested dataclasses
-are the groups; names are dotted as on the command line (`detector.confidence`).
+Every field that can be chosen becomes one line: its name, its default, and its docstring as the hint.
+Nested dataclasses are the groups; names are dotted as on the command line (`detector.confidence`).
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ def _groups(config: Any, prefix: str, hint: str) -> list[Group]:
     hints, types_ = _docstrings(made_by), get_type_hints(made_by)
     own: list[Option] = []
     below: list[Group] = []
-    for field in dataclasses.fields(config):
+    for field in _chosen(config):
         value = getattr(config, field.name)
         name = f"{prefix}{field.name}"
         said = hints.get(field.name, "")
@@ -108,6 +108,11 @@ def _groups(config: Any, prefix: str, hint: str) -> list[Group]:
         if kind is not None:
             own.append(Option(name, kind, _text(value), said, choices))
     return [Group(prefix.rstrip("."), hint, tuple(own)), *below]
+
+
+def _chosen(config: Any) -> list[dataclasses.Field[Any]]:
+    """The fields that can be chosen; others stay as the method has them."""
+    return [field for field in dataclasses.fields(config) if field.init]
 
 
 def _kind(hint: Any) -> tuple[Kind | None, tuple[str, ...]]:
@@ -129,7 +134,7 @@ def _said(hint: Any) -> Any:
 def _replaced(config: Any, prefix: str, given: Mapping[str, str]) -> Any:
     types_ = get_type_hints(config.__class__)
     changes: dict[str, Any] = {}
-    for field in dataclasses.fields(config):
+    for field in _chosen(config):
         value, name = getattr(config, field.name), f"{prefix}{field.name}"
         if dataclasses.is_dataclass(value):
             changes[field.name] = _replaced(value, f"{name}.", given)

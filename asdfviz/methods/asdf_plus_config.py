@@ -18,6 +18,7 @@ from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.tolerances import REGISTERED_PLACES
 from asdfviz.pose.confidence import ConfidenceConfig
+from asdfviz.state.fusion import FusionConfig
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.relative_pose import RelativePoseConfig
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
@@ -27,8 +28,10 @@ from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
 class AsdfPlusConfig(AsdfConfig):
     """Options of ASDF, which gives first poses, and of what is added."""
 
-    group: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=False))
-    """Of ASDF's own last step, which is not taken here, whatever this says: `joined` counts instead."""
+    fusion: FusionConfig = field(init=False, default_factory=FusionConfig)
+    """Of ASDF's own state, which is not asked here: no option, `smoothing` counts instead."""
+    group: GroupConfig = field(init=False, default_factory=lambda: GroupConfig(enabled=False))
+    """Of ASDF's own last step, which is not taken here: no option, `joined` counts instead."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """Six degrees of freedom from depth."""
     hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)

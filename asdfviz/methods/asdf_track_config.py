@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.at_rest_config import AtRestConfig
+from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
@@ -16,6 +17,7 @@ from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.tolerances import TRACKED_PLACES
 from asdfviz.methods.turn_checks import TurnConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
+from asdfviz.state.fusion import FusionConfig
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.relative_pose import RelativePoseConfig
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
@@ -42,6 +44,10 @@ class JoinConfig:
 class AsdfTrackConfig(AsdfConfig):
     """Options of ASDF, which proposes poses, of the tracker, and of the state that is followed."""
 
+    fusion: FusionConfig = field(init=False, default_factory=FusionConfig)
+    """Of ASDF's own state, which is not asked here: no option, `smoothing` counts instead."""
+    group: GroupConfig = field(init=False, default_factory=GroupConfig)
+    """Of ASDF's own last step, which is not taken here: no option, `join` counts instead."""
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; the tracker holds what is right."""
     on_table: OnTableConfig = NO_TABLE

@@ -15,6 +15,7 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import MethodError
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
+from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 
 
 @dataclass(frozen=True)
@@ -109,3 +110,15 @@ def test_all_options_of_asdf_have_hints_and_read_back() -> None:
     }
     assert all(option.hint for option in options)
     assert config_from(AsdfConfig, {o.name: o.default for o in options}) == AsdfConfig()
+
+
+@pytest.mark.parametrize("config", [AsdfPlusConfig, AsdfTrackConfig])
+def test_what_a_method_does_not_ask_is_no_option_of_it(config: type) -> None:
+    """Their state is followed and their parts are joined otherwise than in asdf."""
+    options = [option for group in option_groups(config) for option in group.options]
+    names = {option.name for option in options}
+    assert {name.partition(".")[0] for name in names}.isdisjoint({"fusion", "group"})
+    assert {"smoothing.stay", "group_fit.enabled"} <= names
+    assert config_from(config, {o.name: o.default for o in options}) == config()
+    with pytest.raises(MethodError, match=r"no option 'fusion\.w_dl'"):
+        config_from(config, {"fusion.w_dl": "0.3"})

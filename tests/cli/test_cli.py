@@ -112,6 +112,9 @@ def test_the_help_of_run_shows_the_options_of_the_method(
     shown = capsys.readouterr().out
     assert "Example: asdfviz run" in shown
     assert "--detector.confidence" in shown
+    assert "--fusion.w-dl" in shown
+    assert exit_code("run", "--method", "asdf_track", "--help") == 0
+    assert "--fusion" not in capsys.readouterr().out
     assert exit_code("run", "--method", "nonsense", "--help") == 2
     assert "no method 'nonsense'" in capsys.readouterr().err
 
