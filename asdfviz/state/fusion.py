@@ -23,6 +23,9 @@ What the paper leaves open, and what is done here:
   lends no weight, so that one term alone does not overrule what both have said before.
 - What is told is P raised to a power (`sharpness`) and divided by its sum: means of means are flat, and
   of states that had 0.8 of P all were right, but they were one frame in a hundred. P itself goes on.
+- An error that joins what a half-done step joined before it (one of two screws came off again) looks
+  like that one. Until the step that it follows was reached, by the previous frame, what S_f gives to it
+  counts to the step before.
 - Neither term, or none that has a weight: nothing was seen; the previous result is kept as it is, and
   before any evidence the state is unknown (None).
 - State 0, which has no class: see `asdfviz.state.appearance`.
@@ -43,6 +46,7 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly, StateEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
+from asdfviz.state.half_done import HalfDone, not_yet
 
 
 @dataclass(frozen=True)
@@ -91,6 +95,9 @@ class Pose2State:
     def __init__(self, assembly: Assembly, *, config: FusionConfig | None = None) -> None:
         self._config = config or FusionConfig()
         self._carry = _carry_matrix(neighbours(assembly), self._config.neighbour)
+        ways = HalfDone.of(assembly)
+        self._assembly = assembly
+        self._alike = {error: ways.before[k] for error, k in ways.alike.items()}
         self._previous: Scores | None = None
 
     def reset(self) -> None:
@@ -130,10 +137,12 @@ class Pose2State:
         return StateEstimate(probabilities=_normalized(sharp), terms=terms)
 
     def _current(self, S_dl: Scores | None, S_p: Scores | None) -> Scores | None:
-        """Equation 3."""
+        """Equation 3, errors that cannot be there yet counted to the steps that look like them."""
         if S_dl is None or S_p is None:
-            return S_dl if S_p is None else S_p
-        return _normalized(self._config.w_dl * S_dl + self._config.w_p * S_p)
+            S_f = S_dl if S_p is None else S_p
+        else:
+            S_f = _normalized(self._config.w_dl * S_dl + self._config.w_p * S_p)
+        return S_f if S_f is None else not_yet(S_f, self._previous, self._assembly, self._alike)
 
     def _carried(self, previous: Scores) -> Scores:
         """Equation 4."""

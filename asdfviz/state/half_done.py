@@ -9,8 +9,9 @@ The paper has no such states.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import combinations, pairwise
 from typing import TypeAlias
 
@@ -24,18 +25,67 @@ All: TypeAlias = Float64[np.ndarray, "all"]
 """One for every state, the half-done ones among them."""
 MOST_ADDED = 4
 """Steps that add more parts have too many ways of being half done."""
+SAME_PLACE = 1e-6
+"""Poses that differ by less are one place that was written twice, metres and as elements of rotations."""
 
 
-def ways_half_done(assembly: Assembly) -> Iterator[tuple[State, State, tuple[str, ...]]]:
-    """Every step with the next one and some, but not all, of the parts that this one adds."""
-    known = {frozenset(state.attached) for state in assembly.states}
+@lru_cache(maxsize=8)
+def ways_half_done(assembly: Assembly) -> tuple[tuple[State, State, tuple[str, ...]], ...]:
+    """Every step with the next one and some, but not all, of the parts that this one adds.
+
+    Without those that the assembly names: as a correct state, or as an error that follows the step, or
+    one before. An error that follows a later step (a part comes off again) takes none of them, as what
+    came before tells it from the half-done step.
+    """
+    found: list[tuple[State, State, tuple[str, ...]]] = []
     for state, following in pairwise(assembly.steps):
+        named = [s for s in assembly.states if not s.is_error or s.completed <= state.index]
         added = [name for name in following.attached if name not in state.T_base_part]
-        if len(added) <= MOST_ADDED:
-            for count in range(1, len(added)):
-                for some in combinations(added, count):
-                    if frozenset((*state.attached, *some)) not in known:
-                        yield state, following, some
+        for count in range(1, len(added)) if len(added) <= MOST_ADDED else ():
+            for some in combinations(added, count):
+                between = _between(state, following, some, index=len(assembly.states))
+                if not any(joins_alike(between, other) for other in named):
+                    found.append((state, following, some))
+    return tuple(found)
+
+
+def errors_alike(assembly: Assembly, half_done: Collection[int]) -> dict[int, int]:
+    """Errors that join the same as one of the half-done states, by their indices, each with that one's."""
+    states = assembly.states
+    return {
+        error.index: k
+        for error in assembly.errors
+        for k in half_done
+        if error.index not in half_done and joins_alike(error, states[k])
+    }
+
+
+def not_yet(
+    scores: Scores, previous: Scores | None, assembly: Assembly, alike: Mapping[int, int]
+) -> Scores:
+    """Scores with those of errors that cannot be there yet given to what they look like.
+
+    Args:
+        scores: of all states.
+        previous: what the frame before was, likewise; its most probable state is what was reached.
+        assembly: the states.
+        alike: errors, each with the state that it looks like until the step that it follows was reached.
+    """
+    reached = -1 if previous is None else assembly.states[int(previous.argmax())].completed
+    result = scores.copy()
+    for error, other in alike.items():
+        if reached < assembly.states[error].completed:
+            result[other] += result[error]
+            result[error] = 0.0
+    return result
+
+
+def joins_alike(one: State, other: State) -> bool:
+    """Whether two states have the same parts at the same places."""
+    return one.T_base_part.keys() == other.T_base_part.keys() and all(
+        np.allclose(T, other.T_base_part[name], rtol=0.0, atol=SAME_PLACE)
+        for name, T in one.T_base_part.items()
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +98,8 @@ class HalfDone:
     """Of every state, the one that truth counts it to."""
     after: tuple[int, ...]
     """Of a half-done state, the next step; of the others, themselves."""
+    alike: Mapping[int, int] = field(default_factory=dict[int, int])
+    """Errors that join the same as a half-done state, each with that one."""
 
     @classmethod
     def of(cls, assembly: Assembly) -> HalfDone:
@@ -59,8 +111,7 @@ class HalfDone:
             own = frozenset(state.attached)
             ends = {own: state.index, frozenset(following.attached): following.index}
             joined.setdefault(state.index, ends)[own | set(some)] = len(states)
-            named = f"{state.name} with {' and '.join(some)}"
-            states.append(_between(state, following, some, index=len(states), name=named))
+            states.append(_between(state, following, some, index=len(states)))
             before.append(state.index)
             after.append(following.index)
         for step in joined.values():  # one part after the other
@@ -71,7 +122,8 @@ class HalfDone:
                 if less < more and len(more) == len(less) + 1
             }
         unfolded = replace(assembly, states=tuple(states), transitions=frozenset(links))
-        return cls(unfolded, tuple(before), tuple(after))
+        alike = errors_alike(unfolded, range(len(assembly.states), len(states)))
+        return cls(unfolded, tuple(before), tuple(after), alike)
 
     @classmethod
     def none(cls, assembly: Assembly) -> HalfDone:
@@ -87,10 +139,15 @@ class HalfDone:
         )
 
     def unfolded(self, looks: Scores | None) -> All | None:
-        """Probabilities of the assembly's states as those of all: half done looks like a bit of both."""
+        """Probabilities of the assembly's states as those of all: half done looks like a bit of both.
+
+        And like an error that joins the same.
+        """
         if looks is None:
             return None
         both = looks[list(self.before)] + looks[list(self.after)]
+        for error, between in self.alike.items():
+            both[between] = max(both[between], both[error])
         return both / both.sum()
 
     def summed(self, belief: All) -> Scores:
@@ -108,14 +165,12 @@ class HalfDone:
         return result / result.sum()
 
 
-def _between(
-    state: State, following: State, some: tuple[str, ...], *, index: int, name: str
-) -> State:
+def _between(state: State, following: State, some: tuple[str, ...], *, index: int) -> State:
     places: Mapping[str, np.ndarray] = {n: following.T_base_part[n] for n in some}
     joints = {n: joint for n, joint in following.joints.items() if n in some}
     return State(
         index=index,
-        name=name,
+        name=f"{state.name} with {' and '.join(some)}",
         T_base_part={**state.T_base_part, **places},
         is_error=True,
         after=state.index,

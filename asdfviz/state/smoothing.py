@@ -24,6 +24,7 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
+from asdfviz.state.half_done import errors_alike, not_yet
 
 ALIKE = 1e-9
 """Evidence of which the largest and the least differ by less than this share tells nothing."""
@@ -38,7 +39,8 @@ class SmoothingConfig:
     in the paper's sequences."""
     stay_wrong: float = 0.5
     """Probability that an error lasts for another frame: it is undone at once, and while it is there
-    every frame says so."""
+    every frame says so. One that joins the same as a half-done state lasts as that one does (`stay`),
+    which would outlast it."""
     leak: float = 1e-4
     """Probability of a jump to any later state: a missed step must not lock the model."""
     fall: float = 1e-6
@@ -90,7 +92,9 @@ class StateFilter:
     ) -> None:
         """Begin a sequence; `half_done` as for `transition_matrix`."""
         self._config = config or SmoothingConfig()
+        self._assembly = assembly
         self._move = transition_matrix(assembly, config=self._config, half_done=half_done)
+        self._alike = errors_alike(assembly, half_done)
         self._belief: Scores | None = None
 
     def reset(self) -> None:
@@ -121,11 +125,15 @@ class StateFilter:
         if self._belief is None:
             if evidence is None:
                 return None
-            self._belief = evidence / evidence.sum()
+            self._belief = self._possible(evidence / evidence.sum())
         elif _tells(evidence):
             joint = (self._belief @ self._move) * evidence
-            self._belief = joint / joint.sum()
+            self._belief = self._possible(joint / joint.sum())
         return self._belief
+
+    def _possible(self, belief: Scores) -> Scores:
+        """Where a half-done state lasts, the way through its end and back by an error adds up: not taken."""
+        return not_yet(belief, self._belief, self._assembly, self._alike)
 
 
 def most_likely_path(
@@ -207,7 +215,8 @@ def transition_matrix(
         if a != b:
             legal[a, b] = config.mistakes if b in wrong else 1.0
     ways = legal.sum(axis=1, keepdims=True)
-    lasting = np.array([config.stay_wrong if k in wrong else config.stay for k in range(count)])
+    short = wrong - errors_alike(assembly, half_done).keys()
+    lasting = np.array([config.stay_wrong if k in short else config.stay for k in range(count)])
     onward = (1 - lasting[:, None]) * legal / np.where(ways > 0, ways, 1.0)
     stay = np.where(ways[:, 0] > 0, lasting, 1.0)
     completed = np.array([state.completed for state in assembly.states])

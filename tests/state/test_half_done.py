@@ -9,6 +9,7 @@ import pytest
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly, State
+from asdfviz.state.fusion import Pose2State
 from asdfviz.state.half_done import HalfDone, ways_half_done
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter, transition_matrix
 
@@ -55,6 +56,63 @@ def test_what_is_an_error_already_is_not_half_done() -> None:
     wrong = State(2, "wrong", {"base": np.eye(4), "a": np.eye(4)}, is_error=True, after=0)
     known = replace(assembly, states=(*assembly.states, wrong))
     assert [some for _, _, some in ways_half_done(known)] == [("b",)]
+
+
+def losing(*, x: float = 0.0, after: int = 1) -> Assembly:
+    """Two parts are joined in one step; with the error, `a` alone is, its place off by `x` metres."""
+    assembly, T = stacked(("a", "b")), np.eye(4)
+    T[0, 3] = x
+    lost = State(2, "lost", {"base": np.eye(4), "a": T}, is_error=True, after=after)
+    links = assembly.transitions | {(after, 2), (2, after)}
+    return replace(assembly, states=(*assembly.states, lost), transitions=links)
+
+
+def test_what_comes_off_later_or_sits_elsewhere_takes_no_half_done_state() -> None:
+    for assembly in (losing(), losing(x=0.02, after=0)):
+        assert [some for _, _, some in ways_half_done(assembly)] == [("a",), ("b",)]
+    assert HalfDone.of(losing()).alike == {2: 3}
+    assert not HalfDone.of(losing(x=0.02)).alike
+    looks = HalfDone.of(losing()).unfolded(np.array([0.1, 0.1, 0.8]))
+    assert looks is not None
+    assert looks[3] == looks[2]
+    for name in ("corner_clamp", "geared_caliper", "screw_clamp", "vise"):
+        assert not HalfDone.of(load_assembly(name)).alike
+
+
+def test_half_done_and_lost_again_are_told_apart_by_what_was_before() -> None:
+    ways = HalfDone.of(losing())
+    online = StateFilter(ways.assembly, half_done=ways.indices)
+    none, half, both = (np.full(5, 0.1) for _ in range(3))
+    none[0] = half[[2, 3]] = both[1] = 1.0
+
+    def told(seen: np.ndarray, frames: int) -> list[int]:
+        said: list[int] = []
+        for _ in range(frames):
+            belief = online.step(None, seen / seen.sum())
+            assert belief is not None
+            said.append(int(ways.summed(belief).argmax()))
+        return said
+
+    assert set(told(none, 10) + told(half, 500)) == {0}
+    assert told(both, 20)[-1] == 1
+    assert set(told(half, 500)[5:]) == {2}
+    assert told(both, 20)[-1] == 1
+
+
+def test_pose2state_too_tells_lost_again_only_after_the_step() -> None:
+    fusion = Pose2State(losing())
+    none, half, both = (
+        np.array(S) for S in ([0.9, 0.05, 0.05], [0.15, 0.05, 0.8], [0.05, 0.9, 0.05])
+    )
+
+    def told(seen: np.ndarray, frames: int) -> list[int]:
+        said = [fusion.step(None, seen) for _ in range(frames)]
+        return [state.index for state in said if state is not None]
+
+    assert told(none, 10) + told(half, 500) == [0] * 510
+    assert told(both, 20)[-1] == 1
+    assert set(told(half, 500)[5:]) == {2}
+    assert told(none, 20)[-1] == 0
 
 
 def test_three_parts_come_one_after_the_other() -> None:
