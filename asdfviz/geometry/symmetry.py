@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asdfviz.geometry.shapes import Transform, Transforms, Vector
-from asdfviz.geometry.transforms import rotation_angle, turn_about
+from asdfviz.geometry.transforms import rotation_angle, transform_from, turn_about
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +34,14 @@ class Symmetries:
     def is_symmetric(self) -> bool:
         """Whether any pose but the true one looks the same."""
         return bool(self.discrete or self.continuous)
+
+    def about(self, origin: Vector) -> Symmetries:
+        """The same in a frame with the same axes and its origin at this point of the part's frame."""
+        to, back = transform_from(np.eye(3), -origin), transform_from(np.eye(3), origin)
+        return Symmetries(
+            tuple(to @ S @ back for S in self.discrete),
+            tuple(Axis(axis.direction, axis.offset - origin) for axis in self.continuous),
+        )
 
     def transforms(self, *, step: float = 0.0) -> Transforms:
         """Every symmetric transform S, identity first, continuous axes cut into steps.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import trimesh
@@ -10,6 +10,7 @@ from jaxtyping import UInt8
 
 from asdfviz.datatypes import Mesh, Part
 from asdfviz.geometry.shapes import Vector
+from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.track.viewpoint_model import ViewpointModel
 
 
@@ -24,11 +25,14 @@ class Body:
     balance: Vector
     """Centre of its mass, part frame, metres: turned about it, a part covers about the same of the
     picture, as it would not about the middle of its box."""
+    symmetries: Symmetries = field(default_factory=Symmetries)
+    """Poses that look the same, about the middle of the part."""
 
     @staticmethod
     def of(part: Part, model: ViewpointModel) -> Body:
         """The body of a part of an assembly."""
-        return Body(part.mesh, model, part.color, centre_of_mass(part.mesh))
+        symmetries = part.symmetries.about(model.centre)
+        return Body(part.mesh, model, part.color, centre_of_mass(part.mesh), symmetries)
 
     @property
     def centred(self) -> Mesh:

@@ -14,7 +14,11 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Joint
 from asdfviz.geometry.shapes import Rotation, Scores, Transform, Vector
+from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric, symmetric_angle
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from, turns_freely
+
+NEARER = 1e-3
+"""Another pose that looks the same is taken only where it comes nearer to a joint's range by this, radians."""
 
 
 class Freedom(NamedTuple):
@@ -109,11 +113,34 @@ class Link:
         T_motion = transform_from(R, joint.origin - R @ joint.origin + self.slide * joint.axis)
         return T_motion @ self.T_nominal
 
-    def adopt(self, T_root_member: Transform) -> None:
-        """Set the joint to where an observed pose comes nearest to its range."""
-        joint = self.joint
-        if joint is None:
+    def adopt(
+        self,
+        T_root_member: Transform,
+        symmetries: Symmetries = Symmetries(),  # noqa: B008 - frozen
+    ) -> None:
+        """Set the joint to where an observed pose, or one that looks the same, comes nearest to its range.
+
+        Args:
+            T_root_member: observed.
+            symmetries: of the part, in its centre's frame.
+        """
+        if self.joint is None:
             return
+        self._adopt(T_root_member, self.joint)
+        if not symmetries.is_symmetric:
+            return
+        best = self.turn, self.slide, self.R_ball
+        least = symmetric_angle(self.T_root_member, T_root_member, symmetries)
+        T_near = nearest_symmetric(T_root_member, self.T_nominal, symmetries)
+        round_ = Symmetries(continuous=symmetries.continuous)
+        for T_equal in (T_near, *(T_near @ S for S in symmetries.discrete)):
+            self._adopt(T_equal, self.joint)
+            off = symmetric_angle(self.T_root_member, T_equal, round_)
+            if off < least - NEARER:
+                best, least = (self.turn, self.slide, self.R_ball), off
+        self.turn, self.slide, self.R_ball = best
+
+    def _adopt(self, T_root_member: Transform, joint: Joint) -> None:
         R_motion = T_root_member[:3, :3] @ self.T_nominal[:3, :3].T
         if joint.kind == "ball":
             self.R_ball = R_motion if rotation_angle(R_motion) <= _ball_limit(joint) else np.eye(3)

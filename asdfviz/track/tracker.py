@@ -257,7 +257,8 @@ class Tracker:
             joint = replace(joint, origin=joint.origin - c_base)
         link = Link(member, _shift(-c_base) @ T_base_part @ _shift(c_part), joint)
         T_root = self._Ts_camera_centre[self._place(base)]
-        link.adopt(inverse(T_root) @ self._Ts_camera_centre[member])
+        T_root_member = inverse(T_root) @ self._Ts_camera_centre[member]
+        link.adopt(T_root_member, self._bodies[name].symmetries)
         return link
 
     def _correspond(self, rgb: Rgb, depth: MaybeDepth, iteration: int) -> None:

@@ -68,6 +68,15 @@ def test_continuous_axes_are_cut_as_in_bop() -> None:
     np.testing.assert_array_equal(KINDS["cylinder"].transforms()[0], np.eye(4))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_seen_from_another_point_the_same_poses_look_the_same(kind: str) -> None:
+    origin = np.array([0.03, -0.01, 0.02])
+    shift = transform_from(np.eye(3), origin)
+    moved = KINDS[kind].about(origin).transforms(step=np.pi / 2)
+    for S, S_moved in zip(KINDS[kind].transforms(step=np.pi / 2), moved, strict=True):
+        np.testing.assert_allclose(shift @ S_moved, S @ shift, atol=1e-12)
+
+
 def test_an_axis_stays_where_it_is() -> None:
     axis = KINDS["tilted bolt off centre"].continuous[0]
     on_axis = np.append(axis.offset + 0.03 * axis.direction, 1.0)

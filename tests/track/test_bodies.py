@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import trimesh
 
+from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Mesh
 from asdfviz.geometry.shapes import Points, Vector
-from asdfviz.track.bodies import centre_of_mass
+from asdfviz.track.bodies import Body, centre_of_mass
 
 AWAY = np.array([0.2, 0.0, -0.1])
 """Of the bracket from its CAD origin, metres."""
@@ -57,3 +60,10 @@ def test_where_a_mesh_encloses_nothing_it_is_that_of_its_surface() -> None:
     expected = (6 * np.array([0.03, 0.005]) + 2 * np.array([0.005, 0.02])) / 8
     found = centre_of_mass(flat)
     np.testing.assert_allclose(found[:2], expected + AWAY[:2], atol=1e-9)
+
+
+def test_a_body_has_its_parts_symmetries_about_its_middle(box_body: Body) -> None:
+    bolt = load_assembly("corner_clamp").parts["bolt"]
+    model = replace(box_body.model, centre=np.array([0.01, 0.02, 0.03]))
+    (axis,) = Body.of(bolt, model).symmetries.continuous
+    np.testing.assert_array_equal(axis.offset, bolt.symmetries.continuous[0].offset - model.centre)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import Joint
+from asdfviz.geometry.symmetry import Axis, Symmetries
 from asdfviz.geometry.transforms import inverse, is_rigid, rotation_about, transform_from
 from asdfviz.track.links import Link
 from asdfviz.track.optimizer import Group, OptimizerConfig, adjoint, jacobian, move, newton_step
@@ -142,6 +143,34 @@ def test_a_link_adopts_an_observed_pose(kind: str, slide: float, turn: float) ->
     fixed = Link(1, T_ROOT_PART)
     fixed.adopt(there.T_root_member)
     np.testing.assert_array_equal(fixed.T_root_member, T_ROOT_PART)
+
+
+HALF_TURN = transform_from(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+
+
+@pytest.mark.parametrize("degrees", [0, 20, 45, 80, 90])
+@pytest.mark.parametrize("kind", ["revolute", "cylindrical"])
+@pytest.mark.parametrize("S", [np.eye(4), HALF_TURN])
+def test_a_link_adopts_a_pose_that_looks_the_same(kind: str, degrees: float, S: np.ndarray) -> None:
+    """A lever that looks the same after half a turn, on a hinge of a quarter of one."""
+    axis, turn = T_ROOT_PART[:3, 2], np.deg2rad(degrees)
+    ranges = {"turn": (0.0, np.pi / 2), "slide": (0.0, 0.02)}
+    joint = Joint(kind, axis, T_ROOT_PART[:3, 3], **ranges)  # type: ignore[arg-type]
+    slide = 0.01 if kind == "cylindrical" else 0.0
+    there = Link(1, T_ROOT_PART, joint, slide=slide, turn=turn)
+    link = Link(1, T_ROOT_PART, joint)
+    link.adopt(there.T_root_member @ S, Symmetries(discrete=(HALF_TURN,)))
+    assert (link.slide, link.turn) == pytest.approx((slide, turn), abs=1e-9)
+
+
+def test_a_round_part_is_turned_about_its_joint_alone() -> None:
+    """A bar across a shaft, turned about itself besides, as nobody can see."""
+    joint = Joint("revolute", T_ROOT_PART[:3, 0], T_ROOT_PART[:3, 3], turn=(-2.0, 2.0))
+    there, link = Link(1, T_ROOT_PART, joint, turn=1.2), Link(1, T_ROOT_PART, joint)
+    spin = transform_from(rotation_about(np.array([0.0, 0, 1]), 2.5), np.zeros(3))
+    axis = Axis(np.array([0.0, 0, 1]), np.zeros(3))
+    link.adopt(there.T_root_member @ spin, Symmetries(continuous=(axis,)))
+    assert link.turn == pytest.approx(1.2)
 
 
 def geared(kind: str, *, member: int, **ranges: tuple[float, float]) -> Link:

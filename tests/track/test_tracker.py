@@ -9,6 +9,7 @@ import pytest
 from asdfviz.datatypes import Camera, Frame, Joint, Mesh, State
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import inverse, rotation_about, rotation_angle, transform_from
 from asdfviz.track.bodies import Body, centre_of_mass
 from asdfviz.track.presets import GBOT, PRESETS, YCB_DEPTH, YCB_ICG
@@ -134,6 +135,23 @@ def test_a_state_holds_parts_together_and_its_joint_slides(
     tracker.release()
     tracker.update(frames[-1])
     assert add_mm(box_body, tracker.poses["block"], truth[-1]["block"]) < 6.0
+
+
+def test_a_held_part_stays_as_it_looks_the_same(
+    box_body: Body, small_body: Body, camera: Camera, draw: Draw
+) -> None:
+    S = transform_from(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
+    bodies = {"box": box_body, "block": replace(small_body, symmetries=Symmetries(discrete=(S,)))}
+    top = transform_from(np.eye(3), np.array([0.01, -0.025, -0.03]))
+    joint = Joint("revolute", np.array([0.0, 0, 1]), top[:3, 3], turn=(0.0, np.pi / 2))
+    state = State(1, "on", {"box": np.eye(4), "block": top}, joints={"block": joint})
+    T_camera_box = transform_from(np.eye(3), np.array([0.0, 0.0, 0.5]))
+    turned = top @ transform_from(rotation_about(np.array([0.0, 0, 1]), 0.4), np.zeros(3))
+    poses = {"box": T_camera_box, "block": T_camera_box @ turned @ S}
+    tracker = Tracker(bodies, camera, YCB_ICG)
+    tracker.start(draw(bodies, poses, 0), poses)
+    tracker.hold(state, base="box")
+    np.testing.assert_allclose(tracker.poses["block"], T_camera_box @ turned, atol=1e-9)
 
 
 def test_a_part_without_a_picture_stays_where_it_is(
