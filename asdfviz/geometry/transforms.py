@@ -84,6 +84,19 @@ def turn_about(axis: Vector, point: Vector, angle: float) -> Transform:
     return transform_from(R, point - R @ point)
 
 
+def limited_rotation(R: Rotation, turn: tuple[float, float]) -> Rotation:
+    """The rotation nearest to one within a ball joint's range, radians; without a range it is as it was."""
+    angle = rotation_angle(R)
+    limit = max(abs(turn[0]), abs(turn[1])) or np.pi
+    if angle <= limit:
+        return R
+    # The axis is the eigenvector to eigenvalue 1, which is well defined even at a half turn.
+    values, vectors = np.linalg.eig(R)
+    axis = np.real(vectors[:, int(np.abs(values - 1).argmin())])
+    ends = [rotation_about(axis, limit), rotation_about(axis, -limit)]
+    return min(ends, key=lambda R_end: rotation_angle(R_end.T @ R))
+
+
 def turns_freely(turn: tuple[float, float]) -> bool:
     """Whether a joint of this range, radians, turns so far that its link does not tell how far."""
     return turn[1] - turn[0] > 1.9 * np.pi

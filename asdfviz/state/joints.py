@@ -10,7 +10,7 @@ import numpy as np
 from asdfviz.datatypes import Joint, Part, State
 from asdfviz.geometry.shapes import Rotation, Transform, Vector
 from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric
-from asdfviz.geometry.transforms import rotation_about, rotation_angle
+from asdfviz.geometry.transforms import limited_rotation, rotation_about, rotation_angle
 
 CLOSE = math.radians(5.0)
 """Rotations nearer than this are not compared with others that look the same."""
@@ -93,7 +93,7 @@ def nearest_in_joint(
     if joint.kind != "prismatic":
         R_motion = T_base_part[:3, :3] @ T_nominal[:3, :3].T
         if joint.kind == "ball":
-            turn = _limited_rotation(R_motion, joint.turn)
+            turn = limited_rotation(R_motion, joint.turn)
         else:
             turn = rotation_about(joint.axis, nearest_turn(R_motion, joint))
         T_turned[:3, :3] = turn @ T_nominal[:3, :3]
@@ -118,15 +118,3 @@ def nearest_turn(R_motion: Rotation, joint: Joint) -> float:
     equal_turns = [twist + 2 * math.pi * turns for turns in range(-3, 4)]
     held = [(min(max(turn, low), high), turn) for turn in equal_turns]
     return min(held, key=lambda one: abs(one[0] - one[1]))[0]
-
-
-def _limited_rotation(R_motion: Rotation, turn: tuple[float, float]) -> Rotation:
-    angle = rotation_angle(R_motion)
-    limit = max(abs(turn[0]), abs(turn[1])) or np.pi
-    if angle <= limit:
-        return R_motion
-    # The axis is the eigenvector to eigenvalue 1, which is well defined even at a half turn.
-    values, vectors = np.linalg.eig(R_motion)
-    axis = np.real(vectors[:, int(np.abs(values - 1).argmin())])
-    ends = [rotation_about(axis, limit), rotation_about(axis, -limit)]
-    return min(ends, key=lambda R: rotation_angle(R.T @ R_motion))

@@ -15,7 +15,13 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Joint
 from asdfviz.geometry.shapes import Rotation, Scores, Transform, Vector
 from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric, symmetric_angle
-from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from, turns_freely
+from asdfviz.geometry.transforms import (
+    limited_rotation,
+    rotation_about,
+    rotation_angle,
+    transform_from,
+    turns_freely,
+)
 
 NEARER = 1e-3
 """Another pose that looks the same is taken only where it comes nearer to a joint's range by this, radians."""
@@ -143,7 +149,7 @@ class Link:
     def _adopt(self, T_root_member: Transform, joint: Joint) -> None:
         R_motion = T_root_member[:3, :3] @ self.T_nominal[:3, :3].T
         if joint.kind == "ball":
-            self.R_ball = R_motion if rotation_angle(R_motion) <= _ball_limit(joint) else np.eye(3)
+            self.R_ball = limited_rotation(R_motion, joint.turn)
             return
         if self._turns:
             skew = R_motion - R_motion.T

@@ -173,6 +173,20 @@ def test_a_round_part_is_turned_about_its_joint_alone() -> None:
     assert link.turn == pytest.approx(1.2)
 
 
+@pytest.mark.parametrize(("degrees", "held"), [(10, 10), (13.9, 13.9), (14.1, 14), (40, 14)])
+def test_a_ball_is_held_at_its_rim(degrees: float, held: float) -> None:
+    joint = Joint("ball", AXIS, np.array([0.01, 0, 0]), turn=(-np.deg2rad(14), np.deg2rad(14)))
+    for axis in np.random.default_rng(0).normal(size=(100, 3)):
+        seen, link = Link(1, T_ROOT_PART, joint), Link(1, T_ROOT_PART, joint)
+        seen.R_ball = rotation_about(axis, np.deg2rad(degrees))
+        link.adopt(seen.T_root_member)
+        expected = rotation_about(axis, np.deg2rad(held))
+        np.testing.assert_allclose(link.R_ball, expected, atol=1e-7)
+        again = Link(1, T_ROOT_PART, joint)
+        again.adopt(link.T_root_member)  # to within rounding of the rim
+        np.testing.assert_allclose(again.R_ball, expected, atol=1e-7)
+
+
 def geared(kind: str, *, member: int, **ranges: tuple[float, float]) -> Link:
     joint = Joint(kind, AXIS, np.array([0.01, 0.02, 0.0]), link="rack", **ranges)  # type: ignore[arg-type]
     return Link(member, T_ROOT_PART, joint)
