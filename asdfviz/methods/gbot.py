@@ -1,7 +1,7 @@
 """GBOT: parts tracked together, joined as the assembly's steps have them (Li et al., IEEE VR 2024).
 
-The state graph is a line: the next step is reached when its new parts come near enough to where it
-has them, and there is no way back. From then on they hang on the base with the freedoms of their
+The state graph is a line: the next step is reached when the parts that it adds or moves come near enough
+to where it has them, and there is no way back. From then on they hang on the base with the freedoms of their
 joints. Unless it runs as published, a lost part is sought where the coming steps have it, and a step
 whose parts are lost is passed over once those of a later one are in place.
 """
@@ -18,13 +18,12 @@ from asdfviz.datatypes import (
     Frame,
     FramePrediction,
     PoseEstimate,
-    State,
     StateEstimate,
 )
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.spec import MethodSpec
-from asdfviz.methods.step_places import StepPlaces, StepPlacesConfig
+from asdfviz.methods.step_places import StepPlaces, StepPlacesConfig, moved_parts
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.tracking import Following, PartTrackerConfig
 from asdfviz.track.tracker import Tracker
@@ -73,6 +72,8 @@ class Gbot:
         self._step = 0
         self._later: dict[int, int] = {}
         """Frames for which the parts of a later step have been in place."""
+        self._moved: frozenset[str] = frozenset()
+        """Joined parts that were seen where the next step moves them."""
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the parts' viewpoint models and keep the start for the first frame.
@@ -88,6 +89,7 @@ class Gbot:
         self._places = StepPlaces(assembly, within, config=self._config.places)
         self._step = 0
         self._later.clear()
+        self._moved = frozenset()
         if initial.state is not None:
             self._step = assembly.states[initial.state.index].completed
         self._following = Following(assembly, camera, self._config)
@@ -107,6 +109,7 @@ class Gbot:
             if reached != self._step:
                 self._step = reached
                 self._later.clear()
+                self._moved = frozenset()
                 self.rejoin(tracker, assembly)
         self.before_tracking(following, frame, timed)
         held = [n for n in self.attached if n != assembly.base]
@@ -140,8 +143,9 @@ class Gbot:
             return now
         tracked = set(tracker.names) - following.lost
         for later in range(now + 1, len(steps)):
-            new = set(steps[later].attached) - set(steps[later - 1].attached)
-            missing = {name for name in new if not self._in_place(name, steps[later], tracker)}
+            before, state = steps[later - 1], steps[later]
+            new = set(state.attached) - set(before.attached) | moved_parts(before, state)
+            missing = {name for name in new if not self._in_place(name, later, tracker)}
             if not missing and later == now + 1:
                 return later
             if self._config.published or assembly.base in following.lost:
@@ -154,20 +158,25 @@ class Gbot:
                 return now
         return now
 
-    def _in_place(self, name: str, state: State, tracker: Tracker) -> bool:
-        """Whether a part is tracked, and where a state has it."""
+    def _in_place(self, name: str, step: int, tracker: Tracker) -> bool:
+        """Whether a part is tracked, and where a step has it."""
         if self._places is None or self._assembly is None or name not in tracker.names:
             return False
-        poses = tracker.poses
+        poses, steps = tracker.poses, self._assembly.steps
         T_base_part = inverse(poses[self._assembly.base]) @ poses[name]
-        return self._places.is_in_place(name, T_base_part, state)
+        if name not in steps[step - 1].attached:
+            return self._places.is_in_place(name, T_base_part, steps[step])
+        is_seen = step == self._step + 1 and name in self._moved
+        return is_seen or self._places.is_moved(name, T_base_part, step)
 
     def _sought(self, frame: Frame, following: Following, poses: dict[str, PoseEstimate]) -> None:
-        """Put lost parts where they are seen joined."""
+        """Put lost parts where they are seen joined, note which joined ones are seen to have been moved."""
         if self._places is None or self._config.published:
             return
         tracker = following.tracker
         found = self._places.step(frame, tracker, poses, following.lost, self._step)
+        self._moved = frozenset(found).intersection(self.attached)
+        found = {name: trial for name, trial in found.items() if name not in self._moved}
         tracker.replace(frame, {name: trial.T_camera_part for name, trial in found.items()})
         following.placed(list(found))
         for name, trial in found.items():

@@ -12,7 +12,16 @@ import cv2
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Assembly, Frame, FramePrediction, Joint, Mesh, PoseEstimate, State
+from asdfviz.datatypes import (
+    Assembly,
+    Frame,
+    FramePrediction,
+    Joint,
+    Mesh,
+    PoseEstimate,
+    State,
+    StateEstimate,
+)
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, rotation_about, rotation_angle, transform_from
@@ -363,6 +372,43 @@ def test_gbot_finds_what_was_joined_out_of_sight(*, sought: bool, scene: Scene, 
     assert ("block" in said[-1].poses) == sought
     if sought:
         assert scene.off_mm(said[-1], "block") < 4
+
+
+def sliding(scene: Scene, way: float, *, joint: Joint | None = None) -> Scene:
+    """The block is joined, then pushed on by a step of its own after frame 5."""
+    base, joined = scene.assembly.states
+    T_pushed = joined.T_base_part["block"].copy()
+    T_pushed[0, 3] -= way
+    joints = {} if joint is None else {"block": joint}
+    pushed = State(2, "pushed", {"base": np.eye(4), "block": T_pushed})
+    states = (base, replace(joined, joints=joints), pushed)
+    assembly = replace(scene.assembly, states=states)
+    T_base = scene.truth[-1]["base"]
+    places = [states[1 if i < 6 else 2].T_base_part["block"] for i in range(FRAMES)]
+    truth = [{"base": T_base, "block": T_base @ T} for T in places]
+    frames = [scene.draw(assembly, T, i) for i, T in enumerate(truth)]
+    return Scene(assembly, truth, frames, scene.draw)
+
+
+@pytest.mark.parametrize("published", [True, False])
+@pytest.mark.parametrize("slides", [True, False])
+@pytest.mark.parametrize("way", [0.015, 0.06])
+def test_gbot_takes_a_step_that_moves_a_joined_part_once_it_is_seen_there(
+    *, way: float, slides: bool, published: bool, scene: Scene
+) -> None:
+    joint = Joint("prismatic", np.array([1.0, 0, 0]), np.zeros(3), slide=(-way, 0.0))
+    moved = sliding(scene, way, joint=joint if slides else None)
+    config = GbotConfig(published=published, places=StepPlacesConfig(frames=2))
+    start = replace(moved.initial("base", "block"), state=StateEstimate(np.array([0.0, 1, 0])))
+    said = play(Gbot(config), moved, start)
+    states = [p.state.index for p in said if p.state is not None]
+    assert states[:6] == [1] * 6
+    if not published:  # as published, what is held fast cannot be seen elsewhere
+        assert states[-1] == 2
+        assert moved.off_mm(said[-1], "block") < 4
+    still = replace(moved, frames=moved.frames[:1] * FRAMES)
+    told = play(Gbot(config), still, start)
+    assert [p.state.index for p in told if p.state is not None] == [1] * FRAMES
 
 
 def test_gbot_has_its_own_bounds_for_joining_unless_published() -> None:
