@@ -2,12 +2,14 @@
 
 Not in the paper. A tracker and contours let a knob drift about the rod that it sits on, as little of what
 they compare changes with its turn. Drawn in all of its turns, it looks like what is seen in one of them,
-and as it hardly turns by itself, looks at several frames add up.
+and as it hardly turns by itself, looks at several frames add up. What hangs on one shaft is turned by one
+turn, from the looks at all of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -24,6 +26,7 @@ from asdfviz.methods.on_table import MARGIN
 from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
+from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import nearest_turn
 from asdfviz.state.twins import renamed
 from asdfviz.track.confidence import HIDDEN_BY
@@ -100,6 +103,7 @@ class JointTurns:
         self, assembly: Assembly, shapes: Mapping[str, PartShape], *, config: JointTurnsConfig
     ) -> None:
         self._assembly, self._shapes, self._config = assembly, shapes, config
+        self._places = JointPlaces(assembly)
         self._seen: dict[str, _Seen] = {}
         self._step = 0
 
@@ -125,9 +129,10 @@ class JointTurns:
         if own and self._step % self._config.every == 0:
             name = min(own, key=lambda name: self._seen[name].frame)
             self._look(name, base.T_camera_part, own[name], frame)
-        for name, T_base_part in own.items():
-            turn = self._turn(name, T_base_part)
-            if turn is not None:
+        for names in self._places.together(state):
+            turn = self._turn({name: own[name] for name in names if name in own})
+            for name in self._following(names, poses, state) if turn is not None else ():
+                T_base_part = inverse(base.T_camera_part) @ poses[name].T_camera_part
                 T_camera_part = base.T_camera_part @ turn @ T_base_part
                 told[name] = replace(told[name], T_camera_part=T_camera_part)
         return told
@@ -147,6 +152,14 @@ class JointTurns:
             if turns and self._turns(name, joint, state.T_base_part[name]) >= LEAST_TURNS:
                 found.append(name)
         return found
+
+    def _following(
+        self, names: Sequence[str], poses: Mapping[str, PoseEstimate], state: State
+    ) -> list[str]:
+        """Those of joined parts that turn as one, without round ones, which look the same."""
+        joined = [name for name in names if name in poses and poses[name].stage == "group"]
+        parts, places = self._assembly.parts, state.T_base_part
+        return [n for n in joined if _period(parts[n], state.joints[n], places[n].tobytes()) > 0]
 
     def _known(self, name: str, state: State) -> _Seen:
         """What was seen of a part where the state has it."""
@@ -190,26 +203,50 @@ class JointTurns:
             seen.looks = self._config.kept * seen.looks + looks - looks.mean()
             seen.count += 1
 
-    def _turn(self, name: str, T_base_part: Transform) -> Transform | None:
-        """By what the part is to be turned in the base's frame; None where it is right, or not known."""
-        seen = self._seen[name]
-        if seen.count < self._config.enough:
+    def _turn(self, own: Mapping[str, Transform]) -> Transform | None:
+        """By what parts that turn as one (T_base_part) are to be turned in the base's frame; None where
+        they are right, or it is not known."""
+        known = [name for name in own if self._seen[name].count >= self._config.enough]
+        if not known:
             return None
-        looks, own = seen.looks, self._angle(seen, T_base_part)
+        finest = min((self._seen[name] for name in known), key=lambda seen: seen.step)
+        looks, at = self._turns_liked({name: own[name] for name in known}, finest.step)
         k = int(looks.argmax())
         before, here, after = (float(looks[(k + d) % len(looks)]) for d in (-1, 0, 1))
         bend = before - 2 * here + after
         between = 0.5 * (before - after) / bend if bend < 0 else 0.0
-        at = own / seen.step
-        low, share = int(np.floor(at)), at - np.floor(at)
-        now = (1 - share) * looks[low % len(looks)] + share * looks[(low + 1) % len(looks)]
-        if here - now <= self._config.ahead:
+        if here - _between(looks, at) <= self._config.ahead:
             return None
-        return _turned(seen.joint, (k + between) * seen.step - own)
+        return _turned(finest.joint, (k + between - at) * finest.step)
+
+    def _turns_liked(self, own: Mapping[str, Transform], step: float) -> tuple[Scores, float]:
+        """How much like what is seen parts look in every turn that they share, and in which they are.
+
+        Both in steps, counted from where the first one is nominal.
+        """
+        angles = {name: self._angle(self._seen[name], T) for name, T in own.items()}
+        first = next(iter(angles.values()))
+        folds = [
+            round(2 * np.pi / (self._seen[name].step * len(self._seen[name].looks))) for name in own
+        ]
+        count = round(2 * np.pi / math.gcd(*folds) / step)
+        looks = np.zeros(count)
+        for name, angle in angles.items():
+            seen = self._seen[name]
+            ats = np.arange(count) * (step / seen.step) + (angle - first) / seen.step
+            looks += [_between(seen.looks, at) for at in ats]
+        return looks, first / step
 
     def _angle(self, seen: _Seen, T_base_part: Transform) -> float:
         """How far a part is turned from its nominal pose, radians."""
         return nearest_turn((T_base_part @ inverse(seen.T_nominal))[:3, :3], seen.joint)
+
+
+def _between(looks: Scores, at: float) -> float:
+    """Of a turn between two that were drawn, in steps."""
+    low = math.floor(at)
+    share = at - low
+    return float((1 - share) * looks[low % len(looks)] + share * looks[(low + 1) % len(looks)])
 
 
 def _turned(joint: Joint, angle: float) -> Transform:

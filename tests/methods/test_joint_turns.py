@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Assembly, Frame, Joint, PoseEstimate, Stage, State
+from asdfviz.datatypes import Assembly, Frame, Joint, Mesh, PoseEstimate, Stage, State
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import Axis, Symmetries, symmetric_angle
 from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.methods import joint_turns
 from asdfviz.methods.joint_turns import JointTurns, JointTurnsConfig
 from asdfviz.methods.part_poses import part_shapes
 
@@ -91,6 +92,32 @@ def test_it_is_told_as_it_is_turned(toy, pinned, true, own) -> None:
     assert seen.off(found, true) < 5.0
     assert (found.score, found.stage) == (0.8, "group")
     np.testing.assert_allclose(found.T_camera_part[:3, 3], seen.turned(own)[:3, 3], atol=1e-9)
+
+
+@pytest.mark.parametrize(("height", "likes"), [(-0.3, 0.0), (-0.3, 60.0), (0.04, 60.0)])
+def test_what_hangs_on_one_shaft_is_turned_by_one_turn(
+    toy, pinned, monkeypatch: pytest.MonkeyPatch, *, height: float, likes: float
+) -> None:
+    """The second pin is out of sight, or looked at too: then it likes another turn, though less."""
+    T_other = transform_from(np.eye(3), np.array([0.02, 0.0, height]))
+    places = {"base": np.eye(4), "pin": T_BASE_PIN, "pin-copy": T_other}
+    joins = State(2, "pins", places, joints={"pin": JOINT, "pin-copy": JOINT})
+    meshes = {id(pinned.parts[name].mesh): name for name in ("pin", "pin-copy")}
+
+    def liked(frame: Frame, mesh: Mesh, turned: np.ndarray, **_: object) -> np.ndarray:
+        looks = np.zeros(len(turned))
+        angle, weight = (30.0, 1.0) if meshes[id(mesh)] == "pin" else (likes, 0.6)
+        looks[round(angle / 90 * len(turned)) % len(turned)] = weight
+        return looks
+
+    monkeypatch.setattr(joint_turns, "drawn_looks", liked)
+    seen = Seen(toy, pinned, true=0.0, every=1)
+    T = seen.T_camera_base
+    poses = {n: PoseEstimate(n, T @ places[n], 0.8, "group") for n in places}
+    told = [seen.method.step(poses, seen.frame, joins) for _ in range(12)][-1]
+    assert seen.off(told["pin"], 30.0) < 1.0
+    turned = np.linalg.inv(told["pin"].T_camera_part) @ told["pin-copy"].T_camera_part
+    np.testing.assert_allclose(turned, np.linalg.inv(T_BASE_PIN) @ T_other, atol=1e-9)
 
 
 def test_a_right_turn_stays_as_it_is(toy, pinned) -> None:
