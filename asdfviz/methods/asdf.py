@@ -41,6 +41,7 @@ from asdfviz.methods.rivals import settled_poses
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.state_looks import StateLooks
 from asdfviz.methods.timing import StageTimer
+from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.fusion import Pose2State
 from asdfviz.state.relative_pose import relative_pose_probabilities
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
@@ -63,6 +64,7 @@ class _Scene:
     place_looks: PlaceLooks
     group: GroupPoses
     twins: PlaceNames
+    turns: BaseTurns
 
 
 class Asdf:
@@ -135,6 +137,7 @@ class Asdf:
             ),
             group=GroupPoses(assembly, shapes, config=config.group),
             twins=PlaceNames(assembly),
+            turns=BaseTurns(assembly, config=config.relative_pose),
         )
 
     @property
@@ -152,8 +155,8 @@ class Asdf:
         """Poses and state of the next frame."""
         config, scene, timed = self._config, self._started(), StageTimer()
         proposed = self._propose(frame, timed)
-        poses = proposed.poses
         with timed("state"):
+            poses = scene.turns.told(proposed.poses)
             names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
             poses = renamed_poses(poses, names)
             self.rename(names)

@@ -134,7 +134,7 @@ class AsdfPlus:
             fits = self._settled(decided, frame, scene)
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
-            poses = self._named_by_place(followed, scene)
+            poses = self._named_by_place(scene.followed.turned(followed), scene)
             self._see_what_rests(poses, frame, scene)
             state = scene.followed.step(
                 self._asdf.looks,

@@ -37,7 +37,7 @@ from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.still_there import StillThere
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.told_poses import ToldPoses
-from asdfviz.methods.track_memory import surely_placed
+from asdfviz.methods.track_memory import surely_placed, with_turned_axes
 from asdfviz.methods.unlike_twins import UnlikeTwins
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
@@ -127,6 +127,7 @@ class AsdfTrack:
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
             poses = self._without_strangers(frame, parts.settle(frame, joined), scene)
+            poses = self._turned(frame, poses, scene)
             scene.told.rest.see({} if shown.depth is None else poses, joined=joined)
             sure = {n: parts.tracks[n].T_now for n in surely_placed(parts.tracks)}
             scene.still.see(frame, sure, held=parts.joined)
@@ -187,6 +188,24 @@ class AsdfTrack:
             scene.unlike.forget(strangers)
             scene.parts.let_go(strangers)
         return {n: pose for n, pose in poses.items() if n not in strangers}
+
+    def _turned(
+        self, frame: Frame, poses: dict[str, PoseEstimate], scene: _Scene
+    ) -> dict[str, PoseEstimate]:
+        """The poses, those of a base that looks the same turned as the others tell it.
+
+        The tracker has it so from now on.
+        """
+        base, told = scene.assembly.base, scene.followed.turned(poses)
+        if base in poses:
+            T_base_turned = inverse(poses[base].T_camera_part) @ told[base].T_camera_part
+            if not np.allclose(T_base_turned, np.eye(4)):
+                parts = scene.parts
+                parts.tracks[base] = with_turned_axes(parts.tracks[base], T_base_turned)
+                parts.tracker.release()  # or what is held would turn with it
+                T_camera_turned = parts.tracker.poses[base] @ T_base_turned
+                parts.tracker.replace(frame, {base: T_camera_turned})
+        return told
 
     def _join(self, frame: Frame, scene: _Scene) -> frozenset[str]:
         """Hold the parts together that the state joins; return their names without the base.

@@ -13,6 +13,7 @@ from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.loose_parts import LooseConfig, LooseParts
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig, agreed
+from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.half_done import HalfDone
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
@@ -73,6 +74,7 @@ class FollowedState:
         )
         self._unfolded = self._ways.assembly
         self._relative_pose = replace(relative_pose, half_done=0.0)
+        self._turns = BaseTurns(self._unfolded, config=self._relative_pose)
         half_done = self._ways.indices
         self._states = StateFilter(self._unfolded, config=config.smoothing, half_done=half_done)
         self._fits = GroupFits(self._unfolded, shapes, config=config.group_fit)
@@ -101,6 +103,10 @@ class FollowedState:
         """Where the base is by all that was seen of the group in the last frame, if anything was."""
         return self._fits.base
 
+    def turned(self, poses: Mapping[str, PoseEstimate]) -> dict[str, PoseEstimate]:
+        """The poses of a new frame, those of a base that looks the same turned as the others tell it."""
+        return self._turns.told(poses)
+
     def settle(self, T_camera_base: Transform) -> None:
         """Where the last frame's base was by all parts of its group together, settled."""
         self._fits.settle(T_camera_base)
@@ -119,7 +125,7 @@ class FollowedState:
 
         Args:
             looks: the term "appearance".
-            poses: of the parts.
+            poses: of the parts, as `turned` gives them.
             frame: that they are of.
             first: the base's pose by this frame alone.
             free: the poses that bear witness for states; None for all.
@@ -128,6 +134,8 @@ class FollowedState:
         ways, before = self._ways, self._states.belief
         witnesses = poses if free is None else free
         places = relative_pose_probabilities(witnesses, self._unfolded, config=self._relative_pose)
+        if first is not None:
+            first = replace(first, T_camera_part=self._turns.like_last(first.T_camera_part))
         fits = self._fits.step(poses, before, frame, first=first)
         if places is not None and fits is not None and rest.is_shaken:
             places = places**self._relative_pose.shaken

@@ -25,7 +25,9 @@ from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.step_places import StepPlaces, StepPlacesConfig, moved_parts
 from asdfviz.methods.timing import StageTimer
+from asdfviz.methods.tolerances import TRACKED_PLACES
 from asdfviz.methods.tracking import Following, PartTrackerConfig
+from asdfviz.state.base_turns import BaseTurns
 from asdfviz.track.tracker import Tracker
 
 
@@ -69,6 +71,7 @@ class Gbot:
         self._following: Following | None = None
         self._initial: FramePrediction | None = None
         self._places: StepPlaces | None = None
+        self._turns: BaseTurns | None = None
         self._step = 0
         self._later: dict[int, int] = {}
         """Frames for which the parts of a later step have been in place."""
@@ -87,6 +90,7 @@ class Gbot:
         self._assembly = assembly
         within = self._config.joins_within
         self._places = StepPlaces(assembly, within, config=self._config.places)
+        self._turns = BaseTurns(assembly, config=TRACKED_PLACES)
         self._step = 0
         self._later.clear()
         self._moved = frozenset()
@@ -105,6 +109,7 @@ class Gbot:
                 following.start(frame, self._initial)
                 self._initial = None
                 self.rejoin(tracker, assembly)
+            self._turn_base(frame, following, assembly)
             reached = self._reached(following, assembly)
             if reached != self._step:
                 self._step = reached
@@ -135,6 +140,23 @@ class Gbot:
         """Link the parts as the present step has them, once more after parts were added."""
         if assembly.base in tracker.names:
             tracker.hold(assembly.steps[self._step], base=assembly.base)
+
+    def _turn_base(self, frame: Frame, following: Following, assembly: Assembly) -> None:
+        """Turn a base that looks the same turned as the parts that are tracked tell it."""
+        tracker, base = following.tracker, assembly.base
+        tracked = {
+            name: PoseEstimate(name, T, 1.0, "tracked")
+            for name, T in tracker.poses.items()
+            if name not in following.lost
+        }
+        if self._turns is None or base not in tracked:
+            return
+        T_camera_base = self._turns.told(tracked)[base].T_camera_part
+        if not np.allclose(T_camera_base, tracked[base].T_camera_part):
+            tracker.release()  # or what hangs on it would turn with it
+            tracker.replace(frame, {base: T_camera_base})
+            following.placed([base])
+            self.rejoin(tracker, assembly)
 
     def _reached(self, following: Following, assembly: Assembly) -> int:
         """The step that is reached now: the present one, the next, or a later one."""

@@ -22,6 +22,7 @@ from asdfviz.datatypes import (
 )
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.methods.first_pose import CropPoses, LooksAtParts, crop_poses
 from asdfviz.methods.gbot import Gbot
 from asdfviz.methods.gbot_reinit_config import GbotReinitConfig
@@ -131,6 +132,7 @@ class GbotReinit(Gbot):
             self._finder.keep(found)
         with timed("pnp" if self._crop_poses is None else "crops"):
             starts = self._starts(found, frame, assembly)
+            starts = _as_tracked(starts, tracker.poses.get(assembly.base), assembly)
         with timed("track"):
             if options.verified:
                 starts = self._named_by_tracks(starts, tracker)
@@ -245,6 +247,17 @@ class GbotReinit(Gbot):
     def _near(self, T_tracked: Transform, T_seen: Transform, part: Part) -> bool:
         off = deviation(T_seen, T_tracked, center_part=part.middle, symmetries=part.symmetries)
         return off.within(self._options.keep_near, self._options.keep_angle_deg)
+
+
+def _as_tracked(
+    starts: Mapping[str, list[Transform]], T_camera_base: Transform | None, assembly: Assembly
+) -> dict[str, list[Transform]]:
+    """The poses, those of a base that looks the same turned as it is tracked: on that the others hang."""
+    base = assembly.base
+    if T_camera_base is None or base not in starts:
+        return dict(starts)
+    symmetries = assembly.parts[base].symmetries
+    return {**starts, base: [nearest_symmetric(T, T_camera_base, symmetries) for T in starts[base]]}
 
 
 SPEC = MethodSpec(

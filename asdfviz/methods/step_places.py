@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from operator import attrgetter
 
 import numpy as np
@@ -26,6 +27,8 @@ from asdfviz.track.tracker import Tracker
 
 SAME = 1e-3
 """Less off than this share of what counts as in place, a place is one that a joint reaches."""
+TURN = np.pi / 6
+"""Turns by this are tried of a base that may be turned freely, radians."""
 
 
 @dataclass(frozen=True)
@@ -102,14 +105,15 @@ class StepPlaces:
         self, frame: Frame, tracker: Tracker, name: str, T_camera_base: Transform, done: int
     ) -> Trial | None:
         """How a part fits in the place of a coming step, if it does."""
-        for state in self._coming(name, done):
+        alike = self._alike(T_camera_base, done)
+        for state, T_equal in product(self._coming(name, done), alike):
             places = [Ts[0] for Ts in self._joints.possible([name], state)]
-            starts = [T_camera_base @ T for T in places]
+            starts = [T_equal @ T for T in places]
             now, *tries = tracker.trials(frame, name, [tracker.poses[name], *starts])
             best = max(tries, key=attrgetter("score"))
             is_sure = best.confidence >= tracker.config.confidence.lost_below
             is_better = best.score > now.score + self._config.margin
-            T_base_part = inverse(T_camera_base) @ best.T_camera_part
+            T_base_part = inverse(T_equal) @ best.T_camera_part
             if is_sure and is_better and self.is_in_place(name, T_base_part, state):
                 return best
         return None
@@ -131,6 +135,13 @@ class StepPlaces:
         if best is None or best.score <= elsewhere:
             return None
         return best if best.confidence >= tracker.config.confidence.lost_below else None
+
+    def _alike(self, T_camera_base: Transform, done: int) -> list[Transform]:
+        """Where the base may be by its looks: until something is joined, in any pose that looks the same."""
+        symmetries = self._assembly.parts[self._assembly.base].symmetries
+        if not symmetries.is_symmetric or len(self._assembly.steps[done].attached) > 1:
+            return [T_camera_base]
+        return [T_camera_base @ S for S in symmetries.transforms(step=TURN)]
 
     def _coming(self, name: str, done: int) -> Iterator[State]:
         """The steps after this one that have a part in a place that no earlier one has."""

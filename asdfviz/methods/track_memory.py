@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_angle
@@ -76,6 +76,12 @@ class Track:
         self.T_before = self.T_now if goes_on else None
         self.T_now, self.age = T_found, self.age + 1
         self.unsure = self.missing = 0
+
+
+def with_turned_axes(track: Track, T_part_turned: Transform) -> Track:
+    """The same of a part whose axes are others that look the same: T_part_turned are these, seen from it."""
+    before = None if track.T_before is None else track.T_before @ T_part_turned
+    return replace(track, T_now=track.T_now @ T_part_turned, T_before=before, rival=None)
 
 
 def surely_placed(tracks: Mapping[str, Track]) -> tuple[str, ...]:

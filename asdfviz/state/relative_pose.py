@@ -33,14 +33,14 @@ by what is left outside their freedom. Missing parts speak neither for nor again
 of one mesh) it does not show which one is missing: under every state those that were found are the ones
 as which they fit it best. Parts are taken as
 independent given the state; the power `1 / temperature` makes up for small errors of the base pose,
-which they share.
+which they share. Of a base that looks the same turned, its pose is to be the one that the parts tell
+(`asdfviz.state.base_turns`).
 
 The paper compares relative poses with the known ones and gives no formula; this one is ours.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -48,14 +48,14 @@ from typing import Any
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Joint, PoseEstimate
+from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.half_done import ways_half_done
 from asdfviz.state.joints import deviation
-from asdfviz.state.twins import twin_groups
+from asdfviz.state.twin_places import Place, twin_places
 
 
 @dataclass(frozen=True)
@@ -133,13 +133,6 @@ _LEAST = 1e-9
 """No base pose is surer than this, none more doubtful, and so many poses at least are plainly wrong."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Place:
-    T_base_part: Transform
-    joint: Joint | None
-    states: tuple[int, ...]
-
-
 def relative_pose_probabilities(
     poses: Mapping[str, PoseEstimate], assembly: Assembly, *, config: RelativePoseConfig
 ) -> Scores | None:
@@ -149,6 +142,25 @@ def relative_pose_probabilities(
         None where the base part was not found, or no other part that any state joins; an assembly's
         only state needs no other part.
     """
+    told = joined_or_not(poses, assembly, config=config)
+    if told is None:
+        return None
+    joined, alone = told
+    there = config.in_place.probability(poses[assembly.base].score)
+    there = min(max(there, _LEAST), 1.0 - _LEAST)
+    log_likelihood = np.logaddexp(math.log(there) + joined, math.log(1.0 - there) + alone)
+    odds = np.exp((log_likelihood - log_likelihood.max()) / config.temperature)
+    return odds / odds.sum()
+
+
+def joined_or_not(
+    poses: Mapping[str, PoseEstimate], assembly: Assembly, *, config: RelativePoseConfig
+) -> tuple[Scores, float] | None:
+    """Log-likelihood of every state if the base is in its place, and as if nothing were joined.
+
+    Returns:
+        None where the base part was not found, or no other part that any state joins.
+    """
     base = poses.get(assembly.base)
     if base is None:
         return None
@@ -156,7 +168,7 @@ def relative_pose_probabilities(
         return np.ones(1)
     T_base_camera = inverse(base.T_camera_part)
     logs, alone = dict[str, Scores](), 0.0
-    for places in _twin_places(assembly):
+    for places in twin_places(assembly):
         found = {
             name: (T_base_camera @ poses[name].T_camera_part, poses[name].score)
             for name in places
@@ -166,18 +178,12 @@ def relative_pose_probabilities(
             told, apart = _told(found, places, assembly, score_base=base.score, config=config)
             logs |= told
             alone += apart
-    if not logs:
-        return None
-    joined = _also_half_done(logs, assembly, share=config.half_done)
-    there = min(max(config.in_place.probability(base.score), _LEAST), 1.0 - _LEAST)
-    log_likelihood = np.logaddexp(math.log(there) + joined, math.log(1.0 - there) + alone)
-    odds = np.exp((log_likelihood - log_likelihood.max()) / config.temperature)
-    return odds / odds.sum()
+    return (_also_half_done(logs, assembly, share=config.half_done), alone) if logs else None
 
 
 def _told(
     found: Mapping[str, tuple[Transform, float]],
-    places: Mapping[str, tuple[_Place, ...]],
+    places: Mapping[str, tuple[Place, ...]],
     assembly: Assembly,
     *,
     score_base: float,
@@ -225,37 +231,10 @@ def _also_half_done(logs: Mapping[str, Scores], assembly: Assembly, *, share: fl
     return result
 
 
-@functools.lru_cache(maxsize=8)
-def _twin_places(assembly: Assembly) -> tuple[dict[str, tuple[_Place, ...]], ...]:
-    """The places of all twins of each part that some state joins; the same in every frame."""
-    groups = (
-        {name: _places(assembly, name) for name in names if name != assembly.base}
-        for names in twin_groups(assembly)
-    )
-    return tuple(places for places in groups if any(places.values()))
-
-
-def _places(assembly: Assembly, part: str) -> tuple[_Place, ...]:
-    """The different places of a part over all states, each with the states that share it."""
-    found: dict[tuple[bytes, int], list[int]] = {}
-    for state in assembly.states:
-        if part in state.T_base_part:
-            key = (state.T_base_part[part].tobytes(), id(state.joints.get(part)))
-            found.setdefault(key, []).append(state.index)
-    return tuple(
-        _Place(
-            assembly.states[indices[0]].T_base_part[part],
-            assembly.states[indices[0]].joints.get(part),
-            tuple(indices),
-        )
-        for indices in found.values()
-    )
-
-
 def _fits(
     T_base_part: Transform,
     name: str,
-    places: tuple[_Place, ...],
+    places: tuple[Place, ...],
     assembly: Assembly,
     *,
     doubt: float,

@@ -8,8 +8,11 @@ import pytest
 
 from asdfviz.datatypes import FramePrediction
 from asdfviz.errors import MethodError, WeightsError
+from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.asdf_plus import AsdfPlus
+from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import NetworkConfig
 from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig
@@ -158,3 +161,31 @@ def test_a_step_needs_a_reset(toy) -> None:
     for method in (Asdf(AsdfConfig()), Yolov8Pose(Yolov8PoseConfig())):
         with pytest.raises(MethodError, match="reset"):
             method.step(toy.frame(0))
+
+
+HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+@pytest.mark.usefixtures("small_models")
+@pytest.mark.parametrize("make", [(Asdf, AsdfConfig), (AsdfPlus, AsdfPlusConfig)])
+def test_a_base_that_is_found_turned_and_looks_the_same_hides_no_state(
+    make: tuple[type, type], toy, detector
+) -> None:
+    """The boxes of the state say nothing here: relative poses, and what is drawn, have to."""
+    kind, config = make
+    base = dataclasses.replace(
+        toy.assembly.parts["base"], symmetries=Symmetries(discrete=(HALF_TURN,))
+    )
+    assembly = dataclasses.replace(toy.assembly, parts={**toy.assembly.parts, "base": base})
+    method = kind(config(), detector=detector)
+    method.reset(assembly, toy.frame(0).camera, None)
+    poses = toy.poses(joined=True)
+    seen = {**poses, "base": poses["base"] @ HALF_TURN}
+    said = []
+    for index in range(10):
+        names = seen if index < 9 else ("base",)
+        detector.answers[index] = tuple(toy.detection(n, seen[n]) for n in names)
+        said.append(method.step(toy.frame(index, poses)))
+    assert [p.state.index for p in said[4:]] == [1] * 6
+    # And the block that no box shows in the end is not put on the other side.
+    assert error_mm(said[-1], "block", poses["block"]) < 8

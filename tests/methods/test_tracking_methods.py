@@ -24,6 +24,7 @@ from asdfviz.datatypes import (
 )
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import inverse, rotation_about, rotation_angle, transform_from
 from asdfviz.methods import tracking
 from asdfviz.methods.asdf_track import AsdfTrack
@@ -411,6 +412,52 @@ def test_gbot_takes_a_step_that_moves_a_joined_part_once_it_is_seen_there(
     assert [p.state.index for p in told if p.state is not None] == [1] * FRAMES
 
 
+HALF_TURN = np.diag([-1.0, -1.0, 1.0, 1.0])
+
+
+def looks_the_same_turned(scene: Scene, toy) -> Scene:
+    """The scene with a base that has no knob and looks the same after half a turn."""
+    base = replace(
+        scene.assembly.parts["base"],
+        mesh=toy.assembly.parts["base"].mesh,
+        symmetries=Symmetries(discrete=(HALF_TURN,)),
+    )
+    assembly = replace(scene.assembly, parts={**scene.assembly.parts, "base": base})
+    frames = [scene.draw(assembly, T, i) for i, T in enumerate(scene.truth)]
+    return replace(scene, assembly=assembly, frames=frames)
+
+
+def test_gbot_joins_a_part_to_a_base_that_is_tracked_turned_and_looks_the_same(
+    scene: Scene, toy
+) -> None:
+    scene = looks_the_same_turned(scene, toy)
+    start = scene.initial("base", "block")
+    turned_base = replace(start.poses["base"], T_camera_part=scene.truth[0]["base"] @ HALF_TURN)
+    start = replace(start, poses={**start.poses, "base": turned_base})
+    said = play(Gbot(GbotConfig(tracker=FINE)), scene, start)
+    states = [p.state.index for p in said if p.state is not None]
+    assert states[0] == 0
+    assert states[ARRIVED + 1 :] == [1] * (FRAMES - ARRIVED - 1)
+    assert scene.off_mm(said[-1], "block") < 4
+
+
+def test_reinit_leaves_a_base_that_looks_the_same_turned_as_it_is_tracked(
+    scene: Scene, toy, detector
+) -> None:
+    scene = looks_the_same_turned(scene, toy)
+    config = StillConfig(published=True, every=1, faithful=True)
+    T_base, T_block = scene.truth[-1]["base"], scene.truth[-1]["block"]
+    for i in range(2):
+        detector.answers[i] = (toy.detection("base", T_base @ HALF_TURN),)
+    frames = [scene.draw(scene.assembly, scene.truth[-1], i) for i in range(2)]
+    start = {n: PoseEstimate(n, T, 1.0, "truth") for n, T in scene.truth[-1].items()}
+    method = GbotReinit(config, detector=detector)
+    said = play(method, replace(scene, frames=frames), FramePrediction(0, start, None))
+    for p in said:
+        np.testing.assert_allclose(p.poses["base"].T_camera_part, T_base, atol=3e-3)
+        np.testing.assert_allclose(p.poses["block"].T_camera_part, T_block, atol=3e-3)
+
+
 def test_gbot_has_its_own_bounds_for_joining_unless_published() -> None:
     assert GbotConfig(published=True).joins_within == (0.04, 20.0)
     assert GbotConfig().joins_within == (0.03, 45.0)
@@ -518,6 +565,29 @@ def test_asdf_track_is_nearer_than_its_detector_and_joins(scene: Scene, toy, det
     assert states[0] == 0
     assert states[-1] == 1
     assert set(said[0].runtime) >= {"detect", "refind", "track", "fuse"}
+
+
+def test_asdf_track_joins_to_a_base_that_is_found_turned_and_looks_the_same(
+    scene: Scene, toy, detector
+) -> None:
+    scene = looks_the_same_turned(scene, toy)
+    for i, truth in enumerate(scene.truth):
+        seen = {**truth, "base": truth["base"] @ HALF_TURN}
+        detector.answers[i] = tuple(toy.detection(n, T, seed=i) for n, T in seen.items())
+    scene.frames.extend(scene.draw(scene.assembly, scene.truth[-1], i) for i in range(12, 16))
+    detector.answers |= dict.fromkeys(range(12, 16), detector.answers[FRAMES - 1])
+    said = play(AsdfTrack(AsdfTrackConfig(), detector=detector), scene, None)
+    assert said[-1].state is not None
+    assert said[-1].state.index == 1
+    assert said[-1].poses["block"].stage == "group"
+    T_base_block = (
+        inverse(said[-1].poses["base"].T_camera_part) @ said[-1].poses["block"].T_camera_part
+    )
+    np.testing.assert_allclose(
+        T_base_block, scene.assembly.states[1].T_base_part["block"], atol=1e-3
+    )
+    T = scene.truth[-1]["block"]
+    assert np.linalg.norm((said[-1].poses["block"].T_camera_part - T)[:3, 3]) < 0.004
 
 
 def test_asdf_track_finds_parts_again(scene: Scene, toy, detector) -> None:
