@@ -131,8 +131,9 @@ def open_step(connection: sqlite3.Connection, author: str, group: str | None) ->
     """The step that a drag goes on with: the author's last one, if it is of the same group."""
     if group is None:
         return None
+    # The plus keeps SQLite from the index by author, through which it would sort all that they did.
     found = connection.execute(
-        "SELECT kind, drag, step FROM edits WHERE author = ? ORDER BY id DESC LIMIT 1", (author,)
+        "SELECT kind, drag, step FROM edits WHERE +author = ? ORDER BY id DESC LIMIT 1", (author,)
     ).fetchone()
     if found is None or found[0] in ("undo", "redo") or found[1] != group:
         return None

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from asdfviz.annotate.edit_file import open_step
 from asdfviz.annotate.records import Seed, StateLabel
 from asdfviz.annotate.steps import group_of
 from asdfviz.annotate.store import AnnotationStore
@@ -90,6 +91,21 @@ def test_every_edit_is_a_row_with_author_and_time(store: AnnotationStore) -> Non
     ]
     times = [datetime.fromisoformat(row[3]) for row in found]
     assert before <= times[0] <= times[1] <= times[2] <= datetime.now(UTC)
+
+
+def test_going_on_with_a_step_reads_no_more_after_many_edits(store: AnnotationStore) -> None:
+    def turns_of_loops() -> int:
+        turns: list[None] = []
+        with store.transaction() as connection:
+            connection.set_progress_handler(lambda: turns.append(None), 1)
+            open_step(connection, store.author, "drag")
+            connection.set_progress_handler(None, 1)
+        return len(turns)
+
+    store.set_pose(0, "lid", pose(0))
+    few = turns_of_loops()
+    store.set_frames({frame: {"lid": pose(0)} for frame in range(500)}, provenance="tracked")
+    assert turns_of_loops() == few
 
 
 def test_undo_and_redo(store: AnnotationStore) -> None:
