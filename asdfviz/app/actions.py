@@ -202,7 +202,7 @@ class CopyPrevious:
 
 @dataclass(frozen=True, slots=True)
 class RevertPart:
-    """Drop the selected part's correction in this frame."""
+    """Drop the selected part's corrections in the frame or the marked range."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -142,13 +142,16 @@ def _move(action: act.Nudge | act.Turn, desk: Desk) -> Done:
 
 
 def _revert(desk: Desk) -> Done:
-    """Let the base speak again, as before the correction."""
-    store = desk.workspace.store
-    if store.pose(desk.frame, desk.part) is None:
-        raise AnnotationError(f"{desk.part} was not corrected in frame {desk.frame}")
-    store.drop_pose(desk.frame, desk.part, group=desk.group)
-    said = f"dropped the correction of {desk.part} in frame {desk.frame}"
-    return Done(said, desk.view.place)
+    """Let the base speak again, as before the corrections: in the frame shown or the marked range."""
+    store, said = desk.workspace.store, desk.workspace.said()
+    first, last = desk.view.frames
+    frames = [f for f in desk.workspace.indices[first : last + 1] if (f, desk.part) in said]
+    if not frames:
+        raise AnnotationError(f"{desk.part} was not corrected in {desk.where}")
+    with store.transaction():
+        for frame in frames:
+            store.drop_pose(frame, desk.part, group=desk.group)
+    return Done(f"dropped the correction of {desk.part} in {desk.where}", desk.view.place)
 
 
 def _switch(action: act.Undo | act.Redo, desk: Desk) -> Done:

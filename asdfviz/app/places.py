@@ -12,6 +12,7 @@ _STATEMENTS = (
     | act.RepeatState
     | act.ClearState
     | act.RemovePart
+    | act.RevertPart
     | act.VerifyPart
     | act.PlaceJoined
 )

@@ -199,6 +199,10 @@ def test_verdicts_are_shown_and_offered(with_run: Workspace) -> None:
     assert ">Clear<" in html
     html = annotate.content(snapshot(with_run, place=1, selected="jaw", marked=(1, 2)))
     assert ">Not in these frames<" in html
+    html = annotate.content(snapshot(with_run, place=3, selected="jaw", marked=(2, 3)))
+    assert "Back to what it started from in these frames" in html
+    html = annotate.content(snapshot(with_run, place=3, selected="jaw", marked=(3, 4)))
+    assert "Drop correction" not in html
 
 
 def test_a_pose_where_there_was_none_is_placed_and_no_correction(with_run: Workspace) -> None:

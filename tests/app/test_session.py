@@ -204,7 +204,8 @@ def test_going_to_a_part_shows_the_truth_beside_it() -> None:
 
 def test_a_statement_uses_its_range_up() -> None:
     view = View(place=4, marked=(3, 5))
-    for action in (act.SetState(1), act.ClearState(), act.VerifyPart(), act.RemovePart()):
+    verdicts = (act.VerifyPart(), act.RemovePart(), act.RevertPart())
+    for action in (act.SetState(1), act.ClearState(), *verdicts):
         assert edited(view, action, 4, FACTS).marked is None
     assert edited(view, act.Nudge(0, 1), 4, FACTS).marked == (3, 5)
 

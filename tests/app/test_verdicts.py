@@ -36,6 +36,21 @@ def test_a_part_is_taken_out_of_a_range_in_one_step(with_run: Workspace, do: Do)
     assert all(has_jaw(with_run))
 
 
+def test_what_was_said_is_dropped_along_a_range_in_one_step(with_run: Workspace, do: Do) -> None:
+    do(act.RemovePart(), RANGE)
+    do(act.RemovePart(), View(place=6, base="first", selected="jaw"), now=1.0)
+    with_run.store.remove_pose(103, "base")
+    done = do(act.RevertPart(), RANGE, now=2.0)
+    assert done.message == "dropped the correction of jaw in frames 102 to 104"
+    assert has_jaw(with_run) == [place != 6 for place in range(8)]
+    assert "base" not in with_run.poses(3, TRUTH)
+    with pytest.raises(AnnotationError, match="jaw was not corrected in frames 102 to 104"):
+        do(act.RevertPart(), RANGE, now=3.0)
+    said = do(act.Undo(), RANGE).message
+    assert said == "undid: drop of the correction of jaw in 3 frames"
+    assert has_jaw(with_run) == [place not in (2, 3, 4, 6) for place in range(8)]
+
+
 def test_what_is_joined_goes_along_if_it_is_to(with_run: Workspace, do: Do) -> None:
     together = View(place=3, base="first", selected="jaw", together=True)  # base and jaw
     assert (
@@ -70,7 +85,7 @@ def test_verifying_a_range_passes_over_frames_without_the_part(with_run: Workspa
         do(act.VerifyPart(), View(place=0, base="first", selected="jaw"))
 
 
-@pytest.mark.parametrize("action", [act.RemovePart(), act.VerifyPart()])
+@pytest.mark.parametrize("action", [act.RemovePart(), act.VerifyPart(), act.RevertPart()])
 def test_a_verdict_needs_a_part(do: Do, action: Edits) -> None:
     with pytest.raises(AnnotationError, match="no part is selected"):
         do(action, View(base="first"))

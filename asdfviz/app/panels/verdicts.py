@@ -29,7 +29,7 @@ def content(snap: Snapshot, name: str) -> str:
     revert = button(
         "Drop correction",
         act("RevertPart"),
-        title="Back to what it started from",
+        title=f"Back to what it started from in {here}",
         key="Shift ⌫",
         testid="revert",
     )
@@ -37,9 +37,18 @@ def content(snap: Snapshot, name: str) -> str:
     row = (
         (verify if shown else "")
         + (remove if shown or said is None or snap.view.range_here else "")
-        + (revert if said is not None else "")
+        + (revert if said is not None or _is_said_along(snap, name) else "")
     )
     return f'<div class="ax-row">{row}</div>'
+
+
+def _is_said_along(snap: Snapshot, name: str) -> bool:
+    """Whether anything was said of the part in the marked range."""
+    if snap.view.range_here is None:
+        return False
+    first, last = snap.view.range_here
+    said = snap.workspace.said()
+    return any((index, name) in said for index in snap.workspace.indices[first : last + 1])
 
 
 def clear_label(snap: Snapshot) -> str:
