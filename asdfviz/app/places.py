@@ -35,6 +35,9 @@ def edited(
         view = replace(view, marking=None, served=True)
     elif isinstance(action, _STATEMENTS):
         view = replace(view, marked=None, marking=None)
+    if place != view.place:
+        # Undo led there and nobody went: frames between were never meant for a range begun before.
+        view = replace(view, marking=None)
     return at(view if state is None else replace(view, state=state), place, facts)
 
 

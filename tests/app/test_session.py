@@ -210,6 +210,17 @@ def test_a_statement_uses_its_range_up() -> None:
     assert edited(view, act.Nudge(0, 1), 4, FACTS).marked == (3, 5)
 
 
+@pytest.mark.parametrize("place", [0, 4, 7])
+def test_undo_that_leads_elsewhere_leaves_a_range_as_it_was_marked(place: int) -> None:
+    view = after(View(place=3), act.MarkRange(), act.Step(1), act.Step(1))
+    for action in (act.Undo(), act.Redo()):
+        led = edited(view, action, place, FACTS)
+        assert (led.place, led.marked) == (place, (3, 5))
+        assert after(led, act.Step(1)).marked == (3, 5)
+    # What is undone in the frame shown leads nowhere.
+    assert after(edited(view, act.Undo(), 5, FACTS), act.Step(1)).marked == (3, 6)
+
+
 def test_keys_that_go_through_states_serve_one_range() -> None:
     view = edited(View(place=4, marked=(3, 5)), act.NextState(1), 4, FACTS, state=1)
     view = edited(view, act.NextState(1), 4, FACTS, state=2)
