@@ -1,4 +1,4 @@
-"""Edits of poses, as pure functions: what a key, a gizmo or "copy" makes of a part's pose.
+"""Edits of poses, as pure functions: what a key or a gizmo makes of a part's pose.
 
 Directions are those of the picture, which are the camera's axes: right x, down y, into it z. The
 store keeps what comes out of here.
@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from asdfviz.datatypes import FrameTruth
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import (
@@ -54,14 +53,6 @@ def pose_from_gizmo(T_camera_gizmo: Transform, centre_part: Vector) -> Transform
     T_gizmo_part = transform_from(np.eye(3), -centre_part)
     # A browser hands quaternions over in single precision.
     return orthonormalized(T_camera_gizmo) @ T_gizmo_part
-
-
-def previous_pose(
-    truth: Mapping[int, FrameTruth], frame: int, part: str
-) -> tuple[int, Transform] | None:
-    """Return the nearest frame before in which the part has a pose, and the pose, to be copied."""
-    before = [i for i, other in truth.items() if i < frame and part in other.T_camera_part]
-    return (max(before), truth[max(before)].T_camera_part[part]) if before else None
 
 
 def moved_group(

@@ -197,7 +197,7 @@ class CycleStep:
 
 @dataclass(frozen=True, slots=True)
 class CopyPrevious:
-    """Give the selected part its pose in the frame before."""
+    """Give the selected part its pose in the frame before, or in the next one that has it."""
 
 
 @dataclass(frozen=True, slots=True)

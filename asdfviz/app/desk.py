@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from asdfviz.annotate.edits import moved_group, previous_pose
+from asdfviz.annotate.edits import moved_group
 from asdfviz.app.actions import MovePart
 from asdfviz.app.history import range_in_words
 from asdfviz.app.items import ANNOTATION, Shown
-from asdfviz.app.truths import drawn_truth
+from asdfviz.app.lanes import Lane
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
@@ -95,11 +95,14 @@ class Desk:
 
     def pose(self) -> Transform:
         """Where the selected part is."""
-        found = self.workspace.poses(self.view.place, self.view.base).get(self.part)
+        return self._pose(self.view.place, self.view.base)
+
+    def _pose(self, place: int, base: str | None) -> Transform:
+        found = self.workspace.poses(place, base).get(self.part)
         if found is None:
             raise AnnotationError(
-                f"{self.part} has no pose in frame {self.frame}: "
-                "place it, or copy it from the frame before"
+                f"{self.part} has no pose in frame {self.workspace.indices[place]}: "
+                "place it, or copy it from another"
             )
         return found.T_camera_part
 
@@ -126,9 +129,18 @@ class Desk:
         said = f"{part}{along} {_DEEDS[provenance]} in frame {self.frame}"
         return Done(said, self.view.place)
 
-    def earlier(self) -> tuple[int, Transform] | None:
-        """The nearest frame before in which the selected part has a pose, and the pose."""
-        return previous_pose(drawn_truth(self.workspace, self.view.base), self.frame, self.part)
+    def lane(self) -> Lane:
+        """Where the selected part has a pose, as it is drawn."""
+        return self.workspace.lane(self.part, self._base)
+
+    def pose_at(self, place: int) -> Transform:
+        """Where it is at a place of its lane."""
+        return self._pose(place, self._base)
+
+    @property
+    def _base(self) -> str | None:
+        """What is drawn where nothing was corrected: what corrections started from, once they have."""
+        return self.workspace.base_of_seed() or self.view.base
 
     def centre(self) -> Vector:
         """What of the selected part stays in place when it turns, part frame."""

@@ -95,7 +95,7 @@ HOTKEYS: tuple[Hotkey, ...] = (
     *_moves(),
     Hotkey("Correct", "Step size: fine, normal, coarse", act.CycleStep(), "0"),
     Hotkey("Correct", "Gizmo: move, turn, off", act.CycleGizmo(), "G"),
-    Hotkey("Correct", "Copy the pose from the frame before", act.CopyPrevious(), "C"),
+    Hotkey("Correct", "Copy the pose from the frame before, else after", act.CopyPrevious(), "C"),
     Hotkey("Correct", "Place the part in the frame", act.PlacePart(), "enter", "shift"),
     Hotkey("Correct", "Place what the state joins", act.PlaceJoined(), "G", "shift"),
     Hotkey("Correct", "Drop the correction", act.RevertPart(), "backspace", "shift"),

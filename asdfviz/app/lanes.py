@@ -37,6 +37,11 @@ class Cell:
     is_gap: bool = False
     """Whether a pose is missing that nobody said is not there."""
 
+    @property
+    def is_posed(self) -> bool:
+        """Whether there is a pose."""
+        return self.kind not in ("none", "gone")
+
 
 @dataclass(frozen=True, slots=True)
 class Lane:
@@ -52,6 +57,11 @@ class Lane:
         """The next (1) or previous (-1) place at which a pose is missing."""
         ahead = range(place + 1, len(self.cells)) if direction > 0 else range(place - 1, -1, -1)
         return next((at for at in ahead if self.cells[at].is_gap), None)
+
+    def source(self, place: int) -> int | None:
+        """The place to copy a pose from: the nearest before that has one, else the nearest after."""
+        beside = (*range(place - 1, -1, -1), *range(place + 1, len(self.cells)))
+        return next((at for at in beside if self.cells[at].is_posed), None)
 
 
 def lane_of(

@@ -6,15 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from asdfviz.annotate.records import gone_of
 from asdfviz.app import actions as act
 from asdfviz.app import by_state
 from asdfviz.app.ar import look_direction
 from asdfviz.app.desk import Desk, Done
-from asdfviz.app.truths import drawn_poses
+from asdfviz.app.history import NAMED
 from asdfviz.app.view import centre_of
-from asdfviz.errors import AnnotationError, counted
-from asdfviz.geometry.shapes import Depth, Intrinsics, Rotation, Transform
+from asdfviz.errors import AnnotationError, counted, some
+from asdfviz.geometry.shapes import Depth, Intrinsics, Rotation
 from asdfviz.geometry.transforms import transform_from
 
 FALLBACK_DEPTH = 0.5
@@ -40,35 +39,42 @@ def _copy(desk: Desk) -> Done:
     """In a marked range, into every frame without a pose: a part that lies still, or is hidden."""
     if desk.view.range_here is not None:
         return _copy_along(desk)
-    before = desk.earlier()
-    if before is None:
-        raise AnnotationError(
-            f"{desk.part} has no pose in any of the frames before {desk.frame}: place it"
-        )
-    frame, T_camera_part = before
-    done = desk.keep(T_camera_part, "copied")
-    return replace(done, message=f"{desk.part} copied from frame {frame}")
+    at = desk.lane().source(desk.view.place)
+    if at is None:
+        raise _nowhere(desk)
+    done = desk.keep(desk.pose_at(at), "copied")
+    later = ", as it has no pose in any before" if at > desk.view.place else ""
+    said = f"{desk.part} copied from frame {desk.workspace.indices[at]}{later}"
+    return replace(done, message=said)
 
 
 def _copy_along(desk: Desk) -> Done:
-    gone = gone_of(desk.workspace.said())
-    first, last = desk.span
-    T_last: Transform | None = None
-    found: dict[int, dict[str, Transform]] = {}
-    for frame, poses in drawn_poses(desk.workspace, desk.view.base).items():
-        if desk.part in poses and frame <= last:
-            T_last = poses[desk.part]
-        elif first <= frame <= last and T_last is not None and (frame, desk.part) not in gone:
-            found[frame] = {desk.part: T_last}
-    if not found:
-        raise AnnotationError(
-            f"in {desk.where} no frame lacks a pose of {desk.part} after one with it"
-        )
+    lane, indices = desk.lane(), desk.workspace.indices
+    first, last = desk.view.frames
+    source = lane.source(first)
+    filled: dict[int, list[int]] = {}
+    for place in range(first, last + 1):
+        if lane.cells[place].is_posed:
+            source = place
+        elif lane.cells[place].is_gap and source is not None:
+            filled.setdefault(source, []).append(indices[place])
+    if source is None:
+        raise _nowhere(desk)
+    if not filled:
+        raise AnnotationError(f"in {desk.where} no frame lacks a pose of {desk.part}")
+    Ts = {source: desk.pose_at(source) for source in filled}
+    found = {f: {desk.part: Ts[source]} for source, frames in filled.items() for f in frames}
     with desk.workspace.store.transaction():
         desk.begin()
         desk.workspace.store.set_frames(found, provenance="copied", group=desk.group)
     count = counted(len(found), "frame")
-    return Done(f"{desk.part} copied into {count} of {desk.where}", desk.view.place)
+    named = some((indices[source] for source in filled), most=NAMED)
+    sources = f"frame{'s' if len(filled) > 1 else ''} {named}"
+    return Done(f"{desk.part} copied into {count} of {desk.where}, from {sources}", desk.view.place)
+
+
+def _nowhere(desk: Desk) -> AnnotationError:
+    return AnnotationError(f"{desk.part} has no pose in any other frame to copy: place it")
 
 
 def _place(action: act.PlacePart, desk: Desk) -> Done:
@@ -137,9 +143,9 @@ def _depth_near(depth: Depth | None, pixel: tuple[float, float]) -> float | None
 
 
 def _last_rotation(desk: Desk) -> Rotation:
-    """The rotation in this frame or the nearest before that has the part; upright CAD axes otherwise."""
+    """The rotation in this frame, else in one before or after; upright CAD axes if none has the part."""
     now = desk.workspace.poses(desk.view.place, desk.view.base).get(desk.part)
     if now is not None:
         return now.T_camera_part[:3, :3]
-    before = desk.earlier()
-    return np.diag([1.0, -1.0, -1.0]) if before is None else before[1][:3, :3]
+    at = desk.lane().source(desk.view.place)
+    return np.diag([1.0, -1.0, -1.0]) if at is None else desk.pose_at(at)[:3, :3]

@@ -10,10 +10,9 @@ from asdfviz.annotate.edits import (
     moved_group,
     nudged,
     pose_from_gizmo,
-    previous_pose,
     rotated,
 )
-from asdfviz.datatypes import Assembly, FrameTruth
+from asdfviz.datatypes import Assembly
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.transforms import apply, inverse, is_rigid, rotation_about, transform_from
@@ -90,21 +89,6 @@ def test_a_gizmo_in_single_precision_makes_a_rigid_pose() -> None:
     T_camera_part = pose_from_gizmo(rough, CENTRE)
     assert is_rigid(T_camera_part, tolerance=1e-14)
     np.testing.assert_allclose(T_camera_part, pose(6), atol=1e-6)
-
-
-def test_copying_from_the_frame_before() -> None:
-    truth = {
-        2: FrameTruth(2, {"lid": pose(2)}, 0),
-        4: FrameTruth(4, {"lid": pose(4)}, 0),
-        6: FrameTruth(6, {"pin": pose(6)}, 0),
-        9: FrameTruth(9, {"lid": pose(9)}, 0),
-    }
-    found = previous_pose(truth, 8, "lid")
-    assert found is not None
-    assert found[0] == 4
-    np.testing.assert_array_equal(found[1], pose(4))
-    assert previous_pose(truth, 2, "lid") is None
-    assert previous_pose({}, 5, "lid") is None
 
 
 def test_a_joined_group_moves_as_one_body() -> None:

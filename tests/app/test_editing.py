@@ -172,7 +172,7 @@ def test_copying_takes_the_nearest_pose_before(with_run: Workspace, do: Do) -> N
 def test_copying_fills_a_range_but_keeps_what_is_there(with_run: Workspace, do: Do) -> None:
     store = with_run.store
     view = View(place=4, base=None, selected="jaw", marked=(2, 6))
-    with pytest.raises(AnnotationError, match="no frame lacks a pose of jaw after one with it"):
+    with pytest.raises(AnnotationError, match="jaw has no pose in any other frame to copy"):
         do(act.CopyPrevious(), view)
     first, other = jaw(with_run).copy(), jaw(with_run).copy()
     other[0, 3] += 0.03
@@ -180,11 +180,40 @@ def test_copying_fills_a_range_but_keeps_what_is_there(with_run: Workspace, do: 
     store.set_pose(104, "jaw", other)
     store.remove_pose(105, "jaw")
     done = do(act.CopyPrevious(), view, now=1.0)
-    assert done.message == "jaw copied into 3 frames of frames 102 to 106"
+    assert done.message == "jaw copied into 3 frames of frames 102 to 106, from frames 101, 104"
     assert np.array_equal(jaw(with_run, 2, base=None), first)
     assert np.array_equal(jaw(with_run, 3, base=None), first)
     assert np.array_equal(jaw(with_run, 6, base=None), other)
     assert "jaw" not in with_run.poses(5, None)
+
+    full = replace(view, place=2, marked=(2, 4))
+    with pytest.raises(AnnotationError, match="in frames 102 to 104 no frame lacks a pose of jaw"):
+        do(act.CopyPrevious(), full, now=2.0)
+
+
+def test_copying_goes_back_from_a_frame_after_where_none_before_has_a_pose(
+    with_run: Workspace, do: Do
+) -> None:
+    T = jaw(with_run).copy()
+    with_run.store.set_pose(105, "jaw", T)
+    view = View(place=4, base=None, selected="jaw")
+    done = do(act.CopyPrevious(), view)
+    assert done.message == "jaw copied from frame 105, as it has no pose in any before"
+    assert np.array_equal(jaw(with_run, 4, base=None), T)
+    with_run.store.remove_pose(102, "jaw")
+    done = do(act.CopyPrevious(), replace(view, place=1, marked=(0, 2)), now=1.0)
+    assert done.message == "jaw copied into 2 frames of frames 100 to 102, from frame 104"
+    assert np.array_equal(jaw(with_run, 0, base=None), T)
+    assert "jaw" not in with_run.poses(2, None)
+    assert do(act.Undo(), view).message == "undid: copied jaw in 2 frames"
+
+
+def test_a_part_is_placed_turned_as_in_a_frame_after(with_run: Workspace, do: Do) -> None:
+    T = jaw(with_run).copy()
+    T[:3, :3] = T[:3, :3] @ np.diag([-1.0, -1.0, 1.0])
+    with_run.store.set_pose(105, "jaw", T)
+    do(act.PlacePart(100.0, 300.0), View(place=4, base=None, selected="jaw"))
+    assert np.array_equal(jaw(with_run, 4, base=None)[:3, :3], T[:3, :3])
 
 
 def test_where_no_depth_is_it_says_how_far(with_run: Workspace, do: Do) -> None:
@@ -273,7 +302,11 @@ def test_a_click_beside_the_picture_places_nothing(
     [
         (act.Nudge(0, 1), View(base="first"), "no part is selected"),
         (act.Nudge(0, 1), View(base="first", selected="jaw"), "jaw has no pose in frame 100"),
-        (act.CopyPrevious(), View(base="first", selected="jaw"), "place it"),
+        (
+            act.CopyPrevious(),
+            View(selected="jaw"),
+            "jaw has no pose in any other frame to copy: place",
+        ),
         (act.RevertPart(), JAW, "was not corrected"),
         (act.SetState(99), JAW, "there is no state 99"),
         (act.Redo(), JAW, "nothing left to redo"),

@@ -39,6 +39,13 @@ def test_it_says_where_poses_are_from(with_run: Workspace) -> None:
     assert [place for place, cell in enumerate(alone) if cell.is_gap] == [0, 6, 7]
 
 
+def test_a_pose_is_copied_from_before_or_else_from_after(with_run: Workspace) -> None:
+    annotate(with_run)
+    lane = with_run.lane("jaw", None)
+    assert [lane.source(place) for place in range(8)] == [1, 2, 1, 2, 3, 4, 4, 4]
+    assert with_run.lane("base", None).source(3) is None
+
+
 def test_of_all_parts_it_says_how_many(with_run: Workspace) -> None:
     annotate(with_run)
     cells = with_run.lane(None, "first").cells

@@ -226,7 +226,7 @@ def _copy_button() -> str:
     return button(
         "Copy previous",
         act("CopyPrevious"),
-        title="Take the pose of the frame before; in a marked range, for all frames without one",
+        title="Take the pose of the frame before, or else of the next; in a marked range, for all frames without one",
         key="C",
         testid="copy",
     )
