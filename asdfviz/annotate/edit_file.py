@@ -31,6 +31,9 @@ Row: TypeAlias = tuple[EditKind, int | None, int | None, str | None, Mapping[str
 
 COLUMNS = "id, time, author, kind, step, frame, last_frame, part, payload, undone"
 POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify', 'drop_pose') AND undone = 0"
+SAID = f"""SELECT frame, part, kind, json_extract(payload, '$.provenance') FROM edits WHERE id IN
+(SELECT max(id) FROM edits WHERE {POSE_KINDS} GROUP BY frame, part)
+AND kind <> 'drop_pose' ORDER BY frame, part"""
 STATE_KIND = "kind = 'state' AND undone = 0"
 
 _SCHEMA = f"""

@@ -143,6 +143,16 @@ class AnnotationStore:
         payload = pose_payload(T_camera_part, provenance)
         return self._add([("verify", frame, frame, part, payload)], group)
 
+    def unverify(
+        self, frame: int, part: str, said: PoseAnnotation | None, *, group: str | None = None
+    ) -> int:
+        """Take back that a pose is right: what was `said` counts again, or what corrections started from."""
+        note = {"unverified": True}
+        if said is None or said.T_camera_part is None:
+            return self._add([("drop_pose", frame, frame, part, note)], group)
+        payload = {**pose_payload(said.T_camera_part, said.provenance), **note}
+        return self._add([("pose", frame, frame, part, payload)], group)
+
     def set_state(
         self,
         frame: int,
@@ -181,10 +191,7 @@ class AnnotationStore:
 
     def said(self) -> dict[tuple[int, str], tuple[EditKind, str]]:
         """By frame and part, the kind of what was last said and its provenance, without the poses."""
-        latest = f"SELECT max(id) FROM edits WHERE {edit_file.POSE_KINDS} GROUP BY frame, part"
-        columns = "frame, part, kind, json_extract(payload, '$.provenance')"
-        said = f"id IN ({latest}) AND kind <> 'drop_pose' ORDER BY frame, part"
-        rows = self._query(f"SELECT {columns} FROM edits WHERE {said}", ())
+        rows = self._query(edit_file.SAID, ())
         return {(frame, part): (kind, provenance) for frame, part, kind, provenance in rows}
 
     def state(self, frame: int) -> StateLabel | None:

@@ -212,7 +212,10 @@ class RemovePart:
 
 @dataclass(frozen=True, slots=True)
 class VerifyPart:
-    """Say that the selected part's pose in the frame or the marked range was looked at and is right."""
+    """Say that the selected part's pose in the frame or the marked range was looked at and is right.
+
+    Where that is said already it is taken back.
+    """
 
 
 @dataclass(frozen=True, slots=True)

@@ -129,18 +129,18 @@ class Desk:
         said = f"{part}{along} {_DEEDS[provenance]} in frame {self.frame}"
         return Done(said, self.view.place)
 
+    @property
+    def base(self) -> str | None:
+        """What is drawn where nothing was corrected: what corrections started from, once they have."""
+        return self.workspace.base_of_seed() or self.view.base
+
     def lane(self) -> Lane:
         """Where the selected part has a pose, as it is drawn."""
-        return self.workspace.lane(self.part, self._base)
+        return self.workspace.lane(self.part, self.base)
 
     def pose_at(self, place: int) -> Transform:
         """Where it is at a place of its lane."""
-        return self._pose(place, self._base)
-
-    @property
-    def _base(self) -> str | None:
-        """What is drawn where nothing was corrected: what corrections started from, once they have."""
-        return self.workspace.base_of_seed() or self.view.base
+        return self._pose(place, self.base)
 
     def centre(self) -> Vector:
         """What of the selected part stays in place when it turns, part frame."""

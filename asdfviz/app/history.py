@@ -30,6 +30,8 @@ def in_words(step: Sequence[Edit]) -> str:
         name = last.payload.get("name") or last.payload.get("state")
         return f"state label taken from {where}" if name is None else f"state {name} in {where}"
     who = parts_in_words(str(edit.part) for edit in told)
+    if last.payload.get("unverified"):
+        return f"unverified {who} in {where}"
     if last.kind == "pose" and (deed := _DERIVATIONS.get(last.payload["provenance"])):
         return f"{deed} of {who} in {where}"
     verb = _PLACED.get(str(last.payload.get("provenance"))) if last.kind == "pose" else None

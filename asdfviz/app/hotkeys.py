@@ -99,7 +99,7 @@ HOTKEYS: tuple[Hotkey, ...] = (
     Hotkey("Correct", "Place the part in the frame", act.PlacePart(), "enter", "shift"),
     Hotkey("Correct", "Place what the state joins", act.PlaceJoined(), "G", "shift"),
     Hotkey("Correct", "Drop the correction", act.RevertPart(), "backspace", "shift"),
-    Hotkey("Correct", "The pose is right: verified", act.VerifyPart(), "V"),
+    Hotkey("Correct", "The pose is right: verified; or no longer", act.VerifyPart(), "V"),
     Hotkey("Correct", "The part is not in the frame", act.RemovePart(), "delete"),
     Hotkey("Correct", "Fit the part to the picture", act.FitPart(), "F"),
     Hotkey("Correct", "Track the part from here on", act.TrackPart("forward"), "R"),

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator
 
+import numpy as np
+
 from asdfviz.annotate.records import gone_of
 from asdfviz.app import actions as act
 from asdfviz.app.desk import Desk, Done
@@ -42,7 +44,10 @@ def _remove(desk: Desk) -> Done:
 
 
 def _verify(desk: Desk) -> Done:
-    """Say that the selected part's poses are right, with those of what is joined if all go as one."""
+    """Say that the selected part's poses are right, with those of what is joined if all go as one.
+
+    Where all of them are said to be right already, that is taken back.
+    """
     store, said = desk.workspace.store, desk.workspace.said()
     seen = [(frame, name, shown) for frame, name, shown in _meant(desk) if shown is not None]
     if not any(name == desk.part for _, name, _ in seen):
@@ -51,7 +56,7 @@ def _verify(desk: Desk) -> Done:
         )
     fresh = [pose for pose in seen if said.get(pose[:2], ("", ""))[0] != "verify"]
     if not fresh:
-        raise AnnotationError(f"{desk.part} is verified in {desk.where} already")
+        return _unverify(desk, seen)
     with store.transaction():
         desk.begin()
         for frame, name, shown in fresh:
@@ -59,6 +64,23 @@ def _verify(desk: Desk) -> Done:
             _, provenance = said.get((frame, name), ("", seed.provenance))
             store.verify(frame, name, shown.T_camera_part, provenance=provenance, group=desk.group)
     return _done(desk, [pose[:2] for pose in fresh], "verified in")
+
+
+def _unverify(desk: Desk, seen: Collection[tuple[int, str, Shown]]) -> Done:
+    """Let the poses count as they did before somebody looked at them; they stay where they are."""
+    with desk.workspace.store.transaction():
+        for frame, name, shown in seen:
+            said = desk.workspace.store.pose(frame, name)
+            base = desk.workspace.base_poses(desk.workspace.place_of[frame], desk.base).get(name)
+            # Nobody had said anything where the run, or the truth, was verified as it is.
+            is_bare = (
+                said is not None
+                and base is not None
+                and said.provenance == desk.workspace.seed_of(base.source).provenance
+                and np.array_equal(shown.T_camera_part, base.T_camera_part)
+            )
+            desk.workspace.store.unverify(frame, name, None if is_bare else said, group=desk.group)
+    return _done(desk, [pose[:2] for pose in seen], "no longer verified in")
 
 
 def _meant(desk: Desk) -> Iterator[tuple[int, str, Shown | None]]:

@@ -197,8 +197,11 @@ def test_verdicts_are_shown_and_offered(with_run: Workspace) -> None:
     assert ">Verified<" not in html
     assert "Drop correction" in html
     assert ">Clear<" in html
-    html = annotate.content(snapshot(with_run, place=1, selected="jaw", marked=(1, 2)))
+    html = annotate.content(snapshot(with_run, place=1, selected="jaw", marked=(1, 3)))
     assert ">Not in these frames<" in html
+    assert "Its pose in these frames was looked at" in html
+    html = annotate.content(snapshot(with_run, place=1, selected="jaw", marked=(0, 1)))
+    assert "Take back that its pose in these frames was looked at" in html
     html = annotate.content(snapshot(with_run, place=3, selected="jaw", marked=(2, 3)))
     assert "Back to what it started from in these frames" in html
     html = annotate.content(snapshot(with_run, place=3, selected="jaw", marked=(3, 4)))

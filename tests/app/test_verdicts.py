@@ -69,13 +69,46 @@ def test_a_verified_pose_is_kept_as_it_came(with_run: Workspace, do: Do) -> None
     assert said.T_camera_part is not None
     assert np.array_equal(said.T_camera_part, before)
     assert (said.verified, said.provenance) == (True, "method:asdf")
-    with pytest.raises(AnnotationError, match="verified in frame 101 already"):
-        do(act.VerifyPart())
     do(act.Nudge(0, 1), now=1.0)  # moved since: nobody has looked at that
     do(act.VerifyPart(), now=2.0)
     said = with_run.store.pose(101, "jaw")
     assert said is not None
     assert (said.verified, said.provenance) == (True, "keys")
+
+
+def test_verifying_again_takes_it_back_and_keeps_the_pose(with_run: Workspace, do: Do) -> None:
+    store, said = with_run.store, with_run.said()
+    do(act.VerifyPart())
+    assert do(act.VerifyPart(), now=1.0).message == "jaw no longer verified in frame 101"
+    # The run speaks again: nobody answers for its guess.
+    assert with_run.said() == said == {}
+    assert do(act.Undo()).message == "undid: unverified jaw in frame 101"
+    assert with_run.said()[101, "jaw"] == ("verify", "method:asdf")
+    do(act.Nudge(0, 1), now=2.0)
+    moved = with_run.poses(1, "first")["jaw"].T_camera_part
+    do(act.VerifyPart(), now=3.0)
+    do(act.VerifyPart(), now=4.0)
+    assert with_run.said()[101, "jaw"] == ("pose", "keys")
+    assert np.array_equal(with_run.poses(1, "first")["jaw"].T_camera_part, moved)
+    assert store.undo()[0].payload["unverified"]
+
+
+def test_a_range_is_verified_and_no_longer_in_one_step_each(with_run: Workspace, do: Do) -> None:
+    together = View(place=3, base="first", selected="jaw", marked=(2, 4), together=True)
+    with_run.store.set_pose(102, "jaw", np.eye(4), provenance="tracked")
+    do(act.VerifyPart(), View(place=4, base="first", selected="jaw"))
+    assert do(act.VerifyPart(), RANGE, now=1.0).message == "jaw verified in frames 102 to 104"
+    verified = with_run.said()
+    assert [kind for kind, _ in verified.values()] == ["verify"] * 3
+    do(act.VerifyPart(), together, now=2.0)  # the base beside it was not: that is
+    said = with_run.said()
+    assert {key for key in said if key not in verified} == {(103, "base"), (104, "base")}
+    do(act.Undo(), RANGE)
+    done = do(act.VerifyPart(), RANGE, now=3.0)
+    assert done.message == "jaw no longer verified in frames 102 to 104"
+    assert with_run.said() == {(102, "jaw"): ("pose", "tracked")}
+    assert do(act.Undo(), RANGE).message == "undid: unverified jaw in 3 frames"
+    assert with_run.said() == verified
 
 
 def test_verifying_a_range_passes_over_frames_without_the_part(with_run: Workspace, do: Do) -> None:

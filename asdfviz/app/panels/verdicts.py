@@ -10,12 +10,16 @@ def content(snap: Snapshot, name: str) -> str:
     """What may be said of the selected part, as HTML."""
     said = snap.said.get(name)
     here = "these frames" if snap.view.range_here else "this frame"
+    first, last = snap.view.frames
+    posed = [cell for cell in snap.lane.cells[first : last + 1] if cell.is_posed]
+    is_verified = bool(posed) and all(cell.kind == "verified" for cell in posed)
+    back = "Take back that its" if is_verified else "Its"
     verify = button(
         "Verified",
         act("VerifyPart"),
-        title=f"Its pose in {here} was looked at and is right",
+        title=f"{back} pose in {here} was looked at and is right",
         key="V",
-        pressed=said is not None and said.verified,
+        pressed=is_verified,
         classes="ax-switch",
         testid="verify",
     )
