@@ -34,6 +34,10 @@ POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify', 'drop_pose') AND undone 
 SAID = f"""SELECT frame, part, kind, json_extract(payload, '$.provenance') FROM edits WHERE id IN
 (SELECT max(id) FROM edits WHERE {POSE_KINDS} GROUP BY frame, part)
 AND kind <> 'drop_pose' ORDER BY frame, part"""
+# From the newest on, since nearly every one is of a step that says something of poses or states.
+LAST_CORRECTION = """SELECT coalesce((SELECT id FROM edits AS e WHERE EXISTS (SELECT 1 FROM edits
+WHERE author = e.author AND step = e.step AND kind NOT IN ('seed', 'undo', 'redo'))
+ORDER BY id DESC LIMIT 1), 0)"""
 STATE_KIND = "kind = 'state' AND undone = 0"
 
 _SCHEMA = f"""

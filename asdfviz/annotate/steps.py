@@ -24,7 +24,9 @@ WHERE {_OWN} AND undone = 0 AND kind NOT IN ('undo', 'redo')"""
 _LAST_UNDONE_STEP = f"""SELECT step FROM edits AS u WHERE {_OWN} AND kind = 'undo' AND id >
 (SELECT coalesce(max(step), 0) FROM edits WHERE {_OWN} AND kind NOT IN ('undo', 'redo'))
 AND (SELECT undone FROM edits WHERE id = u.step) = 1 ORDER BY id DESC LIMIT 1"""
-_ALL_OF = f"SELECT {COLUMNS} FROM edits WHERE step = ? AND kind NOT IN ('undo', 'redo') ORDER BY id"
+# Named with their author, by whom steps are found without going through all edits.
+_OF_STEP = "author = ? AND step = ? AND kind NOT IN ('undo', 'redo')"
+_ALL_OF = f"SELECT {COLUMNS} FROM edits WHERE {_OF_STEP} ORDER BY id"
 _LATER = f"""SELECT {COLUMNS} FROM edits WHERE NOT ({_OWN}) AND id > ?3
 AND undone = 0 AND kind NOT IN ('undo', 'redo') ORDER BY id"""
 
@@ -63,7 +65,7 @@ def switch_step(
     step = None if found is None else found[0]
     if step is None:
         return ()
-    edits = _read(connection, _ALL_OF, (step,))
+    edits = _read(connection, _ALL_OF, (author, step))
     # The first edit's number: one that was added to the step later says nothing of its time.
     later = _read(connection, _LATER, (author, names, edits[0].id))
     _check_untouched(edits, later, author)
@@ -71,10 +73,9 @@ def switch_step(
         _hand_over_seed(connection, edits, later[0])
     insert_edit(connection, (kind, None, None, None, {}), author=author, step=step, group=group)
     connection.execute(
-        "UPDATE edits SET undone = ? WHERE step = ? AND kind NOT IN ('undo', 'redo')",
-        (int(kind == "undo"), step),
+        f"UPDATE edits SET undone = ? WHERE {_OF_STEP}", (int(kind == "undo"), author, step)
     )
-    return _read(connection, _ALL_OF, (step,))
+    return _read(connection, _ALL_OF, (author, step))
 
 
 def _read(
@@ -118,8 +119,8 @@ def _hand_over_seed(connection: sqlite3.Connection, step: Sequence[Edit], later:
     seeds = [edit for edit in step if edit.kind == "seed"]
     if not seeds or len(seeds) == len(step):
         return
-    said = "SELECT 1 FROM edits WHERE step = ? AND kind = 'seed'"
-    if connection.execute(said, (later.step,)).fetchone() is not None:
+    said = f"SELECT 1 FROM edits WHERE {_OF_STEP} AND kind = 'seed'"
+    if connection.execute(said, (later.author, later.step)).fetchone() is not None:
         return
     (drag,) = connection.execute("SELECT drag FROM edits WHERE id = ?", (later.id,)).fetchone()
     row = ("seed", None, None, None, seeds[-1].payload)

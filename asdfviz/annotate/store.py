@@ -191,7 +191,7 @@ class AnnotationStore:
 
     def said(self) -> dict[tuple[int, str], tuple[EditKind, str]]:
         """By frame and part, the kind of what was last said and its provenance, without the poses."""
-        rows = self._query(edit_file.SAID, ())
+        rows = self.read(edit_file.SAID)
         return {(frame, part): (kind, provenance) for frame, part, kind, provenance in rows}
 
     def state(self, frame: int) -> StateLabel | None:
@@ -223,13 +223,11 @@ class AnnotationStore:
 
     def version(self) -> int:
         """A number that rises with every change by anybody, undo and redo included."""
-        return self._query("SELECT coalesce(max(id), 0) FROM edits", ())[0][0]
+        return self.read("SELECT coalesce(max(id), 0) FROM edits")[0][0]
 
     def corrections(self) -> int:
         """A number that rises with every change of poses or states; a seed alone changes neither."""
-        spoken = "SELECT step FROM edits WHERE kind NOT IN ('seed', 'undo', 'redo')"
-        query = f"SELECT coalesce(max(id), 0) FROM edits WHERE step IN ({spoken})"
-        return self._query(query, ())[0][0]
+        return self.read(edit_file.LAST_CORRECTION)[0][0]
 
     def history(self, *, after: int = 0) -> tuple[Edit, ...]:
         """Every row since version `after`, oldest first, what was undone and the undoing included."""
@@ -265,10 +263,11 @@ class AnnotationStore:
         return last
 
     def _edits(self, where: str, values: tuple[Any, ...]) -> tuple[Edit, ...]:
-        rows = self._query(f"SELECT {edit_file.COLUMNS} FROM edits WHERE {where}", values)
+        rows = self.read(f"SELECT {edit_file.COLUMNS} FROM edits WHERE {where}", values)
         return tuple(edit_from_row(row) for row in rows)
 
-    def _query(self, query: str, values: tuple[Any, ...]) -> list[tuple[Any, ...]]:
+    def read(self, query: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
+        """Ask the file's tables, see `edit_file`."""
         with self._lock:
             try:
                 return self._connection.execute(query, values).fetchall()

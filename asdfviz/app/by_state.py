@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -15,7 +16,6 @@ from asdfviz.annotate.records import BY_STATE, by_hand_of, gone_of
 from asdfviz.app.desk import Desk, Done, NothingLeft
 from asdfviz.app.history import parts_in_words, range_in_words
 from asdfviz.app.joined import Joined, Poses, base_by_group
-from asdfviz.app.truths import drawn_poses
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Assembly, FrameTruth, State
 from asdfviz.errors import AnnotationError, counted
@@ -114,7 +114,7 @@ def place_one(desk: Desk) -> Done | None:
     state = workspace.state(view.place, view.base)
     # It does not tell where it is itself, but how far it is in its joint.
     own = None if state is not None and desk.part in state.joints else (desk.frame, desk.part)
-    joined, _ = _known(desk, without=own)
+    joined = _known(desk, without=own)
     found = joined.placed((view.place, view.place), lambda _place, name: name == desk.part)
     if not found:
         return None
@@ -135,12 +135,12 @@ def place_joined(desk: Desk) -> Done:
         AnnotationError: there is nothing to put anywhere; the message says why.
     """
     workspace, span = desk.workspace, desk.view.joined
-    joined, followed = _known(desk)
+    joined, followed = _known(desk), _followed(desk, span)
     gone = gone_of(workspace.said())
     found = joined.placed(
         span,
         lambda place, name: (
-            name not in joined.poses[place] and (workspace.indices[place], name) not in gone
+            name not in joined.poses(place) and (workspace.indices[place], name) not in gone
         ),
     )
     placed = {
@@ -149,12 +149,10 @@ def place_joined(desk: Desk) -> Done:
         for name, T in poses.items()
     }
     fresh = {key: T for key, T in placed.items() if not _is_same(followed.get(key), T)}
-    frames = {workspace.indices[place]: place for place in range(span[0], span[1] + 1)}
     stale = [
         (frame, name)
         for frame, name in followed
-        if frame in frames
-        and (state := joined.states[frames[frame]]) is not None
+        if (state := joined.state(workspace.place_of[frame])) is not None
         and name not in state.attached
     ]
     stateless, loose, unposed = unknown = joined.unknown(span)
@@ -167,23 +165,40 @@ def place_joined(desk: Desk) -> Done:
     return replace(done, message=f"{done.message}{lack}")
 
 
-def _known(desk: Desk, *, without: Key | None = None) -> tuple[Joined, dict[Key, Transform]]:
-    """What tells where joined parts are, and the poses that followed from it earlier."""
-    workspace, base = desk.workspace, desk.view.base
-    said, drawn = workspace.said(), drawn_poses(workspace, base)
-    followed = {
-        (index, name): T
-        for index, poses in drawn.items()
-        for name, T in poses.items()
-        if said.get((index, name)) == _FOLLOWS
+def _known(desk: Desk, *, without: Key | None = None) -> Joined:
+    """What tells where joined parts are."""
+    workspace, said, base = desk.workspace, desk.workspace.said(), desk.base
+
+    @cache
+    def telling(place: int) -> dict[str, Transform]:
+        frame = workspace.indices[place]
+        return {
+            name: shown.T_camera_part
+            for name, shown in workspace.poses(place, base).items()
+            if said.get((frame, name)) != _FOLLOWS and (frame, name) != without
+        }
+
+    def known(place: int) -> set[str]:
+        frame = workspace.indices[place]
+        spoken = {name for name in workspace.assembly.parts if (frame, name) in said}
+        return spoken if base is None else spoken | workspace.layer(place, base).keys()
+
+    @cache
+    def state(place: int) -> State | None:
+        return workspace.state(place, desk.view.base)
+
+    return Joined(workspace.assembly, len(workspace.indices), state, telling, known)
+
+
+def _followed(desk: Desk, span: tuple[int, int]) -> dict[Key, Transform]:
+    """The poses in a span that followed from others earlier."""
+    workspace, said = desk.workspace, desk.workspace.said()
+    return {
+        (workspace.indices[place], name): shown.T_camera_part
+        for place in range(span[0], span[1] + 1)
+        for name, shown in workspace.poses(place, desk.base).items()
+        if said.get((workspace.indices[place], name)) == _FOLLOWS
     }
-    dropped = {*followed, without}
-    telling = [
-        {name: T for name, T in poses.items() if (index, name) not in dropped}
-        for index, poses in drawn.items()
-    ]
-    states = [workspace.state(place, base) for place in range(len(workspace.indices))]
-    return Joined(workspace.assembly, states, telling), followed
 
 
 def _is_same(before: Transform | None, T_camera_part: Transform) -> bool:
@@ -202,7 +217,7 @@ def _kept(
     """Write poses, and take stale ones away; what somebody said meanwhile stays, unless it is replaced."""
     store = desk.workspace.store
     with store.transaction():
-        said = store.said()
+        said = desk.workspace.said()
         kept = {k: T for k, T in found.items() if replaces or said.get(k, _FOLLOWS) == _FOLLOWS}
         gone = [key for key in stale if said.get(key) == _FOLLOWS]
         desk.begin()

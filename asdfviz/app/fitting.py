@@ -53,7 +53,7 @@ def plan_fit(workspace: Workspace, view: View) -> Fit:
 
 
 def _said(workspace: Workspace, view: View, part: str) -> tuple[str, str] | None:
-    return workspace.store.said().get((workspace.indices[view.place], part))
+    return workspace.said().get((workspace.indices[view.place], part))
 
 
 class FitJob(BackgroundJob):

@@ -6,7 +6,7 @@ after it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 from asdfviz.datatypes import Assembly, PoseEstimate, State
@@ -32,13 +32,17 @@ def base_by_group(assembly: Assembly, state: State, poses: Poses) -> Transform |
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joined:
-    """What is known of all frames, by place."""
+    """What is known of all frames, by place; asked only where it is needed."""
 
     assembly: Assembly
-    states: Sequence[State | None]
+    count: int
+    """Places there are."""
+    state: Callable[[int], State | None]
     """None where the state is not known."""
-    poses: Sequence[Poses]
+    poses: Callable[[int], Poses]
     """Those that tell where others are: none that followed from others."""
+    known: Callable[[int], Collection[str]]
+    """The parts that may have one, for less than asking for the poses takes."""
     joints: JointPlaces = field(init=False)
 
     def __post_init__(self) -> None:
@@ -54,7 +58,9 @@ class Joined:
             span: the first and the last place.
             is_free: asked of a place and a part.
         """
-        self._look_back(span[0])
+        states = (self.state(place) for place in range(span[0], span[1] + 1))
+        if any(state is not None and state.joints for state in states):
+            self._look_back(span[0])
         found: dict[int, dict[str, Transform]] = {}
         for place in range(span[0], span[1] + 1):
             standing = self._standing(place)
@@ -74,7 +80,7 @@ class Joined:
     def unknown(self, span: tuple[int, int]) -> tuple[int, int, int]:
         """Of the places of a span: how many have no state, join nothing, have nothing that stands."""
         places = range(span[0], span[1] + 1)
-        stateless = sum(self.states[place] is None for place in places)
+        stateless = sum(self.state(place) is None for place in places)
         joining = [place for place in places if self._joining(place) is not None]
         unposed = sum(self._standing(place) is None for place in joining)
         return stateless, len(places) - stateless - len(joining), unposed
@@ -83,9 +89,12 @@ class Joined:
         """See each part in its joint where it was there last before a place, or else soonest after."""
         missing = {name for state in self.assembly.states for name in state.joints}
         seen: list[tuple[int, Transform, set[str]]] = []
-        for place in (*range(first - 1, -1, -1), *range(first, len(self.states))):
+        for place in (*range(first - 1, -1, -1), *range(first, self.count)):
             if not missing:
                 break
+            state = self.state(place)
+            if state is None or not (missing & state.joints.keys()).intersection(self.known(place)):
+                continue
             standing = self._standing(place)
             here = set[str]() if standing is None else self._in_joints(place, *standing) & missing
             if standing is not None and here:
@@ -96,7 +105,7 @@ class Joined:
 
     def _in_joints(self, place: int, state: State, T_camera_base: Transform) -> set[str]:
         """The parts that are where their joints allow it."""
-        own, T_base_camera = self.poses[place], inverse(T_camera_base)
+        own, T_base_camera = self.poses(place), inverse(T_camera_base)
         return {
             name
             for name, joint in state.joints.items()
@@ -107,16 +116,16 @@ class Joined:
 
     def _joining(self, place: int) -> State | None:
         """The state, if it joins anything to the base."""
-        state = self.states[place]
+        state = self.state(place)
         return state if state is not None and len(state.attached) > 1 else None
 
     def _standing(self, place: int) -> tuple[State, Transform] | None:
         """The state, if it joins anything, and T_camera_base, if that is known."""
         state = self._joining(place)
-        base = None if state is None else base_by_group(self.assembly, state, self.poses[place])
+        base = None if state is None else base_by_group(self.assembly, state, self.poses(place))
         return None if state is None or base is None else (state, base)
 
     def _see(self, place: int, T_camera_base: Transform, names: Collection[str]) -> None:
-        own = self.poses[place]
+        own = self.poses(place)
         seen = {n: PoseEstimate(n, own[n], 1.0, "annotated") for n in names if n in own}
         self.joints.see(T_camera_base, seen)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from asdfviz.annotate.records import Said
-from asdfviz.annotate.store import AnnotationStore
+from asdfviz.annotate.spoken import Spoken
 from asdfviz.app import theme, timeline
 from asdfviz.app.items import ANNOTATION, LoadedRun
 from asdfviz.datatypes import Assembly
@@ -17,27 +16,18 @@ _LEGEND = (
 )
 
 
-def annotation_row(
-    assembly: Assembly,
-    store: AnnotationStore,
-    indices: Sequence[int],
-    spoken: Said,
-) -> timeline.Row:
-    """States and verdicts that people gave; `indices` are rising frame numbers, `spoken` is `store.said()`."""
+def annotation_row(assembly: Assembly, spoken: Spoken, indices: Sequence[int]) -> timeline.Row:
+    """States and verdicts that people gave; `indices` are rising frame numbers."""
     marks: list[timeline.Mark | None] = [None] * len(indices)
     unlabelled = [False] * len(indices)
-    for first, last, label in store.state_ranges():
+    for first, last, label in spoken.ranges:
         mark = timeline.mark_of_label(assembly, label)
         # Frame numbers rise: going through all of them for each label takes a second with a thousand.
         for place in range(bisect_left(indices, first), bisect_right(indices, last)):
             unlabelled[place] = mark is None and (unlabelled[place] or marks[place] is not None)
             marks[place] = mark
-    said: dict[int, dict[str, bool]] = {}
-    for (index, part), (kind, _) in spoken.items():
-        if part in assembly.parts and kind != "pose":
-            said.setdefault(index, {})[part] = kind == "verify"
     verdicts = tuple(
-        _verdict(said.get(index, {}), unlabelled=taken)
+        _verdict(assembly, spoken.verdicts.get(index, {}), unlabelled=taken)
         for index, taken in zip(indices, unlabelled, strict=True)
     )
     return timeline.Row(
@@ -61,9 +51,12 @@ def run_row(assembly: Assembly, run: LoadedRun) -> timeline.Row:
     return timeline.Row(run.id, run.label, run.color, marks, sure, hint)
 
 
-def _verdict(said: dict[str, bool], *, unlabelled: bool) -> timeline.Verdict | None:
+def _verdict(
+    assembly: Assembly, said: Mapping[str, bool], *, unlabelled: bool
+) -> timeline.Verdict | None:
     if not said and not unlabelled:
         return None
-    verified = tuple(part for part, is_verified in said.items() if is_verified)
-    gone = tuple(part for part, is_verified in said.items() if not is_verified)
-    return timeline.Verdict(verified, gone, unlabelled)
+    verified = tuple(part for part in assembly.parts if said.get(part) is True)
+    gone = tuple(part for part in assembly.parts if said.get(part) is False)
+    known = verified or gone or unlabelled
+    return timeline.Verdict(verified, gone, unlabelled) if known else None

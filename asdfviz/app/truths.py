@@ -10,7 +10,6 @@ from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import FrameTruth, Run
 from asdfviz.errors import AnnotationError
-from asdfviz.geometry.shapes import Transform
 
 
 def truth_of(workspace: Workspace) -> dict[int, FrameTruth]:
@@ -44,12 +43,6 @@ def drawn_truth(workspace: Workspace, base: str | None) -> dict[int, FrameTruth]
     return corrected_truth(
         workspace.store, start, assembly=workspace.assembly, frames=workspace.indices
     )
-
-
-def drawn_poses(workspace: Workspace, base: str | None) -> dict[int, Mapping[str, Transform]]:
-    """T_camera_part of all parts as they are drawn, by the number of every frame."""
-    truth = drawn_truth(workspace, base)
-    return {i: truth[i].T_camera_part if i in truth else {} for i in workspace.indices}
 
 
 def exported_truth(workspace: Workspace, base: str | None, *, guesses: bool) -> Checked:

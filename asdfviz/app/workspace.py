@@ -14,6 +14,7 @@ from typing import Any
 
 from asdfviz.annotate.corrected import run_of_seed
 from asdfviz.annotate.records import BY_STATE, TRACKED, Said, Seed
+from asdfviz.annotate.spoken import NOTHING, Spoken, up_to_date
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import strips, theme, timeline
 from asdfviz.app.items import ANNOTATION, JobStatus, LoadedRun, Message, Shown
@@ -75,9 +76,9 @@ class Workspace:
         self._changes = 0
         self._lock = threading.RLock()
         self._listeners: list[Callable[[], None]] = []
-        self._said: tuple[int, Said] | None = None
+        self._spoken = NOTHING
         self._lanes: dict[tuple[str | None, str | None], tuple[object, object, Lane]] = {}
-        self._rows: tuple[object, tuple[timeline.Row, ...], tuple[int, ...], bool] | None = None
+        self._rows: tuple[object, tuple[timeline.Row, ...], tuple[int, ...]] | None = None
 
     @property
     def has_truth(self) -> bool:
@@ -178,7 +179,7 @@ class Workspace:
 
     def rows(self) -> tuple[timeline.Row, ...]:
         """The timeline's rows: annotation, truth, runs."""
-        return self._rows_and_what_follows()[0]
+        return self._rows_and_boundaries()[0]
 
     def is_labelled(self, first: int, last: int) -> bool:
         """Whether a person set the state of any place from the first to the last."""
@@ -207,11 +208,12 @@ class Workspace:
         return next(named, None)
 
     def said(self) -> Said:
-        """What the store has said, asked again only when the annotation changed."""
-        version = self.store.version()
-        if self._said is None or self._said[0] != version:
-            self._said = (version, self.store.said())
-        return self._said[1]
+        """What the store has said, asked only for what changed in the annotation."""
+        return self._up_to_date().said
+
+    def _up_to_date(self) -> Spoken:
+        self._spoken = spoken = up_to_date(self._spoken, self.store)
+        return spoken
 
     def lane(self, part: str | None, base: str | None) -> Lane:
         """Where a part, or any, has a pose; made anew when the annotation, or the base's run, changed."""
@@ -230,24 +232,21 @@ class Workspace:
             known = self._lanes[part, base] = (said, run, lane)
         return known[2]
 
-    def _rows_and_what_follows(self) -> tuple[tuple[timeline.Row, ...], tuple[int, ...], bool]:
-        """With the boundaries, and whether anything was corrected, which takes longer the more there is.
-
-        Made anew only when a run or the annotation changed.
-        """
+    def _rows_and_boundaries(self) -> tuple[tuple[timeline.Row, ...], tuple[int, ...]]:
+        """Made anew only when a run, a verdict or a label changed, and not for every pose."""
         with self._lock:
-            stamp = (self.store.version(), self._changes)
+            spoken = self._up_to_date()
+            stamp = (self._changes, spoken.verdicts, spoken.ranges)
             if self._rows is None or self._rows[0] != stamp:
-                rows = self._build_rows()
-                is_corrected = self.store.corrections() > 0
-                self._rows = (stamp, rows, timeline.boundaries(rows), is_corrected)
+                rows = self._build_rows(spoken)
+                self._rows = (stamp, rows, timeline.boundaries(rows))
             return self._rows[1:]
 
     def facts(self) -> Facts:
         """What the view's rules depend on."""
         camera = self.frames.camera
         runs = [run.id for run in self.runs]
-        _, boundaries, is_corrected = self._rows_and_what_follows()
+        _, boundaries = self._rows_and_boundaries()
         favourites = [run.id for run in self.runs if run.run.method == FIRST_METHOD]
         return Facts(
             count=len(self.indices),
@@ -256,7 +255,7 @@ class Workspace:
             runs=tuple(runs),
             preferred=next(reversed(favourites or runs), None),
             has_truth=self.has_truth,
-            is_corrected=is_corrected,
+            is_corrected=self.store.corrections() > 0,
             K=camera.K,
             size_wh=(camera.width, camera.height),
         )
@@ -291,8 +290,8 @@ class Workspace:
         self.frames.close()
         self.store.close()
 
-    def _build_rows(self) -> tuple[timeline.Row, ...]:
-        rows = [strips.annotation_row(self.assembly, self.store, self.indices, self.said())]
+    def _build_rows(self, spoken: Spoken) -> tuple[timeline.Row, ...]:
+        rows = [strips.annotation_row(self.assembly, spoken, self.indices)]
         true = tuple(timeline.mark_of_truth(self.assembly, truth) for truth in self.truths)
         if any(mark is not None for mark in true):
             rows.append(timeline.Row(TRUTH, "truth", theme.TRUTH, true))

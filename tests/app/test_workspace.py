@@ -15,6 +15,7 @@ import pytest
 from tiny_sequence import TinySequence, make_run, pose_of
 
 from asdfviz.annotate.records import Seed, label_of
+from asdfviz.annotate.spoken import NOTHING, up_to_date
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.app import jobs, method_job
 from asdfviz.app.items import ANNOTATION, Message
@@ -248,7 +249,7 @@ def test_a_label_costs_its_own_frames_only(with_run: Workspace) -> None:
         for k in range(20):
             store.set_state(30 * k + 1, state, last_frame=30 * k + 13)  # between two frames
         store.set_state(9999, state)
-    row = annotation_row(with_run.assembly, store, indices, {})
+    row = annotation_row(with_run.assembly, up_to_date(NOTHING, store), indices)
     labelled = [place for place, mark in enumerate(row.marks) if mark]
     assert labelled == [10 * k + j for k in range(20) for j in (1, 2, 3, 4)]
     assert indices.looks < 2 * len(indices)
