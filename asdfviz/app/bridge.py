@@ -111,6 +111,8 @@ def _fits(value: object, hint: Any) -> bool:
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         # Not isfinite: an integer may have more digits than any float has room for.
         return number and abs(cast(float, value)) <= sys.float_info.max
+    if hint is bool:
+        return isinstance(value, bool)
     if hint is int:
         return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**9
     if type(None) in get_args(hint):

@@ -22,6 +22,7 @@ from asdfviz.app.bridge import KINDS, parse
         ('{"kind": "SelectPart", "part": null}', act.SelectPart(None)),
         ('{"kind": "ShowTab", "tab": "results"}', act.ShowTab("results")),
         ('{"kind": "Toggle", "what": "xray"}', act.Toggle("xray")),
+        ('{"kind": "Export", "unchecked": true}', act.Export(unchecked=True)),
         ('{"kind": "RunMethod", "method": "asdf"}', act.RunMethod("asdf")),
         (
             '{"kind": "RunMethod", "method": "asdf", "options": {"detector.image_size": "320"}}',
@@ -49,6 +50,7 @@ def test_known_requests(message: str, action: act.Action) -> None:
         '{"kind": "Zoom", "factor": -Infinity}',
         pytest.param('{"kind": "Zoom", "factor": 1' + "0" * 400 + "}", id="400 digits"),
         '{"kind": "ShowTab", "tab": "secrets"}',
+        '{"kind": "Export", "unchecked": 1}',
         '{"kind": "MovePart", "part": "jaw"}',
         '{"kind": "Changed"}',
         '{"kind": "Resume", "place": 3, "mode": "4d"}',

@@ -97,6 +97,9 @@ def test_every_tab_in_every_state(
     assert "<script" not in html
     assert "<b>boom" not in html
     assert "<of>" not in html
+    pressed = Pressed()
+    pressed.feed(html)
+    assert None not in [parse(message) for message in pressed.messages]
 
 
 @pytest.mark.parametrize("tab", TABS)
