@@ -27,7 +27,7 @@ class SynthSequence:
     out: Path
     """Scene folder to write; frames that are there already stay."""
     seed: int = 77
-    """The same seed gives the same sequence."""
+    """The same seed gives the same sequence; 7000000 to 7999999 belong to test sets."""
     frames: int | None = None
     """Frames in all; hands hurry where there are few, and fewer than they can do with are refused.
     Default: as many as their pace needs."""
@@ -62,10 +62,12 @@ class SynthSequence:
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.atomic import results_in
         from asdfviz.detector.device import require_device
+        from asdfviz.synth.images import check_seed
         from asdfviz.synth.sequence_config import condition_config
         from asdfviz.synth.sequences import generate_sequence
 
         require_device(self.device)
+        check_seed(self.seed)
         assembly = load_assembly(self.assembly)
         with (
             results_in(self.out),

@@ -100,6 +100,8 @@ def load_assembly(name_or_path: str | Path) -> Assembly:
     if len(set(classes)) != len(classes):
         raise AssemblyError(f"{file}: two detector classes have one name: {', '.join(classes)}")
     name = fields.text("name")
+    if name in (".", "..") or any(sign in name for sign in "/\\\0"):
+        raise AssemblyError(f"{file}: name is {name!r}; folders bear it, so use no slash in it")
     return Assembly(
         name=name,
         title=fields.text("title", default=name),

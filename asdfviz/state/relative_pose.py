@@ -142,6 +142,8 @@ def relative_pose_probabilities(
         None where the base part was not found, or no other part that any state joins; an assembly's
         only state needs no other part.
     """
+    if len(assembly.states) == 1 and assembly.base in poses:
+        return np.ones(1)
     told = joined_or_not(poses, assembly, config=config)
     if told is None:
         return None
@@ -164,8 +166,6 @@ def joined_or_not(
     base = poses.get(assembly.base)
     if base is None:
         return None
-    if len(assembly.states) == 1:
-        return np.ones(1)
     T_base_camera = inverse(base.T_camera_part)
     logs, alone = dict[str, Scores](), 0.0
     for places in twin_places(assembly):

@@ -278,8 +278,8 @@ def holding_hand(assets: Assets, points_world: Points, rng: np.random.Generator)
     middle = points_world.mean(axis=0)
     angle = rng.random() * 2 * np.pi
     away = np.array([np.cos(angle), np.sin(angle), 0.0])
-    reach = (points_world - middle) @ away
-    ends = points_world[reach > np.quantile(reach, 0.9)]
+    reach = (points_world - middle) @ away  # alike for corners that faces share
+    ends = points_world[reach > min(np.quantile(reach, 0.9), np.nextafter(reach.max(), -1.0))]
     point = ends.mean(axis=0) - 0.004 * away + [0, 0, 0.004]
     # Fingers come from above: keep the knuckles over the table.
     point[2] = max(float(point[2]), 0.012)

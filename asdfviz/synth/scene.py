@@ -6,6 +6,7 @@ tilted by up to 43 degrees, any roll; near views are drawn more often than far o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -100,8 +101,12 @@ class TrueScene:
 
 
 def camera_for(width: int, height: int, *, zoom: float = 1.0) -> Camera:
-    """The paper's camera at another image size (same field of view at zoom 1)."""
-    K = scaled_intrinsics(KINECT.K, width / KINECT.width, height / KINECT.height)
+    """The paper's camera at another image size: square pixels, and the same diagonal of view at zoom 1."""
+    full = KINECT.width, KINECT.height
+    is_same_shape = width * full[1] == height * full[0]
+    scale = width / full[0] if is_same_shape else math.hypot(width, height) / math.hypot(*full)
+    K = scaled_intrinsics(KINECT.K, scale, scale)
+    K[:2, 2] += (width - scale * full[0]) / 2, (height - scale * full[1]) / 2
     return Camera(K @ np.diag([zoom, zoom, 1.0]), width, height)
 
 

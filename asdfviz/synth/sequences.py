@@ -14,6 +14,7 @@ from asdfviz.geometry.shapes import Depth
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.bop_writer import SceneFolder, require_size
 from asdfviz.synth.gbuffer import Views
+from asdfviz.synth.images import check_seed
 from asdfviz.synth.photo_grounds import recorded
 from asdfviz.synth.play import Play, plan_sequence
 from asdfviz.synth.render import Picture, render
@@ -70,10 +71,11 @@ def generate_sequence(
         How many frames the folder holds.
 
     Raises:
-        InputError: the size, the rate or the number of frames is impossible, or the folder was
+        InputError: the seed, the size, the rate or the number of frames is impossible, or the folder was
             begun for something else. Nothing is written then.
     """
     chosen = config or SequenceConfig()
+    check_seed(seed, of_test_set=True)
     require_size(chosen.width, chosen.height)
     check_config(chosen)
     assets = load_assets(assembly, device=device)

@@ -426,6 +426,14 @@ def test_what_no_assembly_means_is_refused(
         load_assembly(write(content))
 
 
+@pytest.mark.parametrize("name", ["../evil", "..", "a/b", "a\\b"])
+def test_a_name_that_leads_to_other_folders_is_refused(
+    name: str, write: Callable[[dict[str, Any]], Path]
+) -> None:
+    with pytest.raises(AssemblyError, match=r"name is .*use no slash in it"):
+        load_assembly(write({**copy.deepcopy(GOOD), "name": name}))
+
+
 def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path: Path) -> None:
     (tmp_path / "assembly.yaml").write_text(f"parts: {'[' * 600}{']' * 600}")
     with pytest.raises(
