@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Rotation, Scores, Vector
-from asdfviz.geometry.symmetry import Symmetries
+from asdfviz.geometry.symmetry import Axis, Symmetries
 from asdfviz.geometry.transforms import rotation_about
 
 Quaternions: TypeAlias = Float64[np.ndarray, "_ 4"]
@@ -87,9 +87,11 @@ class Equivalents:
     @classmethod
     def of(cls, symmetries: Symmetries) -> Equivalents:
         """Of a part's symmetries; free axes after the first are cut into steps."""
-        further = Symmetries(symmetries.discrete, symmetries.continuous[1:])
-        turns = further.transforms(step=float(FURTHER_AXIS_STEP))
-        axis = symmetries.continuous[0].direction if symmetries.continuous else None
+        axes = symmetries.continuous
+        if symmetries.ball_middle is not None:  # turns about x, y and x again make every rotation
+            axes = tuple(Axis(np.eye(3)[i], np.zeros(3)) for i in (0, 1, 0))
+        turns = Symmetries(symmetries.discrete, axes[1:]).transforms(step=float(FURTHER_AXIS_STEP))
+        axis = axes[0].direction if axes else None
         return cls(np.stack([quaternion_of(T[:3, :3]) for T in turns]), axis)
 
     def closeness(self, quaternion: Quaternion, others: Quaternions) -> Scores:

@@ -6,11 +6,17 @@ A part's frame moves by a symmetry on the right: T_camera_part @ S looks the sam
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from asdfviz.geometry.shapes import Transform, Transforms, Vector
-from asdfviz.geometry.transforms import rotation_angle, transform_from, turn_about
+from asdfviz.geometry.shapes import Rotation, Transform, Transforms, Vector
+from asdfviz.geometry.transforms import apply_to_point, rotation_angle, transform_from, turn_about
+
+MEET = 1e-4
+"""Axes that pass each other nearer than this meet, metres."""
+ACROSS = 0.01
+"""Sine of the angle from which two axes are not parallel."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +49,20 @@ class Symmetries:
             tuple(Axis(axis.direction, axis.offset - origin) for axis in self.continuous),
         )
 
+    @property
+    def ball_middle(self) -> Vector | None:
+        """The point about which every rotation looks the same, part's frame; None: the part is no ball.
+
+        Two axes that meet and are not parallel suffice: turns about them make up every rotation.
+        """
+        for a, b in combinations(self.continuous, 2):
+            normal = np.cross(a.direction, b.direction)
+            sine, gap = float(np.linalg.norm(normal)), b.offset - a.offset
+            if sine > ACROSS and abs(float(gap @ normal)) / sine < MEET:
+                along = float(np.cross(gap, b.direction) @ normal) / sine**2
+                return a.offset + along * a.direction
+        return None
+
     def transforms(self, *, step: float = 0.0) -> Transforms:
         """Every symmetric transform S, identity first, continuous axes cut into steps.
 
@@ -66,10 +86,13 @@ def nearest_symmetric(
 ) -> Transform:
     """Return the equivalent T_camera_part @ S whose rotation is nearest to the reference's.
 
-    Exact for one continuous axis: its best turn is solved for, not searched.
+    Exact for one continuous axis, whose best turn is solved for, not searched, and for a ball.
     """
     if not symmetries.is_symmetric:
         return T_camera_part
+    middle = symmetries.ball_middle
+    if middle is not None:
+        return _with_rotation(T_camera_part, T_reference[:3, :3], middle)
     best, best_angle = T_camera_part, np.inf
     for S in (None, *symmetries.discrete):
         candidate = T_camera_part if S is None else T_camera_part @ S
@@ -79,6 +102,13 @@ def nearest_symmetric(
         if angle < best_angle - 1e-12:
             best, best_angle = candidate, angle
     return best
+
+
+def _with_rotation(T_camera_part: Transform, R_camera_part: Rotation, middle: Vector) -> Transform:
+    """The pose turned so about a point of the part, which stays."""
+    return transform_from(
+        R_camera_part, apply_to_point(T_camera_part, middle) - R_camera_part @ middle
+    )
 
 
 def symmetric_angle(T_a: Transform, T_b: Transform, symmetries: Symmetries) -> float:
@@ -100,8 +130,12 @@ def canonical(T_camera_part: Transform, symmetries: Symmetries) -> Transform:
 
     About a continuous axis the part is turned until a fixed direction across the axis points
     towards the camera; among discrete symmetries the one is taken whose frame looks most towards
-    the camera. Both follow from the view alone, so equal images get equal labels.
+    the camera. Both follow from the view alone, so equal images get equal labels. A ball's frame is
+    turned as the camera's.
     """
+    middle = symmetries.ball_middle
+    if middle is not None:
+        return _with_rotation(T_camera_part, np.eye(3), middle)
     best, best_key = T_camera_part, -np.inf
     for S in (np.eye(4), *symmetries.discrete):
         candidate = T_camera_part @ S

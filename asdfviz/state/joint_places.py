@@ -187,7 +187,12 @@ class JointPlaces:
 
     def _is_round(self, name: str, T_nominal: Transform, joint: Joint) -> bool:
         """Whether the part looks the same however it is turned in the joint."""
-        for axis in self._assembly.parts[name].symmetries.continuous:
+        symmetries = self._assembly.parts[name].symmetries
+        ball = symmetries.ball_middle
+        if ball is not None:
+            arm = apply_to_point(T_nominal, ball) - joint.origin
+            return bool(np.linalg.norm(np.cross(arm, joint.axis)) < ON_AXIS)
+        for axis in symmetries.continuous:
             direction = T_nominal[:3, :3] @ axis.direction
             middle = apply(T_nominal, axis.offset[None])[0]
             beside = np.linalg.norm(np.cross(middle - joint.origin, joint.axis))

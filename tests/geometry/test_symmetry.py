@@ -9,8 +9,9 @@ from asdfviz.geometry.symmetry import (
     across,
     canonical,
     nearest_symmetric,
+    symmetric_angle,
 )
-from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
+from asdfviz.geometry.transforms import apply, rotation_about, rotation_angle, transform_from
 
 Z = np.array([0.0, 0.0, 1.0])
 TILTED = np.array([1.0, 2.0, -1.0]) / 6**0.5
@@ -36,6 +37,16 @@ KINDS = {
     "bolt": Symmetries(continuous=(Axis(Z, np.zeros(3)),)),
     "tilted bolt off centre": Symmetries(continuous=(Axis(TILTED, np.array([0.01, 0.0, 0.02])),)),
     "cylinder": Symmetries((half_turn(np.eye(3)[0]),), (Axis(Z, np.zeros(3)),)),
+}
+BALLS = {
+    "two axes": Symmetries(continuous=(Axis(Z, np.zeros(3)), Axis(np.eye(3)[0], np.zeros(3)))),
+    "two tilted axes that meet off centre": Symmetries(
+        continuous=(
+            Axis(Z, np.array([0.01, 0.02, -0.05])),
+            Axis(TILTED, np.array([0.01, 0.02, 0.03]) + 0.2 * TILTED),
+        )
+    ),
+    "three axes": Symmetries(continuous=tuple(Axis(d, np.zeros(3)) for d in np.eye(3))),
 }
 SYMMETRIC = [k for k in KINDS if k != "none"]
 
@@ -122,6 +133,30 @@ def test_canonical_is_an_equivalent_pose_and_settled(kind: str) -> None:
         S_found = np.linalg.inv(T) @ found
         assert min(np.abs(S_found - S).max() for S in symmetries.transforms(step=step)) < 2e-3
         np.testing.assert_allclose(canonical(found, symmetries), found, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", list(BALLS))
+def test_every_rotation_of_a_ball_looks_the_same(kind: str) -> None:
+    ball = BALLS[kind]
+    middle = np.array([0.01, 0.02, 0.03]) if "off centre" in kind else np.zeros(3)
+    assert ball.ball_middle == pytest.approx(middle, abs=1e-12)
+    for T, reference in zip(poses(20), poses(20, seed=9), strict=True):
+        assert symmetric_angle(T, reference, ball) < 1e-9
+        settled = canonical(T, ball)
+        for found in (nearest_symmetric(T, reference, ball), settled):
+            np.testing.assert_allclose(apply(found, middle[None]), apply(T, middle[None]))
+        turn = poses(1, seed=3)[0][:3, :3]
+        equal = T @ transform_from(turn, middle - turn @ middle)
+        np.testing.assert_allclose(canonical(equal, ball), settled, atol=1e-12)
+
+
+@pytest.mark.parametrize("axes", [(Z, Z), (Z, np.eye(3)[0])])
+def test_axes_that_are_parallel_or_do_not_meet_make_no_ball(
+    axes: tuple[np.ndarray, np.ndarray],
+) -> None:
+    beside = np.array([0.0, 0.01, 0.0])
+    pair = Symmetries(continuous=(Axis(axes[0], np.zeros(3)), Axis(axes[1], beside)))
+    assert pair.ball_middle is None
 
 
 def test_a_part_without_symmetry_keeps_its_pose() -> None:

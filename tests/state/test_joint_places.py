@@ -68,6 +68,24 @@ def test_a_link_tells_of_the_parts_that_were_not_seen(assembly: Assembly, place)
     assert slides == pytest.approx([0.005] * TURNS)
 
 
+@pytest.mark.parametrize(("beside", "turns"), [(0.0, 1), (0.01, TURNS)])
+def test_a_ball_is_round_about_every_axis_through_its_middle(
+    assembly: Assembly, place, beside: float, turns: int
+) -> None:
+    axes = tuple(Axis(np.eye(3)[i], np.array([0.0, beside, 0.0])) for i in (1, 2))
+    parts = {
+        **assembly.parts,
+        "lid": replace(assembly.parts["lid"], symmetries=Symmetries((), axes)),
+    }
+    screw = Joint("revolute", np.array([1.0, 0, 0]), np.array([0, 0, 0.1]), turn=(-9.0, 9.0))
+    state = replace(assembly.states[3], joints={"lid": screw})
+    assembly = replace(assembly, parts=parts, states=(*assembly.states[:3], state))
+    places = JointPlaces(assembly)
+    poses = place({"base": np.eye(4), "lid": state.T_base_part["lid"]})
+    places.see(poses["base"].T_camera_part, poses)
+    assert len(places.possible(["lid"], state)) == turns
+
+
 def test_a_part_without_a_joint_is_at_its_place(assembly: Assembly) -> None:
     places, state = JointPlaces(assembly), assembly.states[3]
     ((T,),) = places.possible(["pin"], state)
