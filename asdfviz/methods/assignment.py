@@ -3,11 +3,13 @@
 Each part is there once and each box shows one thing, so all boxes and all parts are matched at once,
 by what the network thinks each box might be and by the sizes that depth allows: a box that looks most
 like a part that lies elsewhere goes to the next likely one. Identical parts share a class; they keep
-their names by staying near where they were in the previous frame.
+their names by staying near where they were in the previous frame. Where different ones share it, such
+as bolts of two lengths, each box goes to one that it is small enough for.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -19,6 +21,7 @@ from asdfviz.datatypes import Assembly, Detection
 from asdfviz.geometry.boxes import box_middle, overlap
 from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Box
+from asdfviz.state.twins import twin_groups
 
 MAX_OVERLAP = 0.5
 """Two boxes of a class that overlap more (intersection over union) are one object."""
@@ -30,7 +33,11 @@ UNFIT = 0.05
 """Share of its score that a class keeps where the box is too large for the part."""
 
 Fitting: TypeAlias = Callable[[Box], Collection[str]]
-"""The classes of parts that a box is small enough for."""
+"""The parts that a box is small enough for."""
+TOO_LARGE = 1e6
+"""Cost of a box that is too large for a part, against pixels from where the part was;"""
+LARGER_PART = 20.0
+"""and of one that the next smaller part fills as well."""
 
 
 @dataclass(slots=True, eq=False)
@@ -61,10 +68,11 @@ def assign_detections(
     names: dict[str, list[str]] = {}
     for part in assembly.parts.values():
         names.setdefault(part.detector_class, []).append(part.name)
-    things = _things([d for d in detections if d.label in names], list(names), fitting)
+    things = _things([d for d in detections if d.label in names], names, fitting)
     assigned: dict[str, Detection] = {}
     for label, boxes in _matched(things, {label: len(of) for label, of in names.items()}).items():
-        assigned.update(_named(boxes, names[label], previous or {}))
+        for kind, own in _by_kind(boxes, _kinds(assembly)[label], previous or {}, fitting):
+            assigned.update(_named(own, kind, previous or {}))
     return {name: assigned[name] for name in assembly.parts if name in assigned}
 
 
@@ -82,14 +90,15 @@ def rival_boxes(
 
 
 def _things(
-    detections: Sequence[Detection], labels: Sequence[str], fitting: Fitting | None
+    detections: Sequence[Detection], names: Mapping[str, Sequence[str]], fitting: Fitting | None
 ) -> list[_Thing]:
     """What is in the picture, and how much each class is like each of it."""
     things: list[_Thing] = []
-    allowed = {d: labels if fitting is None else fitting(d.box_xyxy) for d in detections}
+    allowed = {d: fitting(d.box_xyxy) for d in detections} if fitting is not None else {}
 
     def fit(label: str, detection: Detection, score: float) -> float:
-        return score * (1 if label in allowed[detection] else UNFIT)
+        fits = fitting is None or any(name in allowed[detection] for name in names[label])
+        return score * (1 if fits else UNFIT)
 
     # A class that does not fit must not hide one that does.
     own = [(fit(d.label, d, d.score), d) for d in detections]
@@ -102,7 +111,7 @@ def _things(
         _take_in(thing, detection, detection.label, score)
     for thing in things:
         for detection in thing.boxes:
-            for label in labels:
+            for label in names:
                 score = detection.class_scores.get(label, 0.0)
                 if label != detection.label and score > LEAST:
                     _take_in(thing, detection, label, fit(label, detection, score))
@@ -153,6 +162,43 @@ def _best_apart(candidates: Sequence[Detection], count: int) -> list[Detection]:
         if all(overlap(candidate.box_xyxy, other.box_xyxy) <= MAX_OVERLAP for other in kept):
             kept.append(candidate)
     return kept
+
+
+@functools.lru_cache(maxsize=8)
+def _kinds(assembly: Assembly) -> dict[str, list[tuple[str, ...]]]:
+    """By class, the parts that have it, identical ones together, the smallest first."""
+    kinds: dict[str, list[tuple[str, ...]]] = {}
+    parts = assembly.parts
+    for names in sorted(twin_groups(assembly), key=lambda names: parts[names[0]].diameter):
+        kinds.setdefault(parts[names[0]].detector_class, []).append(names)
+    return kinds
+
+
+def _by_kind(
+    boxes: Sequence[Detection],
+    kinds: Sequence[tuple[str, ...]],
+    previous: Mapping[str, Box],
+    fitting: Fitting | None,
+) -> list[tuple[tuple[str, ...], list[Detection]]]:
+    """The boxes of a class by the kinds of parts that share it, the smallest first: which fit, and were near."""
+    if len(kinds) == 1:
+        return [(kinds[0], list(boxes))]
+    allowed = [None if fitting is None else fitting(box.box_xyxy) for box in boxes]
+
+    def cost(rank: int, name: str, box: Detection, fits: Collection[str] | None) -> float:
+        middle = box_middle(box.box_xyxy)
+        moved = np.linalg.norm(box_middle(previous[name]) - middle) if name in previous else 0.0
+        is_large = fits is not None and name not in fits
+        return float(moved) + LARGER_PART * rank + TOO_LARGE * is_large
+
+    slots = [(rank, name) for rank, kind in enumerate(kinds) for name in kind]
+    costs = [
+        [cost(rank, name, *one) for one in zip(boxes, allowed, strict=True)] for rank, name in slots
+    ]
+    shares: list[list[Detection]] = [[] for _ in kinds]
+    for row, column in cheapest_pairs(np.array(costs)):
+        shares[slots[row][0]].append(boxes[column])
+    return list(zip(kinds, shares, strict=True))
 
 
 def _named(

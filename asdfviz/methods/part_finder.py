@@ -49,7 +49,7 @@ class PartFinder:
             MethodError: an option is out of its range.
         """
         self._assembly, self._detector = assembly, detector
-        corners = {p.detector_class: shapes[name].corners for name, p in assembly.parts.items()}
+        corners = {name: shapes[name].corners for name in assembly.parts}
         self._sizes = BoxSizes.of(corners) if by_size else None
         self._names = ThingNames(assembly, looker, config=names)
         self._strangers = Strangers(assembly, config=names.strangers)

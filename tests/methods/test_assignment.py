@@ -4,9 +4,42 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from asdfviz.datatypes import Assembly
+from asdfviz.datatypes import Assembly, Detection
 from asdfviz.methods.assignment import assign_detections
+
+
+@pytest.mark.parametrize("order", [("short", "long"), ("long", "short")])
+def test_of_different_parts_of_one_class_each_gets_the_box_that_fits(
+    assembly: Assembly, box_at: Callable, order: tuple[str, str]
+) -> None:
+    pin = assembly.parts["pin"]
+    bolts = {
+        "short": replace(pin, name="short"),
+        "long": replace(
+            pin, name="long", mesh=replace(pin.mesh, vertices=3 * pin.mesh.vertices), diameter=0.2
+        ),
+    }
+    assembly = replace(
+        assembly, parts={"base": assembly.parts["base"], **{n: bolts[n] for n in order}}
+    )
+    left, right = box_at("pin", 10, score=0.8), box_at("pin", 200, score=0.6)
+
+    for large, small in ((left, right), (right, left)):
+
+        def fitting(box_xyxy: np.ndarray, large: Detection = large) -> set[str]:
+            return {"long"} if box_xyxy is large.box_xyxy else {"short", "long"}
+
+        assigned = assign_detections([left, right], assembly, fitting=fitting)
+        assert assigned["long"] is large
+        assert assigned["short"] is small
+        # One box alone: the part that fills it, or that was there.
+        assert set(assign_detections([large], assembly, fitting=fitting)) == {"long"}
+        assert set(assign_detections([small], assembly, fitting=fitting)) == {"short"}
+        where = {"long": small.box_xyxy, "short": large.box_xyxy}
+        seen_on_end = assign_detections([small], assembly, previous=where, fitting=fitting)
+        assert set(seen_on_end) == {"long"}
 
 
 def test_nothing_detected_assigns_nothing(assembly: Assembly) -> None:
