@@ -81,8 +81,7 @@ def generate_sequence(
     assets = load_assets(assembly, device=device)
     # What cannot be played is refused before a folder is begun for it.
     play = plan_sequence(assets, seed=seed, config=chosen)
-    if exactly:
-        _require_frames(len(play.moments), chosen)
+    _require_frames(len(play.moments) if exactly else 0, chosen)
     output = SceneFolder(folder, assets=assets, masks=masks)
     about = {"fps": chosen.fps, "seed": seed, "kind": "sequence", "masks": masks}
     camera = camera_for(chosen.width, chosen.height)
