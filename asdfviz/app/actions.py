@@ -23,13 +23,11 @@ from asdfviz.app.label_actions import (
     SetRange,
     SetState,
 )
+from asdfviz.app.page_actions import Gizmo, Resume, Switch, Tab
 from asdfviz.app.pose_actions import Hold, MovePart, PlaceJoined, PlacePart, ToGap, TypePose
 
-Tab = Literal["sequence", "methods", "annotate", "results"]
-Mode = Literal["ar", "3d"]
 Axis = Literal[0, 1, 2]
 Sign = Literal[-1, 1]
-Gizmo = Literal["move", "turn", "off"]
 GIZMOS: tuple[Gizmo, ...] = ("move", "turn", "off")
 TABS: tuple[Tab, ...] = ("sequence", "methods", "annotate", "results")
 
@@ -41,16 +39,6 @@ class Seek:
     place: int
     part: str | None = None
     """Select this part there as well, whichever tab is shown, and show the truth's outlines."""
-
-
-@dataclass(frozen=True, slots=True)
-class Resume:
-    """Go on where the page was before it was loaded again, or before its connection was lost."""
-
-    place: int
-    mode: Mode
-    page: str = ""
-    """The name that it had (`View.page`); its steps of undo go on being its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +105,7 @@ class SetOpacity:
 class Toggle:
     """Switch a part of the picture on or off."""
 
-    what: Literal["overlay", "xray", "boxes", "keypoints", "together"]
+    what: Switch
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,8 +99,17 @@ def _build(kind: type, fields: Mapping[str, object]) -> actions.Action | None:
         value = fields[field.name]
         if not _fits(value, hints[field.name]):
             return None
-        values[field.name] = float(cast(float, value)) if hints[field.name] is float else value
+        values[field.name] = _taken(value, hints[field.name])
     return cast(actions.Action, kind(**values))
+
+
+def _taken(value: object, hint: Any) -> object:
+    """The value as the field keeps it: JSON knows no tuples, and writes whole numbers as integers."""
+    if isinstance(value, list):
+        values = cast(list[object], value)
+        kind = next((one for one in _not_none(hint) if get_origin(one) is tuple), hint)
+        return tuple(map(_taken, values, _hints_in(kind, len(values))))
+    return float(cast(float, value)) if hint is float else value
 
 
 def _fits(value: object, hint: Any) -> bool:
@@ -117,9 +126,22 @@ def _fits(value: object, hint: Any) -> bool:
         return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 10**9
     if type(None) in get_args(hint):
         return value is None or any(_fits(value, inner) for inner in _not_none(hint))
+    if get_origin(hint) is tuple:
+        return isinstance(value, list) and _fit_in(cast(list[object], value), hint)
     if get_origin(hint) is Mapping:
         return isinstance(value, dict) and _are_strings(cast(dict[object, object], value))
     return isinstance(value, str)
+
+
+def _fit_in(values: list[object], hint: Any) -> bool:
+    hints = _hints_in(hint, len(values))
+    return len(values) == len(hints) and all(map(_fits, values, hints))
+
+
+def _hints_in(hint: Any, count: int) -> tuple[Any, ...]:
+    """Those of a tuple's values; one whose hint ends in `...` has any count."""
+    hints = get_args(hint)
+    return hints[:1] * count if hints[-1] is Ellipsis else hints
 
 
 def _not_none(hint: Any) -> list[Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -12,6 +13,7 @@ from asdfviz.app.bridge import parse
 from asdfviz.app.hotkeys import KEY_NAMES
 from asdfviz.app.markup import mount
 from asdfviz.app.panels import annotate, methods, options, results, sequence
+from asdfviz.app.resuming import kept
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.methods.spec import BrokenMethod, MethodSpec
 
@@ -85,13 +87,15 @@ class Page:
                 return results.content(snap)
 
     def _view(self, snap: Snapshot) -> str:
-        """What the script itself has to know: it moves the cursor and guards keys and wheel."""
+        """What the script itself has to know: it moves the cursor, guards keys and wheel, and keeps the
+        view for when the page comes back.
+        """
         view, count = snap.view, snap.facts.count
         first, last = view.marked or (-1, -1)
         return mount(
             "view",
             "",
-            page=view.page,
+            kept=json.dumps(dataclasses.asdict(kept(view))),
             mode=view.mode,
             zoom=f"{view.zoom:.4f}",
             count=count,

@@ -53,12 +53,6 @@ def at(view: View, place: int, facts: Facts) -> View:
     return replace(view, place=place, marked=marked)
 
 
-def resume(view: View, action: act.Resume, facts: Facts) -> View:
-    """Go on where a page was: at its frame, over the picture or in space."""
-    turns = view.turns + (action.mode != view.mode)
-    return at(replace(view, mode=action.mode, turns=turns), action.place, facts)
-
-
 def hold(view: View, action: act.Hold, facts: Facts) -> View:
     """Stop at a frame."""
     return at(replace(view, playing=False), action.place, facts)

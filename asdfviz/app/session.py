@@ -12,7 +12,8 @@ from typing import Any
 
 from asdfviz.app import actions as act
 from asdfviz.app.ar import clamp_centre, zoom_about
-from asdfviz.app.places import at, hold, mark_range, resume, set_range, step, to_boundary
+from asdfviz.app.places import at, hold, mark_range, set_range, step, to_boundary
+from asdfviz.app.resuming import OPACITY_RANGE, resume
 from asdfviz.app.view import SPEEDS, STEPS_MM, TRUTH, Facts, View, centre_of, window_of
 
 
@@ -115,7 +116,7 @@ def _drifted(view: View, action: act.Drifted, facts: Facts) -> View:
 
 def _set_opacity(view: View, action: act.SetOpacity, facts: Facts) -> View:
     del facts
-    return replace(view, opacity=min(max(action.opacity, 0.05), 1.0))
+    return replace(view, opacity=min(max(action.opacity, OPACITY_RANGE[0]), OPACITY_RANGE[1]))
 
 
 def _toggle(view: View, action: act.Toggle, facts: Facts) -> View:

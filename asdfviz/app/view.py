@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from asdfviz.app import actions as act
 from asdfviz.app.ar import Window, rest_centre
+from asdfviz.app.page_actions import Mode
 from asdfviz.geometry.shapes import Intrinsics
 
 STEPS_MM = (0.2, 1.0, 5.0)
@@ -52,7 +53,7 @@ class View:
     """Of the frame shown, 0 to count - 1."""
     playing: bool = False
     speed: float = 1.0
-    mode: act.Mode = "ar"
+    mode: Mode = "ar"
     zoom: float = 1.0
     centre: tuple[float, float] | None = None
     """Pixel in the middle of the AR view; None for straight ahead."""

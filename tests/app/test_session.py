@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from asdfviz.app import actions as act
+from asdfviz.app.bridge import parse
 from asdfviz.app.places import edited
+from asdfviz.app.resuming import kept
 from asdfviz.app.session import settled, update
 from asdfviz.app.view import TRUTH, Facts, View
 
@@ -83,6 +86,51 @@ def test_a_page_that_comes_back_goes_on_where_it_was() -> None:
     assert (view.place, view.mode, view.turns) == (7, "3d", 1)
     again = after(view, act.Resume(99, "3d"))
     assert (again.place, again.turns) == (9, 1)
+
+
+def test_a_page_that_comes_back_looks_as_it_did() -> None:
+    view = View(
+        page="0123abcd",
+        place=7,
+        mode="3d",
+        tab="annotate",
+        selected="jaw",
+        base="a",
+        chosen=True,
+        zoom=2.5,
+        centre=(100.0, 50.0),
+        opacity=0.3,
+        step=2,
+        gizmo="off",
+        speed=2.0,
+        overlay=False,
+        xray=True,
+        together=True,
+        hidden=frozenset({"bolt"}),
+        layers=frozenset({"b"}),
+    )
+    told = parse(json.dumps({"kind": "Resume", **asdict(kept(view))}))
+    assert told == kept(view)
+    assert told is not None
+    again = after(View(page="89ef4567"), told)
+    assert again == replace(view, page="89ef4567", turns=1)
+    # A part may be selected in any tab, and nobody thinks of a range any more.
+    marked = after(View(), kept(replace(view, tab="results", marked=(1, 3))))
+    assert (marked.tab, marked.selected, marked.marked) == ("results", "jaw", None)
+
+
+def test_a_page_that_comes_back_gets_what_is_still_here() -> None:
+    told = act.Resume(
+        0, "ar", selected="gone", base="gone", zoom=1e9, centre=(-5.0, 1e9), opacity=-1.0, step=99
+    )
+    told = replace(told, hidden=("gone", "jaw"), layers=("gone", "a"), speed=1e9)
+    view = after(View(), told)
+    assert (view.selected, view.base, view.chosen) == (None, None, False)
+    assert (view.zoom, view.centre, view.opacity, view.step) == (16.0, (0.0, 479.0), 0.05, 2)
+    assert (view.hidden, view.layers, view.speed) == ({"jaw"}, {"a"}, 4.0)
+    # Corrections have begun from another run meanwhile.
+    begun = after(View(base="b", chosen=True), replace(told, base="a"))
+    assert begun.base == "b"
 
 
 def test_another_window_keeps_the_free_camera() -> None:

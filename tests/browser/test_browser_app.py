@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +28,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from asdfviz.app import main
 from asdfviz.app.main import App, ViewConfig, open_app
+from asdfviz.app.resuming import kept
 from asdfviz.methods.registry import find_method
 
 # A tab that closes while it is being drawn makes viser warn of the last message.
@@ -619,3 +622,32 @@ def test_a_page_that_is_loaded_again_is_where_it_was(page: Page, app: App) -> No
     expect(page.get_by_test_id("view-3d")).to_have_attribute("aria-pressed", "true")
     until(lambda: before in app.workspace.pages.others(""), "its steps are its own")
     until(lambda: np.linalg.norm(client(app).camera.position) > 0.05, "the camera is free")
+
+
+@pytest.mark.parametrize("way", ["loaded again", "lost its connection"])
+def test_a_page_that_comes_back_looks_as_it_did(page: Page, app: App, way: str) -> None:
+    turn(page, "view-ar", on=True)
+    page.get_by_test_id("tab-annotate").click()
+    page.get_by_test_id("part-base").click()
+    until(lambda: view(app).selected == "base", "a part is selected")
+    turn(page, "toggle-xray", on=True)
+    page.get_by_test_id("opacity").fill("0.3")
+    page.get_by_test_id("step").click()
+    left, top, width, height = canvas_box(page)
+    page.mouse.move(left + width / 3, top + height / 3)
+    page.mouse.wheel(0, -300)
+    until(lambda: view(app).zoom > 1.2 and view(app).opacity == 0.3, "it is magnified")
+    known = "() => window.asdfviz.view.kept"
+    until(lambda: page.evaluate(known) == json.dumps(asdict(kept(view(app)))), "the page knows it")
+    before = view(app)
+    if way == "loaded again":
+        page.reload()
+    else:
+        app.drop_connections()
+    until(lambda: app.tabs() and view(app).page != before.page, "the page connects again")
+    until(lambda: view(app).selected == "base", "it goes on")
+    assert replace(kept(view(app)), page=before.page) == kept(before)
+    expect(page.get_by_test_id("tab-annotate")).to_have_attribute("aria-selected", "true")
+    expect(page.get_by_test_id("opacity")).to_have_value("0.3")
+    fov = "() => window.__viserMutable.camera.fov"
+    until(lambda: page.evaluate(fov) == pytest.approx(np.degrees(client(app).camera.fov)), "zoom")

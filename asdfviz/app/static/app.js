@@ -71,33 +71,32 @@
     if (previous.mode !== data.mode || previous.zoom !== data.zoom) guardCamera();
   };
 
-  // A new connection begins at the first frame: go back to where we were before the old one was lost,
-  // unless another sequence is served now, or before the page was loaded again while it was open.
+  // A new connection begins with a new view: go on as we were before the old one was lost, unless
+  // another sequence is served now, or before the page was loaded again while it was open.
   const STORED = "asdfviz-place";
   const stored = (opened) => {
     try {
       const kept = JSON.parse(sessionStorage.getItem(STORED)) || {};
       sessionStorage.removeItem(STORED);  // a copy of this tab is another page
-      return kept.opened === opened ? kept : {};
+      return kept.opened === opened ? kept.view : undefined;
     } catch {
-      return {};  // the browser keeps nothing
+      return undefined;  // the browser keeps nothing
     }
   };
   const resume = ({ uuid, opened, sequence, keys }) => {
     if (NS.bridge === uuid) return;
     NS.keyNames = JSON.parse(keys);
-    const seen = NS.sequence === sequence ? NS.view : {};
-    const { page, place = 0, mode = "ar" } = NS.bridge === null ? stored(opened) : seen;
+    const seen = NS.sequence === sequence ? NS.view.kept : undefined;
+    const kept = NS.bridge === null ? stored(opened) : seen;
     Object.assign(NS, { bridge: uuid, opened, sequence });
-    if (page) send({ kind: "Resume", page, place: Number(place), mode });
+    if (kept) send({ kind: "Resume", ...JSON.parse(kept) });
   };
   window.addEventListener("pagehide", () => {
-    const { page, place, mode } = NS.view;
-    if (!mode) return;
+    if (!NS.view.kept) return;
     try {
-      sessionStorage.setItem(STORED, JSON.stringify({ opened: NS.opened, page, place, mode }));
+      sessionStorage.setItem(STORED, JSON.stringify({ opened: NS.opened, view: NS.view.kept }));
     } catch {
-      // then the page begins at the first frame
+      // then the page begins anew
     }
   });
 
