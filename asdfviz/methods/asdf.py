@@ -43,8 +43,9 @@ from asdfviz.methods.state_looks import StateLooks
 from asdfviz.methods.timing import StageTimer
 from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.fusion import Pose2State
+from asdfviz.state.part_names import PartNames
 from asdfviz.state.relative_pose import relative_pose_probabilities
-from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
+from asdfviz.state.twins import renamed, renamed_poses
 
 Rests: TypeAlias = Callable[[str, Box, Frame], Transform | None]
 """Of a part that was detected in a box, T_camera_part where it still lies as it lay; else None."""
@@ -63,7 +64,7 @@ class _Scene:
     looks: StateLooks
     place_looks: PlaceLooks
     group: GroupPoses
-    twins: PlaceNames
+    twins: PartNames
     turns: BaseTurns
 
 
@@ -136,7 +137,7 @@ class Asdf:
                 assembly, shapes, first and first.looker, config=config.place_looks
             ),
             group=GroupPoses(assembly, shapes, config=config.group),
-            twins=PlaceNames(assembly),
+            twins=PartNames(assembly, config=config.relative_pose),
             turns=BaseTurns(assembly, config=config.relative_pose),
         )
 

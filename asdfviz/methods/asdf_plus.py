@@ -36,8 +36,9 @@ from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.told_poses import ToldPoses
 from asdfviz.methods.tracking import load_bodies
 from asdfviz.pose.confidence import confidence_held
+from asdfviz.state.part_names import PartNames
 from asdfviz.state.place_odds import JoinedOdds
-from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
+from asdfviz.state.twins import renamed, renamed_poses
 
 JOINED = 0.6
 """Probability from which a part moves with the base."""
@@ -52,7 +53,7 @@ class _Scene:
     followed: FollowedState
     group: GroupPoses
     odds: JoinedOdds
-    twins: PlaceNames
+    twins: PartNames
     one_place: OnePlace
     told: ToldPoses
     mistaken: Mistaken
@@ -108,7 +109,7 @@ class AsdfPlus:
             followed,
             GroupPoses(followed.assembly, shapes, config=config.joined),
             JoinedOdds(followed.assembly),
-            PlaceNames(assembly),
+            PartNames(assembly, config=config.relative_pose),
             OnePlace(assembly),
             ToldPoses(assembly, shapes, config),
             Mistaken(assembly, config=config.still_there),

@@ -41,8 +41,9 @@ from asdfviz.methods.track_memory import surely_placed, with_turned_axes
 from asdfviz.methods.unlike_twins import UnlikeTwins
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
+from asdfviz.state.part_names import PartNames
 from asdfviz.state.place_odds import JoinedOdds
-from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
+from asdfviz.state.twins import renamed, renamed_poses
 
 
 @dataclass(slots=True, eq=False)
@@ -53,7 +54,7 @@ class _Scene:
     parts: PartTracks
     followed: FollowedState
     odds: JoinedOdds
-    twins: PlaceNames
+    twins: PartNames
     places: JointPlaces
     still: StillThere
     unlike: UnlikeTwins
@@ -95,7 +96,7 @@ class AsdfTrack:
             ),
             followed=followed,
             odds=JoinedOdds(followed.assembly),
-            twins=PlaceNames(assembly),
+            twins=PartNames(assembly, config=config.relative_pose),
             places=JointPlaces(assembly),
             still=StillThere(assembly, config=config.still_there),
             unlike=UnlikeTwins(assembly, config=config.unlike_twins),

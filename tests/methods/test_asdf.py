@@ -189,3 +189,20 @@ def test_a_base_that_is_found_turned_and_looks_the_same_hides_no_state(
     assert [p.state.index for p in said[4:]] == [1] * 6
     # And the block that no box shows in the end is not put on the other side.
     assert error_mm(said[-1], "block", poses["block"]) < 8
+
+
+def test_a_base_that_lies_right_of_its_twin_is_known_by_what_is_joined_to_it(toy, detector) -> None:
+    twin = dataclasses.replace(toy.assembly.parts["base"], name="base-copy")
+    parts = {**toy.assembly.parts, "base-copy": twin}
+    toy = dataclasses.replace(toy, assembly=dataclasses.replace(toy.assembly, parts=parts))
+    poses = toy.poses(joined=True)
+    poses["base-copy"] = poses["base"].copy()
+    poses["base-copy"][0, 3] -= 0.2
+    method = Asdf(AsdfConfig(), detector=detector)
+    method.reset(toy.assembly, toy.frame(0).camera, None)
+    detector.answers[1] = tuple(toy.detection(name, T) for name, T in poses.items())
+    said = [method.step(toy.frame(1)) for _ in range(10)]
+    assert said[-1].state is not None
+    assert said[-1].state.index == 1
+    assert error_mm(said[-1], "base", poses["base"]) < 5
+    assert error_mm(said[-1], "base-copy", poses["base-copy"]) < 5

@@ -590,6 +590,26 @@ def test_asdf_track_joins_to_a_base_that_is_found_turned_and_looks_the_same(
     assert np.linalg.norm((said[-1].poses["block"].T_camera_part - T)[:3, 3]) < 0.004
 
 
+def test_asdf_track_takes_the_plate_that_parts_are_joined_to_for_the_base(
+    scene: Scene, toy, detector
+) -> None:
+    twin = replace(scene.assembly.parts["base"], name="base-copy")
+    assembly = replace(scene.assembly, parts={**scene.assembly.parts, "base-copy": twin})
+    left = transform_from(np.eye(3), np.array([-0.15, 0, 0]))
+    # From the start the block is joined, to the plate on the right.
+    truth = {**scene.truth[-1], "base-copy": left @ scene.truth[-1]["base"]}
+    frames = [scene.draw(assembly, truth, i) for i in range(FRAMES)]
+    shown = replace(toy, assembly=assembly)
+    boxes = tuple(shown.detection(name, T) for name, T in truth.items())
+    detector.answers |= dict.fromkeys(range(FRAMES), boxes)
+    scene = replace(scene, assembly=assembly, frames=frames, truth=[truth] * FRAMES)
+    said = play(AsdfTrack(AsdfTrackConfig(), detector=detector), scene, None)
+    assert said[-1].state is not None
+    assert said[-1].state.index == 1
+    for name in truth:
+        assert scene.off_mm(said[-1], name) < 5
+
+
 def test_asdf_track_finds_parts_again(scene: Scene, toy, detector) -> None:
     frames = [hidden(f) if f.index in (2, 3) else f for f in scene.frames]
     # What was hidden moved on by much more than a tracker follows.

@@ -22,7 +22,7 @@ from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned
 from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
 from asdfviz.methods.turn_table import TurnTableConfig
-from asdfviz.state.twins import PlaceNames
+from asdfviz.state.part_names import PartNames
 from asdfviz.track.bodies import Body
 from asdfviz.track.confidence import Evidence
 from asdfviz.track.presets import FINE
@@ -198,7 +198,7 @@ def test_whoever_names_twins_anew_tells_what_remembers_their_turns(
     told: list[dict[str, str]] = []
     monkeypatch.setattr(TurnChecks, "rename", lambda _, names: told.append(names))
     names = {"pin": "pin-copy", "pin-copy": "pin"}
-    monkeypatch.setattr(PlaceNames, "changes", lambda *_, **__: names)
+    monkeypatch.setattr(PartNames, "changes", lambda *_, **__: names)
     frame = toy.frame(0, {})
     for method in (
         AsdfPlus(AsdfPlusConfig(), detector=detector),
