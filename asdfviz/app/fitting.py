@@ -17,9 +17,13 @@ from asdfviz.errors import AnnotationError, Stopped
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import point_distance, rotation_angle
 from asdfviz.methods.tracking import load_bodies
-from asdfviz.track.fitting import fitted
-from asdfviz.track.presets import FINE, RBOT_REGION
+from asdfviz.methods.turned_fits import Doubt, HandFit, fitted_in_any_turn
 
+DOUBTS: dict[Doubt, str] = {
+    "alike": "but another pose fits as well: check it",
+    "poor": "but little of it fits: check it",
+    "untried": "but without depth no other turn was tried: check it",
+}
 FITTED = "fitted"
 """Provenance of such a pose: a person asked for it, and looks at it."""
 
@@ -68,15 +72,17 @@ class FitJob(BackgroundJob):
     def _work(self) -> None:
         fit, workspace = self._fit, self._workspace
         try:
-            T = self._found()
+            found = self._found()
             if self._stopped.is_set():
                 raise Stopped("cancelled")
         except Stopped:
             self._set(replace(self._begun, state="stopped"))
             return
-        self._keep(T)
-        told = f"{fit.part} fitted to the picture, {self._moved(T)}"
+        self._keep(found.T_camera_part)
+        doubt = f", {DOUBTS[found.doubt]}" if found.doubt else ""
+        told = f"{fit.part} fitted to the picture, {self._moved(found.T_camera_part)}{doubt}"
         end = replace(self._begun, state="done", done=1, told=told, part=fit.part)
+        end = replace(end, unsure=bool(doubt))
         self._set(replace(end, version=workspace.store.version()))
 
     def _keep(self, T_camera_part: Transform) -> None:
@@ -101,8 +107,8 @@ class FitJob(BackgroundJob):
         self._workspace.say(Message(title, message, is_problem=True))
         self._set(replace(self._begun, state="failed", message=message))
 
-    def _found(self) -> Transform:
-        """T_camera_part where the picture has it.
+    def _found(self) -> HandFit:
+        """Where the picture has it.
 
         Raises:
             AnnotationError: nowhere near.
@@ -117,18 +123,18 @@ class FitJob(BackgroundJob):
             stop=self._stopped.is_set,
         )
         frame = workspace.frames.source[fit.view.place]
-        found = fitted(
+        found = fitted_in_any_turn(
             frame,
             fit.T_camera_part,
+            part=workspace.assembly.parts[fit.part],
             body=bodies[fit.part],
-            camera=frame.camera,
-            config=RBOT_REGION if frame.depth is None else FINE,
+            stop=self._stopped.is_set,
         )
         if found is None:
             raise AnnotationError(
                 "its contours and depth agree with no place near: move or turn it nearer first"
             )
-        return found.T_camera_part
+        return found
 
     def _moved(self, T_camera_part: Transform) -> str:
         """How far, in words."""

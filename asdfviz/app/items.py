@@ -66,6 +66,8 @@ class JobStatus:
     """Of the annotation once it had ended: later it may no longer be as was told."""
     told: str = ""
     """Of tracking and fitting: what is being done, then what came of it, in words."""
+    unsure: bool = False
+    """Of fitting: `told` says why a person should look."""
     preparing: bool = False
     """`done` and `total` count views of the parts that the method needs made first, not frames."""
 

@@ -124,7 +124,7 @@ def settle(
     _, score, _ = _compared(Ts, prior, surface, view, config, sunk)
     best = np.argsort(-score)[: config.refined]
     both = np.concatenate(
-        [np.stack([_refined(Ts[i], surface, view, config) for i in best]), Ts[best]]
+        [np.stack([refined(Ts[i], surface, view, config) for i in best]), Ts[best]]
     )
     likely = np.tile(prior[best], 2)
     agreed, score, found = _compared(both, likely, surface, view, config, sunk)
@@ -165,7 +165,7 @@ def _agreement(Ts: Poses, surface: Surface, view: PartView, config: HypothesisCo
     return agreement(surface.points, Ts, view.focal, view.outline, view.measured, config.margin)
 
 
-def _refined(
+def refined(
     T_view_part: Transform, surface: Surface, view: PartView, config: HypothesisConfig
 ) -> Transform:
     """By depth where there is enough of it, by the outline otherwise."""

@@ -58,7 +58,7 @@ def _end(job: JobStatus, snap: Snapshot) -> str:
         is_new = job.version == snap.workspace.store.version()
         if not is_new or job.part != snap.view.selected:
             return ""
-    sign = "!" if job.message else "✓"
+    sign = "!" if job.message or job.unsure else "✓"
     lost = f", {job.message}; Shift Page ↓ goes to frames without a pose" if job.message else ""
     words = {
         "done": f"{sign} {job.told}{lost}. Undo takes it back.",
