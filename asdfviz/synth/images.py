@@ -13,10 +13,11 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.bop_writer import SceneFolder, require_size
+from asdfviz.synth.kinect import camera_for
 from asdfviz.synth.packs import PackConfig, render_pack
 from asdfviz.synth.photo_grounds import recorded
 from asdfviz.synth.render import Picture, render
-from asdfviz.synth.scene import SceneConfig, TrueScene, camera_for, make_scene
+from asdfviz.synth.scene import SceneConfig, TrueScene, make_scene
 from asdfviz.synth.sensor import (
     blur_moving,
     measure_depth,

@@ -18,11 +18,12 @@ from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Placed, Scene
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
+from asdfviz.synth.kinect import camera_for
 from asdfviz.synth.layout import hand_at
 from asdfviz.synth.looks import part_colors, plastic, random_hue, random_lights
 from asdfviz.synth.photo_grounds import Photos, choose_grounds
 from asdfviz.synth.render import Picture, render
-from asdfviz.synth.scene import Group, TrueScene, camera_for
+from asdfviz.synth.scene import Group, TrueScene
 from asdfviz.synth.sensor import photograph, random_rgb_sensor
 from asdfviz.synth.shading import ShadingConfig, look_at
 from asdfviz.synth.strays import stray

@@ -17,13 +17,14 @@ from asdfviz.synth.clearance import given_way, snapped
 from asdfviz.synth.description import Ground, Light, Placed
 from asdfviz.synth.film import Moment, film
 from asdfviz.synth.fixture import find_fixture
+from asdfviz.synth.kinect import camera_for
 from asdfviz.synth.layout import Outfit, Table, dress, turn_z
 from asdfviz.synth.looks import random_lights
 from asdfviz.synth.motion import moved
 from asdfviz.synth.penetration import Solid, solid_of
 from asdfviz.synth.photo_grounds import choose_grounds
 from asdfviz.synth.routes import free_targets
-from asdfviz.synth.scene import camera_for, random_view
+from asdfviz.synth.scene import random_view
 from asdfviz.synth.script import Director
 from asdfviz.synth.second_hand import Hand, covered, holding, hovering
 from asdfviz.synth.sequence_config import SequenceConfig

@@ -6,19 +6,18 @@ tilted by up to 43 degrees, any roll; near views are drawn more often than far o
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from asdfviz.datatypes import Camera, State
-from asdfviz.geometry.camera import scaled_intrinsics
+from asdfviz.datatypes import State
 from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Ground, Placed, Scene
 from asdfviz.synth.joint_motion import joined_poses
+from asdfviz.synth.kinect import camera_for
 from asdfviz.synth.layout import (
     Table,
     group_points,
@@ -35,11 +34,6 @@ from asdfviz.synth.looks import part_colors, plastic, random_lights
 from asdfviz.synth.photo_grounds import Photos, choose_grounds
 from asdfviz.synth.shading import look_at
 from asdfviz.synth.strays import stray
-
-KINECT = Camera(
-    np.array([[607.2491, 0.0, 639.1670], [0.0, 607.1653, 364.7615], [0.0, 0.0, 1.0]]), 1280, 720
-)
-"""The camera of the paper's recordings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,16 +92,6 @@ class TrueScene:
     groups: tuple[Group, ...]
     main: int | None
     """Which group the picture's state is about; None for packs and for what is no state."""
-
-
-def camera_for(width: int, height: int, *, zoom: float = 1.0) -> Camera:
-    """The paper's camera at another image size: square pixels, and the same diagonal of view at zoom 1."""
-    full = KINECT.width, KINECT.height
-    is_same_shape = width * full[1] == height * full[0]
-    scale = width / full[0] if is_same_shape else math.hypot(width, height) / math.hypot(*full)
-    K = scaled_intrinsics(KINECT.K, scale, scale)
-    K[:2, 2] += (width - scale * full[0]) / 2, (height - scale * full[1]) / 2
-    return Camera(K @ np.diag([zoom, zoom, 1.0]), width, height)
 
 
 def random_view(

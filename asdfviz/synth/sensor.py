@@ -14,18 +14,13 @@ import numpy as np
 from jaxtyping import Float32
 
 from asdfviz.geometry.shapes import Depth, Mask, Rgb
+from asdfviz.synth.kinect import CENTER, FOCAL, KINECT_LENS, whole_image
 from asdfviz.synth.optics import developed, fringed, grain
 
 FIELD_OF_VIEW = np.array(
     [[188, 462], [247, 115], [376, 0], [890, 0], [1041, 250], [1044, 442], [886, 719], [323, 719]]
 ) / np.array([1280.0, 720.0])
 """Outline of the depth image within the colour image, as shares of width and height."""
-
-FOCAL = 607.25 / 1280
-"""Focal length of the Azure Kinect's colour image, as a share of the width."""
-CENTER = (639.167 / 1280, 364.76 / 720)
-KINECT_LENS = (0.109, -0.124, 0.067)
-"""Radial distortion that the real colour images still hold."""
 
 Linear = Float32[np.ndarray, "h w 3"]
 Plane = Float32[np.ndarray, "h w"]
@@ -220,7 +215,8 @@ def measure_depth(
         rng: source of noise.
     """
     height, width = depth.shape
-    scale = width / 1280
+    whole = whole_image(width, height)[0]
+    scale = whole / 1280
     known = depth > 0
     far = float(depth.max()) if known.any() else 1.0
     filled = np.where(known, depth, far).astype(np.float32)
@@ -229,7 +225,7 @@ def measure_depth(
     spread = sensor.noise * (filled / 0.6) ** 2
     measured += _range_noise(rng, height, width) * spread + sensor.bias + 0.005 * darkness
     # Seen from the illuminator, 32 mm aside, the far side of a high step lies in shadow.
-    reach = max(1, round(0.032 * FOCAL * width / far * 0.3))
+    reach = max(1, round(0.032 * FOCAL * whole / far * 0.3))
     shadow = np.zeros_like(known)
     shadow[:, reach:] = (filled[:, reach:] - filled[:, :-reach]) > sensor.edge_jump
     share = np.clip(sensor.dark_loss * darkness, 1e-6, 1 - 1e-6)
@@ -281,7 +277,9 @@ def _misregistered(measured: Plane, sensor: DepthSensor, scale: float) -> Plane:
         return measured
     height, width = measured.shape
     v, u = np.mgrid[0:height, 0:width].astype(np.float32)
-    focal, (cx, cy) = FOCAL * width, np.array(CENTER) * [width, height]
+    whole = np.array(whole_image(width, height))
+    focal = FOCAL * float(whole[0])
+    cx, cy = CENTER * whole + ([width, height] - whole) / 2
     x = (u - sensor.shift_px[0] * scale - cx) / focal
     y = (v - sensor.shift_px[1] * scale - cy) / focal
     r2 = x * x + y * y

@@ -15,10 +15,11 @@ from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.bop_writer import SceneFolder, require_size
 from asdfviz.synth.gbuffer import Views
 from asdfviz.synth.images import check_seed
+from asdfviz.synth.kinect import camera_for
 from asdfviz.synth.photo_grounds import recorded
 from asdfviz.synth.play import Play, plan_sequence
 from asdfviz.synth.render import Picture, render
-from asdfviz.synth.scene import TrueScene, camera_for
+from asdfviz.synth.scene import TrueScene
 from asdfviz.synth.sensor import DepthSensor, RgbSensor, blur_moving, measure_depth, photograph
 from asdfviz.synth.sequence_config import SequenceConfig, check_config, condition_config
 from asdfviz.synth.studio import Studio

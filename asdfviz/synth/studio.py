@@ -14,11 +14,12 @@ from asdfviz.synth.assets import Assets
 from asdfviz.synth.description import Finish, Light, Placed, Scene
 from asdfviz.synth.film import Moment
 from asdfviz.synth.grasping import dressed, scaled
+from asdfviz.synth.kinect import camera_for
 from asdfviz.synth.layout import turn_z
 from asdfviz.synth.looks import linear, plastic
 from asdfviz.synth.motion import blend
 from asdfviz.synth.play import Play
-from asdfviz.synth.scene import Group, TrueScene, camera_for
+from asdfviz.synth.scene import Group, TrueScene
 from asdfviz.synth.sequence_config import SequenceConfig
 
 _REACH = 0.5

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from asdfviz.errors import InputError
+from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.images import TEST_SEEDS, check_seed
+from asdfviz.synth.kinect import KINECT, camera_for
 from asdfviz.synth.layout import holding_hand
-from asdfviz.synth.scene import KINECT, camera_for
 
 
 @pytest.mark.parametrize("size", [(640, 480), (1024, 1024), (720, 1280), (96, 64)])
@@ -26,10 +27,11 @@ def test_pixels_are_square_at_any_size(size: tuple[int, int]) -> None:
     np.testing.assert_allclose(off, (KINECT.K[:2, 2] - full) / KINECT.K[0, 0])
 
 
-def test_the_same_shape_is_the_whole_view() -> None:
-    half = camera_for(640, 360)
-    np.testing.assert_array_equal(half.K[:2, :2], KINECT.K[:2, :2] / 2)
-    np.testing.assert_allclose(half.K[:2, 2], (KINECT.K[:2, 2] - 0.5) / 2)
+def test_the_same_shape_is_the_whole_view_to_the_last_bit() -> None:
+    for width in range(64, 4097, 16):
+        height = width * 9 // 16
+        whole = scaled_intrinsics(KINECT.K, width / 1280, height / 720)
+        np.testing.assert_array_equal(camera_for(width, height).K, whole)
 
 
 def test_a_hand_holds_a_box_whose_corners_come_once_a_face() -> None:

@@ -15,11 +15,11 @@ from asdfviz.geometry.shapes import Points
 from asdfviz.synth.description import Finish, Light, Placed, Scene
 from asdfviz.synth.gbuffer import Views, build_gbuffer, place_all
 from asdfviz.synth.implicit import mesh_implicit
+from asdfviz.synth.kinect import camera_for
 from asdfviz.synth.looks import theatre
 from asdfviz.synth.mesh_bank import MeshBank
 from asdfviz.synth.patterns import MACRO
 from asdfviz.synth.render import render
-from asdfviz.synth.scene import camera_for
 from asdfviz.synth.sensor import RgbSensor, metered, photograph
 from asdfviz.synth.shading import interreflected, look_at
 

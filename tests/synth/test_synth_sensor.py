@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from asdfviz.synth.kinect import KINECT_LENS, camera_for
 from asdfviz.synth.sensor import (
-    KINECT_LENS,
     DepthSensor,
     RgbSensor,
     blur_moving,
@@ -171,6 +171,27 @@ def test_the_lens_moves_depth_towards_the_middle_more_and_more() -> None:
     assert 0 <= moved[1] <= 2
     assert -2 <= moved[2] <= 0
     assert -9 <= moved[3] <= -4
+
+
+def test_the_lens_is_the_camera_s_at_any_image_size() -> None:
+    width, height = 480, 640
+    K = camera_for(width, height).K
+    at = np.stack(np.meshgrid(np.arange(20, width, 110), np.arange(20, height, 120)), -1)
+    rays = (at - K[:2, 2]) / np.diagonal(K)[:2]
+    r2 = (rays**2).sum(axis=-1, keepdims=True)
+    stretch = 1 + r2 * (KINECT_LENS[0] + r2 * (KINECT_LENS[1] + r2 * KINECT_LENS[2]))
+    seen = rays * stretch * np.diagonal(K)[:2] + K[:2, 2]
+    sensor = DepthSensor(
+        noise=0.0, trail_px=0.0, edge_jump=9.0, field_of_view=False, lens=KINECT_LENS
+    )
+    for axis in (0, 1):
+        ramp = 0.5 + np.indices((height, width))[1 - axis].astype(np.float32) / 1000
+        albedo = np.full_like(ramp, 0.4)
+        bent = measure_depth(ramp, albedo, sensor=sensor, rng=np.random.default_rng(0))
+        read = (bent[at[..., 1], at[..., 0]] - 0.5) * 1000
+        inside = ((seen > 5) & (seen < np.array([width, height]) - 5)).all(axis=-1)
+        assert inside.sum() > 12
+        np.testing.assert_allclose(read[inside], seen[inside, axis], atol=1.5)
 
 
 def test_noise_is_weak_in_the_dark_and_flare_lifts_black() -> None:
