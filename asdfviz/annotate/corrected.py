@@ -13,7 +13,7 @@ from asdfviz.annotate.kept_shares import KeptShares
 from asdfviz.annotate.records import PoseAnnotation, Seed, StateLabel, label_of
 from asdfviz.annotate.store import AnnotationStore
 from asdfviz.data.result_csv import load_run_or_csv
-from asdfviz.data.run_files import RUNS
+from asdfviz.data.run_files import RUNS, is_unfilled
 from asdfviz.datatypes import Assembly, FrameTruth, Run, Sequence
 from asdfviz.errors import AnnotationError
 from asdfviz.geometry.shapes import Transform
@@ -79,12 +79,12 @@ def seed_truth(seed: Seed, sequence: Sequence, assembly: Assembly) -> dict[int, 
         SequenceError: the sequence's truth cannot be read.
     """
     if seed.kind == "run":
-        if seed.run is None:
+        folder = None if seed.run is None else run_of_seed(seed.run, sequence)
+        if folder is None or is_unfilled(folder):
             raise AnnotationError(
                 f"the run of '{seed.method}' that the corrections of '{sequence.name}' started "
-                "from was not saved: run the method again and start from that"
+                "from was not saved: run the method again in the app and use that run there"
             )
-        folder = run_of_seed(seed.run, sequence)
         return truth_from_run(
             load_run_or_csv(folder, sequence=sequence, assembly=assembly), assembly
         )

@@ -18,7 +18,7 @@ from asdfviz.app.controller import Controller
 from asdfviz.app.items import Message
 from asdfviz.app.jobs import Background, start_check
 from asdfviz.app.server import check_free, start_server, stop_server
-from asdfviz.app.truths import lost_base
+from asdfviz.app.truths import lost_base, unfinished_seed
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.atomic import make_folder
@@ -219,7 +219,8 @@ def _load_earlier_runs(workspace: Workspace, folders: tuple[Path, ...]) -> None:
 def _load_run_of_seed(workspace: Workspace) -> None:
     """Load the run that corrections started from, wherever it lies; one that is lost is told."""
     seed, why = workspace.store.seed(), ""
-    if seed.run is not None and workspace.base_of_seed() is None:
+    is_lost = workspace.base_of_seed() is None and unfinished_seed(workspace) is None
+    if seed.run is not None and is_lost:
         sequence = workspace.frames.source
         folder = run_of_seed(seed.run, sequence)
         try:

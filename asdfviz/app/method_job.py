@@ -14,6 +14,7 @@ import numpy as np
 from asdfviz import __version__
 from asdfviz.app.background_job import BackgroundJob
 from asdfviz.app.items import JobStatus, Message
+from asdfviz.app.truths import unfinished_seed
 from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import save_run
 from asdfviz.datatypes import FramePrediction, Run
@@ -44,7 +45,7 @@ class MethodJob(BackgroundJob):
         super().__init__(workspace, "job", thread=f"run {spec.name}")
         self._spec = spec
         self._config = config
-        self._folder = _reserved(workspace.runs_folder, spec.name)
+        self._folder = _folder_for(workspace, spec.name)
         self._id = str(self._folder)
         self._predictions: list[FramePrediction] = []
         self._kept: Run | None = None
@@ -136,8 +137,23 @@ class MethodJob(BackgroundJob):
 
     def _drop(self) -> None:
         self._workspace.drop_run(self._id)
+        if unfinished_seed(self._workspace) == self._folder:
+            return  # for the next try
         with contextlib.suppress(OSError):
             self._folder.rmdir()  # empty, or it stays
+
+
+def _folder_for(workspace: Workspace, method: str) -> Path:
+    """A folder of its own, or that of the method's run that corrections started from but was never saved.
+
+    They go on from the run that takes its place; another would leave them without any.
+    """
+    begun = unfinished_seed(workspace)
+    if begun is None or workspace.store.seed().method != method:
+        return _reserved(workspace.runs_folder, method)
+    told = f"{method} takes the place of the run that they started from, which was never saved"
+    workspace.say(Message("Corrections go on from this run", told))
+    return begun
 
 
 def _reserved(runs: Path, method: str) -> Path:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from asdfviz.annotate.checked import Checked, checked_truth
-from asdfviz.annotate.corrected import corrected_truth
+from asdfviz.annotate.corrected import corrected_truth, run_of_seed
 from asdfviz.app.view import TRUTH
 from asdfviz.app.workspace import Workspace
+from asdfviz.data.run_files import is_unfilled
 from asdfviz.datatypes import FrameTruth, Run
 from asdfviz.errors import AnnotationError
 
@@ -77,11 +79,27 @@ def lost_base(workspace: Workspace) -> str | None:
     if seed.kind == "none" or workspace.base_of_seed() is not None:
         return None
     what = "its own truth" if seed.kind == "truth" else f"the run {seed.run or seed.method}"
+    way = "cannot be read: bring it back and open the sequence again"
+    if unfinished_seed(workspace) is not None:
+        way = f"was never saved: run {seed.method} again, which takes its place"
     return (
-        f"the corrections of {workspace.frames.name} started from {what}, which cannot be read: "
-        "bring it back and open the sequence again, or choose another run or the truth to go on "
-        "from it; nothing is exported before"
+        f"the corrections of {workspace.frames.name} started from {what}, which {way}, or press "
+        "'use' at another run or the truth in the Methods tab to go on from it; nothing is "
+        "exported before"
     )
+
+
+def unfinished_seed(workspace: Workspace) -> Path | None:
+    """The folder of the run that corrections started from, if it was never saved and may be yet.
+
+    So it is when the app was killed while a method worked whose poses were corrected meanwhile.
+    """
+    seed = workspace.store.seed()
+    if seed.run is None or workspace.base_of_seed() is not None:
+        return None
+    folder = run_of_seed(seed.run, workspace.frames.source)
+    is_ours = folder.resolve().parent == workspace.runs_folder.resolve()
+    return folder if is_ours and is_unfilled(folder) else None
 
 
 def _own_truth(workspace: Workspace) -> dict[int, FrameTruth]:

@@ -85,6 +85,15 @@ def save_run(run: Run, folder: Path) -> None:
     write_text(folder / RUN, json.dumps(about, indent=2, ensure_ascii=False) + "\n")
 
 
+def is_unfilled(folder: Path) -> bool:
+    """Whether a run was begun in a folder and never saved, as when the program was killed meanwhile."""
+    try:
+        # What is half written has a name of its own, which begins with a dot (`atomic.write_bytes`).
+        return all(file.name.startswith(".") for file in folder.iterdir())
+    except OSError:
+        return False  # there is none, or it cannot be read
+
+
 def scene_of_run(folder: Path) -> str:
     """The sequence that a saved run is about, without reading its predictions.
 

@@ -17,7 +17,7 @@ from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import read_folder_truth
 from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run
-from asdfviz.errors import InputError
+from asdfviz.errors import AnnotationError, InputError
 from asdfviz.geometry.transforms import transform_from
 
 
@@ -145,6 +145,22 @@ def test_a_restart_without_the_run_that_was_corrected_says_so(scene: Path, clamp
         workspace.store.set_seed(workspace.seed_of(str(other)))
         start_export(workspace, str(other)).join(60)
         assert (workspace.export_folder / "scene_gt.json").is_file()
+
+
+def test_a_restart_after_a_kill_says_that_the_run_was_never_saved(
+    scene: Path, clamp: Assembly
+) -> None:
+    home = scene / "runs" / "mine"
+    home.mkdir(parents=True)
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        workspace.put_run(run_of(scene, clamp, x=0.1), str(home), home=home)
+        correct(workspace, str(home))
+    with contextlib.closing(open_workspace(config(scene))) as workspace:
+        (told,) = workspace.messages
+        assert "was never saved: run mine again, which takes its place, or press 'use'" in told.body
+        source, notes = workspace.frames.source, scene.parent / "notes"
+        with pytest.raises(AnnotationError, match=r"'mine' .* was not saved: run the method again"):
+            annotated(source, annotations=notes)
 
 
 @pytest.mark.parametrize(

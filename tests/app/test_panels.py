@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from tiny_sequence import COUNT, FIRST, make_run
 
-from asdfviz.annotate.records import StateLabel
+from asdfviz.annotate.records import Seed, StateLabel
 from asdfviz.app import actions as act
 from asdfviz.app import chrome, hotkeys, theme, welcome
 from asdfviz.app.bridge import parse
@@ -405,6 +405,19 @@ def test_a_run_that_lacks_frames_never_stands_out(with_run: Workspace, clamp: As
     assert "<td>1.0<small> mm</small></td>" in html
     assert '<b class="ax-good">2.0<small> mm</small></b>' in html
     assert "the unit is in doubt: c." in html
+
+
+def test_no_run_is_in_use_while_corrections_have_lost_theirs(with_run: Workspace) -> None:
+    html = methods.content(snapshot(with_run, base="first"), METHODS)
+    assert "in use</span>" in html
+    with_run.store.set_seed(Seed("run", "/no/such/run", "gone"))
+    html = methods.content(snapshot(with_run, base="first"), METHODS)
+    assert "in use</span>" not in html
+    assert "the run /no/such/run, which cannot be read" in html
+    with_run.store.set_seed(with_run.seed_of(TRUTH))
+    html = methods.content(snapshot(with_run, base=TRUTH, chosen=True), METHODS)
+    assert "in use</span>" in html
+    assert "cannot be read" not in html
 
 
 def test_a_worst_frame_is_gone_to_with_its_part(with_run: Workspace) -> None:

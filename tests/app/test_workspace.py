@@ -24,7 +24,7 @@ from asdfviz.app.method_job import next_run_folder, pace_of
 from asdfviz.app.snapshot import take
 from asdfviz.app.strips import annotation_row
 from asdfviz.app.timeline import Verdict
-from asdfviz.app.truths import drawn_truth
+from asdfviz.app.truths import drawn_truth, exported_truth
 from asdfviz.app.view import TRUTH, View, centre_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import load_run, save_run
@@ -325,6 +325,39 @@ def test_corrections_begun_while_a_run_works_start_from_the_saved_run(
     wait_for(workspace, lambda: workspace.job is not None and workspace.job.state == "done")
     assert workspace.base_of_seed() == working.id
     assert workspace.store.seed().run == str(workspace.runs[0].folder)
+
+
+def test_a_run_that_was_killed_is_run_again_in_its_place(
+    workspace: Workspace, background: Background, clamp: Assembly
+) -> None:
+    # Begun and corrected, but the app was killed before it was saved; another began afterwards.
+    begun = workspace.runs_folder / SPEC.name
+    begun.mkdir(parents=True)
+    workspace.store.set_seed(Seed("run", str(begun), SPEC.name))
+    workspace.store.set_pose(101, "base", np.eye(4) + np.eye(4, k=4))
+    GATE.set()
+    background.run(replace(SPEC, name="other"))
+    wait_for(workspace, lambda: workspace.job is not None and workspace.job.state == "done")
+    assert workspace.base_of_seed() is None
+    start_export(workspace, workspace.runs[0].id).join(60)
+    assert "was never saved: run still again, which takes its place" in workspace.messages[-1].body
+    # What does not get as far as a frame leaves it to be tried again.
+    job = method_job.MethodJob(workspace, SPEC, StillConfig())
+    job.stop()
+    job.start()
+    job.wait(20.0)
+    assert begun.is_dir()
+    (begun / ".predictions.jsonl.0a1b").touch()  # killed while it was saved
+    background.run(SPEC)
+    wait_for(workspace, lambda: workspace.job is not None and workspace.job.state == "done")
+    assert workspace.messages[-1].title == "Corrections go on from this run"
+    assert workspace.base_of_seed() == str(begun)
+    assert len(load_run(begun).predictions) == 8
+    assert set(exported_truth(workspace, None, guesses=False).truth) == {101}
+    # The next one has a folder of its own.
+    background.run(SPEC)
+    wait_for(workspace, lambda: workspace.job is not None and workspace.job.state == "done")
+    assert workspace.runs[-1].folder == begun.with_name("still-2")
 
 
 def test_corrections_find_their_run_in_a_scene_that_was_moved(

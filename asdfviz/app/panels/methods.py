@@ -11,6 +11,7 @@ from asdfviz.app.markup import EYE, act, button, chip, empty, heading, number, t
 from asdfviz.app.options import differences, label_of
 from asdfviz.app.panels import job_box
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.truths import lost_base
 from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import Assembly
@@ -32,21 +33,36 @@ def content(snap: Snapshot, methods: Mapping[str, MethodSpec | BrokenMethod]) ->
 
 
 def _runs(snap: Snapshot, methods: Mapping[str, MethodSpec | BrokenMethod]) -> str:
-    runs, view = snap.workspace.runs, snap.view
+    runs, lost = snap.workspace.runs, lost_base(snap.workspace)
+    # What is drawn while corrections have lost their run is not what they go on from until it is used.
+    in_use = snap.view.base if lost is None else None
     specs = {m.name: m for m in methods.values() if isinstance(m, MethodSpec)}
-    items = [_run(place, run, snap, specs.get(run.run.method)) for place, run in enumerate(runs, 1)]
+    items = [
+        _run(place, run, snap, specs.get(run.run.method), in_use=in_use)
+        for place, run in enumerate(runs, 1)
+    ]
     if snap.facts.has_truth:
-        items.append(_truth(len(runs) + 1, view))
+        items.append(_truth(len(runs) + 1, snap.view, in_use=in_use))
+    note = ""
+    if lost is not None:
+        note = f'<p class="ax-note" data-testid="lost">Not what was corrected: {text(lost)}.</p>'
     if not items:
-        return empty("No run yet. Run a method below: its poses appear while it works.")
+        return empty("No run yet. Run a method below: its poses appear while it works.") + note
     legend = (
         '<p class="ax-note">What is <em>in use</em> is drawn, and corrections start from it; the '
         "eye adds another run's outlines.</p>"
     )
-    return f'<ul class="ax-list" data-testid="runs">{"".join(items)}</ul>{legend}'
+    return f'<ul class="ax-list" data-testid="runs">{"".join(items)}</ul>{legend}{note}'
 
 
-def _run(place: int, run: LoadedRun, snap: Snapshot, spec: MethodSpec | None) -> str:
+def _run(
+    place: int,
+    run: LoadedRun,
+    snap: Snapshot,
+    spec: MethodSpec | None,
+    *,
+    in_use: str | None,
+) -> str:
     said = sum(p is not None for p in run.by_place)
     whole = said == snap.facts.count
     frames = "all frames" if whole else f"{said} of {snap.facts.count} frames"
@@ -56,7 +72,7 @@ def _run(place: int, run: LoadedRun, snap: Snapshot, spec: MethodSpec | None) ->
         f'<li class="ax-item" title="{text(where)}">{chip(run.color)}'
         f'<span class="ax-main"><b>{text(run.label)}</b><small>{frames}{text(changed)}</small></span>'
         f'<span class="ax-num">{number(run.milliseconds, decimals=0, unit="ms")}</span>'
-        f"{_use(run.id, run.label, snap.view)}{_eye(run.id, run.label, place, snap.view)}</li>"
+        f"{_use(run.id, run.label, in_use)}{_eye(run.id, run.label, place, snap.view)}</li>"
     )
 
 
@@ -68,21 +84,21 @@ def _changed(run: LoadedRun, assembly: Assembly, spec: MethodSpec | None) -> str
     return "".join(f"; {label_of(name)} {value}" for name, value in changed.items())
 
 
-def _truth(place: int, view: View) -> str:
+def _truth(place: int, view: View, *, in_use: str | None) -> str:
     return (
         f'<li class="ax-item">{chip(theme.TRUTH)}<span class="ax-main"><b>truth</b>'
         f"<small>of the dataset</small></span><span class='ax-num'></span>"
-        f"{_use(TRUTH, 'the truth', view)}{_eye(TRUTH, 'the truth', place, view)}</li>"
+        f"{_use(TRUTH, 'the truth', in_use)}{_eye(TRUTH, 'the truth', place, view)}</li>"
     )
 
 
-def _use(layer: str, label: str, view: View) -> str:
+def _use(layer: str, label: str, in_use: str | None) -> str:
     return button(
-        "in use" if view.base == layer else "use",
+        "in use" if layer == in_use else "use",
         act("UseRun", run=layer),
         title=f"Draw {label} and correct from it",
         classes="ax-tiny",
-        pressed=view.base == layer,
+        pressed=layer == in_use,
         testid=f"use-{label}",
     )
 
