@@ -44,7 +44,7 @@ def resume(view: View, action: act.Resume, facts: Facts) -> View:
 
     What corrections start from stays what it is, whatever the page had chosen.
     """
-    zoom = _within(action.zoom, ZOOM_RANGE)
+    zoom = within(action.zoom, ZOOM_RANGE)
     centre = None
     if action.centre is not None and zoom > ZOOM_RANGE[0]:
         centre = clamp_centre(action.centre, facts.size_wh)
@@ -61,10 +61,10 @@ def resume(view: View, action: act.Resume, facts: Facts) -> View:
         zoom=zoom,
         centre=centre,
         turns=view.turns + is_moved,
-        opacity=_within(action.opacity, OPACITY_RANGE),
+        opacity=within(action.opacity, OPACITY_RANGE),
         step=min(max(action.step, 0), len(STEPS_MM) - 1),
         gizmo=action.gizmo,
-        speed=_within(action.speed, (SPEEDS[0], SPEEDS[-1])),
+        speed=within(action.speed, (SPEEDS[0], SPEEDS[-1])),
         hidden=frozenset(action.hidden) & set(facts.parts),
         layers=frozenset(action.layers) & set(facts.layers),
         **switches,
@@ -72,5 +72,6 @@ def resume(view: View, action: act.Resume, facts: Facts) -> View:
     return at(resumed, action.place, facts)
 
 
-def _within(value: float, bounds: tuple[float, float]) -> float:
+def within(value: float, bounds: tuple[float, float]) -> float:
+    """The value, or the end of the bounds beyond which it lies."""
     return min(max(value, bounds[0]), bounds[1])

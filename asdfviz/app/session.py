@@ -13,7 +13,7 @@ from typing import Any
 from asdfviz.app import actions as act
 from asdfviz.app.ar import clamp_centre, zoom_about
 from asdfviz.app.places import at, hold, mark_range, set_range, step, to_boundary
-from asdfviz.app.resuming import OPACITY_RANGE, resume
+from asdfviz.app.resuming import OPACITY_RANGE, resume, within
 from asdfviz.app.view import SPEEDS, STEPS_MM, TRUTH, Facts, View, centre_of, window_of
 
 
@@ -116,7 +116,7 @@ def _drifted(view: View, action: act.Drifted, facts: Facts) -> View:
 
 def _set_opacity(view: View, action: act.SetOpacity, facts: Facts) -> View:
     del facts
-    return replace(view, opacity=min(max(action.opacity, OPACITY_RANGE[0]), OPACITY_RANGE[1]))
+    return replace(view, opacity=within(action.opacity, OPACITY_RANGE))
 
 
 def _toggle(view: View, action: act.Toggle, facts: Facts) -> View:

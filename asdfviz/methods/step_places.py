@@ -19,7 +19,7 @@ from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
-from asdfviz.state.half_done import SAME_PLACE
+from asdfviz.state.half_done import is_same_place
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import Deviation, off_place
 from asdfviz.track.starts import Trial
@@ -183,5 +183,5 @@ def moved_parts(before: State, state: State | None = None) -> set[str]:
     return {
         name
         for name, T in before.T_base_part.items()
-        if name in places and not np.allclose(T, places[name], rtol=0.0, atol=SAME_PLACE)
+        if name in places and not is_same_place(T, places[name])
     }

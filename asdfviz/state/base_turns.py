@@ -71,13 +71,26 @@ class BaseTurns:
         return nearest_symmetric(T_camera_base, self._last, self._symmetries)
 
     def _value(self, T_camera_base: Transform, poses: Mapping[str, PoseEstimate]) -> float:
-        """Log odds of the state that explains the parts best to nothing being joined."""
-        base = replace(poses[self._assembly.base], T_camera_part=T_camera_base)
-        told = joined_or_not({**poses, base.part: base}, self._assembly, config=self._config)
-        if told is None:
-            return 0.0
-        joined, alone = told
-        return float(joined.max()) - alone
+        return odds_joined(poses, T_camera_base, self._assembly, config=self._config)
+
+
+def odds_joined(
+    poses: Mapping[str, PoseEstimate],
+    T_camera_base: Transform,
+    assembly: Assembly,
+    *,
+    config: RelativePoseConfig,
+) -> float:
+    """Log odds of the state that explains the parts best, with the base there, to nothing being joined.
+
+    Where nothing else was found that any state joins, they are even: 0.
+    """
+    base = replace(poses[assembly.base], T_camera_part=T_camera_base)
+    told = joined_or_not({**poses, base.part: base}, assembly, config=config)
+    if told is None:
+        return 0.0
+    joined, alone = told
+    return float(joined.max()) - alone
 
 
 def equal_bases(

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, State
-from asdfviz.geometry.shapes import Scores
+from asdfviz.geometry.shapes import Scores, Transform
 
 All: TypeAlias = Float64[np.ndarray, "all"]
 """One for every state, the half-done ones among them."""
@@ -83,9 +83,13 @@ def not_yet(
 def joins_alike(one: State, other: State) -> bool:
     """Whether two states have the same parts at the same places."""
     return one.T_base_part.keys() == other.T_base_part.keys() and all(
-        np.allclose(T, other.T_base_part[name], rtol=0.0, atol=SAME_PLACE)
-        for name, T in one.T_base_part.items()
+        is_same_place(T, other.T_base_part[name]) for name, T in one.T_base_part.items()
     )
+
+
+def is_same_place(T_one: Transform, T_other: Transform) -> bool:
+    """Whether two poses are one place that was written twice."""
+    return np.allclose(T_one, T_other, rtol=0.0, atol=SAME_PLACE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

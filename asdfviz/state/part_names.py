@@ -10,8 +10,8 @@ from collections.abc import Collection, Mapping
 
 from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.geometry.shapes import Transform
-from asdfviz.state.base_turns import MEMORY, MOST, equal_bases
-from asdfviz.state.relative_pose import RelativePoseConfig, joined_or_not
+from asdfviz.state.base_turns import MEMORY, MOST, equal_bases, odds_joined
+from asdfviz.state.relative_pose import RelativePoseConfig
 from asdfviz.state.twins import PlaceNames, renamed, renamed_poses, twin_groups
 
 SURE = 4.0
@@ -33,13 +33,7 @@ class PartNames(PlaceNames):
     def changes(
         self, poses: Mapping[str, Transform], *, held: Collection[str] = ()
     ) -> dict[str, str]:
-        """From the names to be changed to the new ones: a permutation.
-
-        Args:
-            poses: T_camera_part of what was found, by the names they go by now; without the base
-                part nothing changes.
-            held: by the base in their places, whatever their poses say: they keep their names.
-        """
+        """As `PlaceNames.changes` has it, and the base's name with them."""
         base = self._base_changes(poses, held)
         others = super().changes(renamed(poses, base), held=[base.get(name, name) for name in held])
         both = {name: others.get(new, new) for name, new in base.items()}
@@ -65,10 +59,6 @@ class PartNames(PlaceNames):
 
     def _value(self, seen: Mapping[str, PoseEstimate], names: Mapping[str, str]) -> float:
         """Log odds of the state that explains the parts best to nothing being joined, by these names."""
-        poses, base, best = renamed_poses(seen, names), self._assembly.base, 0.0
-        for T in equal_bases(poses[base].T_camera_part, poses, self._assembly):
-            poses[base] = PoseEstimate(base, T, 1.0, "refined")
-            told = joined_or_not(poses, self._assembly, config=self._config)
-            if told is not None:
-                best = max(best, float(told[0].max()) - told[1])
-        return best
+        poses, assembly = renamed_poses(seen, names), self._assembly
+        equal = equal_bases(poses[assembly.base].T_camera_part, poses, assembly)
+        return max(0.0, *(odds_joined(poses, T, assembly, config=self._config) for T in equal))

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 from asdfviz.errors import InputError
+from asdfviz.synth.bop_writer import require_size
 from asdfviz.synth.motion import Pace
 from asdfviz.synth.photo_grounds import Photos
 
@@ -87,11 +88,12 @@ def condition_config(name: str, **overrides: Any) -> SequenceConfig:
 
 
 def check_config(config: SequenceConfig) -> None:
-    """Refuse rates and counts that make no sequence.
+    """Refuse sizes, rates and counts that make no sequence.
 
     Raises:
         InputError: with the value and what would be right.
     """
+    require_size(config.width, config.height)
     if not 3 <= config.fps <= 30:
         raise InputError(f"{config.fps} frames a second: use 3 to 30")
     for name, count in (("frames", config.frames), ("frames_per_state", config.frames_per_state)):

@@ -12,7 +12,7 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Depth
 from asdfviz.synth.assets import Assets, load_assets
-from asdfviz.synth.bop_writer import SceneFolder, require_size
+from asdfviz.synth.bop_writer import SceneFolder
 from asdfviz.synth.gbuffer import Views
 from asdfviz.synth.images import check_seed
 from asdfviz.synth.kinect import camera_for
@@ -77,12 +77,12 @@ def generate_sequence(
     """
     chosen = config or SequenceConfig()
     check_seed(seed, of_test_set=True)
-    require_size(chosen.width, chosen.height)
     check_config(chosen)
     assets = load_assets(assembly, device=device)
     # What cannot be played is refused before a folder is begun for it.
     play = plan_sequence(assets, seed=seed, config=chosen)
-    _require_frames(len(play.moments) if exactly else 0, chosen)
+    if exactly:
+        _require_frames(len(play.moments), chosen)
     output = SceneFolder(folder, assets=assets, masks=masks)
     about = {"fps": chosen.fps, "seed": seed, "kind": "sequence", "masks": masks}
     camera = camera_for(chosen.width, chosen.height)
