@@ -180,7 +180,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class CycleStep:
-    """Fine, normal, coarse steps."""
+    """Fine, normal, coarse, large steps."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from asdfviz.app.items import JobStatus
 from asdfviz.app.markup import act, button, chip, text
 from asdfviz.app.naming import short_names
 from asdfviz.app.snapshot import Snapshot
-from asdfviz.app.view import SPEEDS, STEPS_MM, View
+from asdfviz.app.view import SPEEDS, View
 from asdfviz.render.state_ramp import state_color
 
 _PLAY = '<svg viewBox="0 0 16 16"><path d="M4 2.5v11l9-5.5z"/></svg>'
@@ -107,12 +107,6 @@ def keys_sheet() -> str:
         '<div class="ax-card ax-wide ax-sheet" role="dialog" aria-label="Keys" data-testid="keys">'
         f"<h2>Keys and mouse</h2><div class='ax-columns'>{columns}</div><div class='ax-end'>{close}</div></div>"
     )
-
-
-def step_name(step: int) -> str:
-    """A step size in words: millimetres for a nudge, degrees for a turn."""
-    size = STEPS_MM[step]
-    return f"{size:g} mm, {size:g}°"
 
 
 def _state_badge(snap: Snapshot) -> str:

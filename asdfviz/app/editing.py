@@ -18,7 +18,7 @@ from asdfviz.app import labels, placing, verdicts
 from asdfviz.app.desk import Burst, Desk, Done, NothingLeft
 from asdfviz.app.history import frames_of, in_words, place_to_show
 from asdfviz.app.typed_pose import typed_pose
-from asdfviz.app.view import STEPS_MM, View
+from asdfviz.app.view import STEPS_DEG, STEPS_MM, View
 from asdfviz.app.workspace import Workspace
 from asdfviz.errors import AnnotationError
 from asdfviz.export.gaps import lacking
@@ -131,12 +131,11 @@ def _type(action: act.TypePose, desk: Desk) -> Done:
 
 def _move(action: act.Nudge | act.Turn, desk: Desk) -> Done:
     T_camera_part = desk.pose()
-    step = STEPS_MM[desk.view.step]
     axis = action.sign * np.eye(3)[action.axis]
     if isinstance(action, act.Nudge):
-        T_moved = nudged(T_camera_part, axis * step / 1000)
+        T_moved = nudged(T_camera_part, axis * STEPS_MM[desk.view.step] / 1000)
     else:
-        angle = float(np.radians(step))
+        angle = float(np.radians(STEPS_DEG[desk.view.step]))
         T_moved = rotated(T_camera_part, axis, angle, centre_part=desk.centre())
     return desk.move(desk.part, T_moved, "keys")
 

@@ -93,7 +93,7 @@ HOTKEYS: tuple[Hotkey, ...] = (
     Hotkey("Correct", "Next part", act.NextPart(1), "N"),
     Hotkey("Correct", "Previous part", act.NextPart(-1), "P"),
     *_moves(),
-    Hotkey("Correct", "Step size: fine, normal, coarse", act.CycleStep(), "0"),
+    Hotkey("Correct", "Step size: fine, normal, coarse, large (45°)", act.CycleStep(), "0"),
     Hotkey("Correct", "Gizmo: move, turn, off", act.CycleGizmo(), "G"),
     Hotkey("Correct", "Copy the pose from the frame before, else after", act.CopyPrevious(), "C"),
     Hotkey("Correct", "Place the part in the frame", act.PlacePart(), "enter", "shift"),

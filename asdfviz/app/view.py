@@ -10,9 +10,11 @@ from asdfviz.app.ar import Window, rest_centre
 from asdfviz.app.page_actions import Mode
 from asdfviz.geometry.shapes import Intrinsics
 
-STEPS_MM = (0.2, 1.0, 5.0)
-"""Fine, normal, coarse: of a nudge in millimetres and of a turn in degrees."""
-STEP_NAMES = ("fine", "normal", "coarse")
+STEPS_MM = (0.2, 1.0, 5.0, 20.0)
+"""Fine, normal, coarse, large: of a nudge in millimetres,"""
+STEPS_DEG = (0.2, 1.0, 5.0, 45.0)
+"""and of a turn in degrees: a part that was just placed may lie on another side."""
+STEP_NAMES = ("fine", "normal", "coarse", "large")
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 TRUTH = "truth"
 """Name of the truth's layer; runs' layers bear their ids."""

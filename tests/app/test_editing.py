@@ -12,6 +12,8 @@ from asdfviz.app import actions as act
 from asdfviz.app.desk import Burst, Done, NothingLeft
 from asdfviz.app.editing import Edits, apply_edit, use_base
 from asdfviz.app.items import ANNOTATION
+from asdfviz.app.panels import annotate
+from asdfviz.app.snapshot import take
 from asdfviz.app.typed_pose import euler_deg
 from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import Workspace
@@ -44,11 +46,22 @@ def test_a_nudge_moves_one_step_in_the_picture(with_run: Workspace, do: Do) -> N
     assert jaw(with_run, 2) == pytest.approx(before)  # other frames stay
 
 
-@pytest.mark.parametrize(("step", "metres"), [(0, 0.0002), (1, 0.001), (2, 0.005)])
+@pytest.mark.parametrize(("step", "metres"), [(0, 0.0002), (1, 0.001), (2, 0.005), (3, 0.02)])
 def test_step_sizes(with_run: Workspace, do: Do, step: int, metres: float) -> None:
     before = jaw(with_run)
     do(act.Nudge(2, -1), View(place=1, base="first", selected="jaw", step=step))
     assert jaw(with_run)[2, 3] - before[2, 3] == pytest.approx(-metres)
+
+
+def test_two_large_turns_are_a_quarter(with_run: Workspace, do: Do) -> None:
+    before = jaw(with_run)
+    view = View(place=1, base="first", selected="jaw", step=3)
+    do(act.Turn(0, 1), view)
+    do(act.Turn(0, 1), view)
+    turned = jaw(with_run)[:3, :3] @ before[:3, :3].T
+    assert turned == pytest.approx(np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]), abs=1e-12)
+    shown = annotate.content(take(with_run, view, frame=None))
+    assert "large: 20 mm, 45°" in shown
 
 
 def test_a_turn_keeps_the_middle_of_the_part(with_run: Workspace, do: Do) -> None:

@@ -126,7 +126,7 @@ def test_a_page_that_comes_back_gets_what_is_still_here() -> None:
     told = replace(told, hidden=("gone", "jaw"), layers=("gone", "a"), speed=1e9)
     view = after(View(), told)
     assert (view.selected, view.base, view.chosen) == (None, None, False)
-    assert (view.zoom, view.centre, view.opacity, view.step) == (16.0, (0.0, 479.0), 0.05, 2)
+    assert (view.zoom, view.centre, view.opacity, view.step) == (16.0, (0.0, 479.0), 0.05, 3)
     assert (view.hidden, view.layers, view.speed) == ({"jaw"}, {"a"}, 4.0)
     # Corrections have begun from another run meanwhile.
     begun = after(View(base="b", chosen=True), replace(told, base="a"))
@@ -196,10 +196,10 @@ def test_toggles_and_opacity() -> None:
 def test_step_sizes_go_round() -> None:
     view = View()
     seen = []
-    for _ in range(3):
+    for _ in range(4):
         view = after(view, act.CycleStep())
         seen.append(view.step)
-    assert seen == [2, 0, 1]
+    assert seen == [2, 3, 0, 1]
 
 
 def test_the_gizmo_moves_turns_or_is_off() -> None:

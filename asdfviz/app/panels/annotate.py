@@ -24,7 +24,7 @@ from asdfviz.app.naming import short_names
 from asdfviz.app.panels import placing, tracking, verdicts
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.typed_pose import FIGURES, figures_of
-from asdfviz.app.view import STEP_NAMES, STEPS_MM, View
+from asdfviz.app.view import STEP_NAMES, STEPS_DEG, STEPS_MM, View
 from asdfviz.datatypes import State
 from asdfviz.render.state_ramp import state_color
 
@@ -170,9 +170,9 @@ def _figure(name: str, value: float) -> str:
 
 
 def _steps(view: View) -> str:
-    name, size = STEP_NAMES[view.step], STEPS_MM[view.step]
+    name, by_mm, by_deg = STEP_NAMES[view.step], STEPS_MM[view.step], STEPS_DEG[view.step]
     return button(
-        f"{name}: {size:g} mm, {size:g}°",
+        f"{name}: {by_mm:g} mm, {by_deg:g}°",
         act("CycleStep"),
         title="Step size of nudges and turns",
         key="0",
