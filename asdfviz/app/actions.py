@@ -18,6 +18,7 @@ from asdfviz.app.job_actions import (
 from asdfviz.app.label_actions import (
     ClearState,
     MarkRange,
+    NextError,
     NextState,
     RepeatState,
     SetRange,
@@ -266,7 +267,7 @@ Action: TypeAlias = (
     Seek | Hold | Resume | Step | ToBoundary | ToGap | TogglePlay | SetSpeed | ToggleView | Zoom | FitView | Look | SetOpacity
     | Toggle | SetGizmo | CycleGizmo | TogglePart | ToggleLayer | ToggleLayerAt | UseRun | SelectPart | NextPart | Nudge | Turn
     | CycleStep | MovePart | TypePose | CopyPrevious | PlacePart | PlaceJoined | RevertPart | RemovePart | VerifyPart | Cancel
-    | SetState | NextState | RepeatState | ClearState | SetRange | MarkRange
+    | SetState | NextState | NextError | RepeatState | ClearState | SetRange | MarkRange
     | Undo | Redo | ShowTab | AskOptions | RunMethod | StopRun | Evaluate | Export | TrackPart | FitPart | StopTracking | ToggleKeys | DismissWelcome
     | ByKey | Resized | Drifted | Changed
 )  # fmt: skip

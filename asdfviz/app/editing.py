@@ -36,6 +36,7 @@ Edits = (
     | act.VerifyPart
     | act.SetState
     | act.NextState
+    | act.NextError
     | act.RepeatState
     | act.ClearState
     | act.Undo
@@ -97,7 +98,13 @@ def _dispatch(action: Edits, desk: Desk) -> Done:
     match action:
         case act.Undo() | act.Redo():
             return _switch(action, desk)
-        case act.SetState() | act.NextState() | act.RepeatState() | act.ClearState():
+        case (
+            act.SetState()
+            | act.NextState()
+            | act.NextError()
+            | act.RepeatState()
+            | act.ClearState()
+        ):
             return labels.give(action, desk)
         case act.MovePart():
             return _drag(action, desk)

@@ -80,6 +80,7 @@ HOTKEYS: tuple[Hotkey, ...] = (
     ),
     Hotkey("State", "Next state of frame or range", act.NextState(1), "N", "shift"),
     Hotkey("State", "Previous state", act.NextState(-1), "P", "shift"),
+    Hotkey("State", "Next error after this step", act.NextError(), "X", "shift"),
     Hotkey("State", "The state set last, once more", act.RepeatState(), "C", "shift"),
     Hotkey("State", "Take the state label away", act.ClearState(), "delete", "shift"),
     Hotkey("State", "Begin, end a range of frames", act.MarkRange(), "M"),

@@ -20,6 +20,11 @@ class NextState:
 
 
 @dataclass(frozen=True, slots=True)
+class NextError:
+    """Set the first error that can follow the step of the frame shown, then the next one, for the same."""
+
+
+@dataclass(frozen=True, slots=True)
 class RepeatState:
     """Set the state that was last set here once more, for the frame or the marked range."""
 

@@ -13,7 +13,8 @@ from asdfviz.errors import AnnotationError
 
 
 def give(
-    action: act.SetState | act.NextState | act.RepeatState | act.ClearState, desk: Desk
+    action: act.SetState | act.NextState | act.NextError | act.RepeatState | act.ClearState,
+    desk: Desk,
 ) -> Done:
     """Keep a label, or take it away.
 
@@ -25,6 +26,8 @@ def give(
             return _set(action.state, desk)
         case act.NextState():
             return _set(_beside(action, desk), desk)
+        case act.NextError():
+            return _set(_error(desk), desk)
         case act.RepeatState():
             return _set(_last(desk), desk)
         case act.ClearState():
@@ -59,9 +62,25 @@ def _beside(action: act.NextState, desk: Desk) -> int:
     if not 0 <= state < len(steps):
         end = "last" if action.by > 0 else "first"
         raise AnnotationError(
-            f"frame {desk.frame} is in the {end} state already; errors are set in the Annotate tab"
+            f"frame {desk.frame} is in the {end} state already; Shift X sets errors"
         )
     return state
+
+
+def _error(desk: Desk) -> int:
+    """The error after the one of the frame shown; the first that can follow its step where it has none."""
+    mark, _ = desk.workspace.mark(desk.view.place, desk.view.base)
+    mark = mark or _before(desk)
+    if mark is None:
+        raise AnnotationError(f"no state is known in frame {desk.frame}: Shift N sets the first")
+    assembly = desk.workspace.assembly
+    errors = [error for error in assembly.errors if error.completed == mark.state]
+    if not errors:
+        names = {assembly.states[error.completed].name: None for error in assembly.errors}
+        where = f"errors follow {', '.join(names)}" if names else f"{assembly.name} has none"
+        raise AnnotationError(f"no error state follows the step of frame {desk.frame}; {where}")
+    now = next((i for i, e in enumerate(errors) if mark.is_error and e.name == mark.name), -1)
+    return errors[(now + 1) % len(errors)].index
 
 
 def _before(desk: Desk) -> timeline.Mark | None:

@@ -31,7 +31,7 @@ def edited(
         view = replace(view, labelled=view.range_here)
     elif not isinstance(action, act.PlaceJoined):
         view = replace(view, labelled=None)
-    if isinstance(action, act.NextState):
+    if isinstance(action, act.NextState | act.NextError):
         view = replace(view, marking=None, served=True)
     elif isinstance(action, _STATEMENTS):
         view = replace(view, marked=None, marking=None)

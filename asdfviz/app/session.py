@@ -257,6 +257,7 @@ _RULES: Mapping[type, Callable[[View, Any, Facts], View]] = {
     act.PlaceJoined: _pause,
     act.PlacePart: _pause,
     act.NextState: _pause,
+    act.NextError: _pause,
     act.RepeatState: _pause,
     act.TrackPart: _pause,
     act.FitPart: _pause,

@@ -39,10 +39,48 @@ def test_an_error_lies_between_two_states(with_run: Workspace, do: Do) -> None:
         assert labels(with_run)[1] == state
 
 
+def test_a_key_sets_the_errors_that_can_follow_one_after_the_other(
+    with_run: Workspace, do: Do, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = with_run.assembly.errors[0]
+    second = replace(first, index=first.index + 1, name="jaw_upside_down")
+    states = (*with_run.assembly.states, second)
+    monkeypatch.setattr(with_run, "assembly", replace(with_run.assembly, states=states))
+    do(act.SetState(first.completed), RANGE)
+    for now, error in enumerate((first, second, first), start=1):
+        done = do(act.NextError(), RANGE, now=float(now))
+        assert (done.message, done.state) == (
+            f"state of frames 102 to 104: {error.name}",
+            error.index,
+        )
+        assert [with_run.store.state(f) for f in (102, 104, 105)] == [*[label_of(error)] * 2, None]
+
+
+def test_where_no_error_can_follow_it_is_said_after_what_one_can(
+    with_run: Workspace, do: Do, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assembly = with_run.assembly
+    step = assembly.states[assembly.errors[0].completed].name
+    with pytest.raises(
+        AnnotationError, match=f"follows the step of frame 107; errors follow {step}"
+    ):
+        do(act.NextError(), View(place=7, base="first"))
+    monkeypatch.setattr(with_run, "assembly", replace(assembly, states=assembly.steps))
+    with pytest.raises(AnnotationError, match=f"{assembly.name} has none"):
+        do(act.NextError())
+    with_run.drop_run("first")
+    with_run.truths = (None,) * len(with_run.indices)
+    with pytest.raises(AnnotationError, match="no state is known in frame 104: Shift N sets"):
+        do(act.NextError(), View(place=4))
+    assert with_run.store.version() == 0
+
+
 def test_states_end(with_run: Workspace, do: Do) -> None:
     with pytest.raises(AnnotationError, match="frame 101 is in the first state already"):
         do(act.NextState(-1))
-    with pytest.raises(AnnotationError, match="frame 107 is in the last state already"):
+    with pytest.raises(
+        AnnotationError, match="frame 107 is in the last state already; Shift X sets"
+    ):
         do(act.NextState(1), View(place=7, base="first"))
     assert with_run.store.version() == 0
 

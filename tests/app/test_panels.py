@@ -326,7 +326,7 @@ def test_the_sheet_tells_of_the_mouse() -> None:
 
 def test_the_sheet_has_keys_for_states() -> None:
     keys = {key for key, _ in hotkeys.sheet()["State"]}
-    assert {"Shift N", "Shift P", "Shift C", "M", "Shift Del"} == keys
+    assert {"Shift N", "Shift P", "Shift X", "Shift C", "M", "Shift Del"} == keys
 
 
 def test_cards_are_whole() -> None:
