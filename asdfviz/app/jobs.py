@@ -12,6 +12,7 @@ from asdfviz.app.carrying import Carry, CarryJob
 from asdfviz.app.fitting import Fit, FitJob
 from asdfviz.app.items import PROGRAM_FAULT, LoadedRun, Message
 from asdfviz.app.method_job import MethodJob
+from asdfviz.app.stopped import note_stopped
 from asdfviz.app.truths import exported_truth, truth_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.datatypes import FrameTruth
@@ -49,12 +50,20 @@ class Background:
             config = spec.config() if config is None else config
             self._job = MethodJob(self._workspace, spec, config)
             self._job.start()
+        note_stopped(self._workspace.store, spec.name, stopped=False)
 
     def stop(self) -> None:
-        """Ask the running method to stop."""
+        """Ask the running method to stop, and never to begin by itself again.
+
+        Raises:
+            AnnotationError: it stops, but that cannot be kept.
+        """
         with self._lock:
-            if self._job is not None:
-                self._job.stop()
+            status = self._workspace.job
+            if self._job is None or status is None or not status.is_active:
+                return
+            self._job.stop()
+        note_stopped(self._workspace.store, status.method, stopped=True)
 
     def track(self, carry: Carry) -> None:
         """Begin to carry annotated poses to other frames.
@@ -96,14 +105,13 @@ class Background:
         start_export(self._workspace, base, guesses=guesses)
 
     def close(self) -> None:
-        """Stop and wait a moment."""
-        self.stop()
-        self.stop_tracking()
+        """Stop and wait a moment; what works now may begin by itself when the app is opened again."""
         with self._lock:
-            jobs = (self._job, self._carrying)
+            jobs = [job for job in (self._job, self._carrying) if job is not None]
         for job in jobs:
-            if job is not None:
-                job.wait(10.0)
+            job.stop()
+        for job in jobs:
+            job.wait(10.0)
 
 
 def start_check(workspace: Workspace) -> threading.Thread:

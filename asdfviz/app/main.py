@@ -18,6 +18,7 @@ from asdfviz.app.controller import Controller
 from asdfviz.app.items import Message
 from asdfviz.app.jobs import Background, start_check
 from asdfviz.app.server import check_free, start_server, stop_server
+from asdfviz.app.stopped import is_stopped
 from asdfviz.app.truths import lost_base, unfinished_seed
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
@@ -126,7 +127,9 @@ class App:
         if has_begun:
             return
         start_check(self.workspace)
-        if not self.workspace.runs and _has_weights(self.workspace.assembly):
+        workspace = self.workspace
+        is_wanted = not workspace.runs and not is_stopped(workspace.store, FIRST_METHOD)
+        if is_wanted and _has_weights(workspace.assembly):
             self.background.run(find_method(FIRST_METHOD))
 
     def _close_tab(self, client: Any) -> None:

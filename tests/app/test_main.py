@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import time
+from collections.abc import Generator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -11,14 +14,16 @@ import numpy as np
 import pytest
 
 from asdfviz.annotate.checked import annotated
+from asdfviz.app import main
 from asdfviz.app.jobs import start_export
-from asdfviz.app.main import ViewConfig, open_app, open_workspace
-from asdfviz.app.workspace import Workspace
+from asdfviz.app.main import App, ViewConfig, open_app, open_workspace
+from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import read_folder_truth
-from asdfviz.datatypes import Assembly, FramePrediction, PoseEstimate, Run
+from asdfviz.datatypes import Assembly, Frame, FramePrediction, PoseEstimate, Run
 from asdfviz.errors import AnnotationError, InputError
 from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.spec import MethodSpec
 
 
 @pytest.fixture
@@ -224,3 +229,58 @@ def test_a_file_in_the_place_of_the_annotations_is_named(scene: Path) -> None:
 def test_a_token_is_in_the_address(scene: Path) -> None:
     with contextlib.closing(open_app(config(scene, token="open sesame"[:4]))) as app:
         assert app.url.endswith("?token=open")
+
+
+@dataclass(frozen=True)
+class SlowConfig:
+    """Nothing to choose."""
+
+
+OPENED: list[App] = []
+
+
+class Slow:
+    """Finds nothing, and does not get as far as its first frame before it is stopped."""
+
+    def __init__(self, config: SlowConfig) -> None:
+        del config
+
+    def reset(self, assembly: object, camera: object, initial: object) -> None:
+        end = time.monotonic() + 20
+        while (job := OPENED[-1].workspace.job) is None or job.state != "stopping":
+            assert time.monotonic() < end
+            time.sleep(0.01)
+
+    def step(self, frame: Frame) -> FramePrediction:
+        return FramePrediction(frame.index, {}, None)
+
+
+SLOW = MethodSpec(FIRST_METHOD, "Finds nothing.", SlowConfig, f"{__name__}:Slow")
+
+
+@contextlib.contextmanager
+def begun(config: ViewConfig) -> Generator[App]:
+    """An app whose first picture is shown."""
+    with contextlib.closing(open_app(config)) as app:
+        OPENED.append(app)
+        app._begin()
+        yield app
+
+
+def test_a_method_that_was_stopped_does_not_begin_by_itself_again(
+    scene: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(main, "find_method", lambda name: SLOW)
+    given = config(scene)
+    with begun(given) as app:
+        assert app.workspace.job is not None
+    # That the app was closed meanwhile is no wish of anybody's.
+    with begun(given) as app:
+        assert app.workspace.job is not None
+        app.background.stop()
+    with begun(given) as app:
+        assert app.workspace.job is None
+        app.background.run(SLOW)
+    with begun(given) as app:
+        assert app.workspace.job is not None
+    assert not list((scene / "runs").iterdir())
