@@ -547,6 +547,33 @@ def test_the_state_places_what_it_joins(page: Page) -> None:
     expect(lane).to_have_attribute("data-row", "poses")
 
 
+def test_a_slider_gives_the_keyboard_back(page: Page, app: App) -> None:
+    page.keyboard.press("Home")
+    until(lambda: view(app).place == 0, "it is at the first frame")
+    slider, before = page.get_by_test_id("opacity"), view(app).opacity
+    box = slider.bounding_box()
+    assert box is not None
+    thumb = 16.0
+    share = (before - 0.05) / 0.95
+    at_thumb = (box["x"] + thumb / 2 + (box["width"] - thumb) * share, box["y"] + box["height"] / 2)
+    page.mouse.move(*at_thumb)
+    page.mouse.down()
+    expect(slider).to_be_focused()
+    page.mouse.up()
+    expect(slider).not_to_be_focused()
+    page.keyboard.press("ArrowRight")
+    until(lambda: view(app).place == 1, "the key goes on by a frame")
+    assert view(app).opacity == before
+    # One that is drawn along changes, wherever the hand lets go.
+    page.mouse.move(*at_thumb)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 4, box["y"] - 80, steps=4)
+    page.mouse.up()
+    expect(slider).not_to_be_focused()
+    until(lambda: view(app).opacity < before, "it is drawn thinner")
+    slider.fill(str(before))
+
+
 def test_keys_are_on_a_sheet(page: Page) -> None:
     page.keyboard.press("Home")
     page.keyboard.press("Shift+h")

@@ -274,6 +274,10 @@
   }, true);
   opacity.addEventListener("input", () => sendSoon({ kind: "SetOpacity", opacity: Number(opacity.value) }));
   opacity.addEventListener("change", () => opacity.blur());
+  // A slider that is pressed but not moved does not change, and would keep the arrow keys.
+  window.addEventListener("pointerup", () => {
+    if (document.activeElement?.matches("input[type=range]")) document.activeElement.blur();
+  }, { capture: true });
 
   // ---- the server has gone: viser says so in its own header, which we do not show
   const offline = root.querySelector(".ax-offline");
