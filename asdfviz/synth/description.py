@@ -51,6 +51,10 @@ class Placed:
     truth: bool = False
     """Whether its pose belongs to the truth (a duplicate of a part does, a distractor does not)."""
 
+    def __post_init__(self) -> None:
+        # It would vanish from the picture without a word, and the truth would name no place.
+        assert np.isfinite(self.T_world_mesh).all(), f"a {self.kind} stands nowhere"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Photo:

@@ -8,6 +8,7 @@ import pytest
 from asdfviz.errors import InputError
 from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.synth.assets import Assets
+from asdfviz.synth.description import Finish, Placed
 from asdfviz.synth.images import TEST_SEEDS, check_seed
 from asdfviz.synth.kinect import KINECT, camera_for
 from asdfviz.synth.layout import holding_hand
@@ -43,6 +44,13 @@ def test_a_hand_holds_a_box_whose_corners_come_once_a_face() -> None:
     for seed in range(40):
         placed = holding_hand(assets, corners, np.random.default_rng(seed))
         assert all(np.isfinite(one.T_world_mesh).all() for one in placed)
+
+
+def test_nothing_is_placed_nowhere() -> None:
+    finish = Finish(np.full(3, 0.5))
+    assert Placed(0, np.eye(4), finish, "part").name == ""
+    with pytest.raises(AssertionError, match="a hand stands nowhere"):
+        Placed(0, np.full((4, 4), np.nan), finish, "hand")
 
 
 def test_seeds_of_test_sets_are_theirs() -> None:
