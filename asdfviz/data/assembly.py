@@ -25,6 +25,8 @@ from asdfviz.geometry.symmetry import Axis, Symmetries
 
 FILE_KEYS = ("name", "title", "unit", "base", "parts", "states", "errors", "transitions")
 PART_KEYS = ("mesh", "unit", "color", "keypoints", "detector_class", "obj_id", "symmetries")
+LONGEST_NAME = 255
+"""Bytes that file systems take as the name of a folder."""
 
 # Okabe and Ito's colours, for parts whose real colour nobody gave.
 FALLBACK_COLORS = (
@@ -100,8 +102,7 @@ def load_assembly(name_or_path: str | Path) -> Assembly:
     if len(set(classes)) != len(classes):
         raise AssemblyError(f"{file}: two detector classes have one name: {', '.join(classes)}")
     name = fields.text("name")
-    if name in (".", "..") or any(sign in name for sign in "/\\\0"):
-        raise AssemblyError(f"{file}: name is {name!r}; folders bear it, so use no slash in it")
+    _check_name(name, file)
     return Assembly(
         name=name,
         title=fields.text("title", default=name),
@@ -112,6 +113,17 @@ def load_assembly(name_or_path: str | Path) -> Assembly:
         detector_classes=tuple(classes),
         path=str(file),
     )
+
+
+def _check_name(name: str, file: Path) -> None:
+    """Refuse a name that is no plain folder's: results lie in folders that bear it."""
+    size = len(name.encode("utf-8", "surrogatepass"))
+    is_strange = any(c in "/\\" or c < " " or "\ud800" <= c <= "\udfff" for c in name)
+    if is_strange or name.startswith(".") or not name.strip() or size > LONGEST_NAME:
+        raise AssemblyError(
+            f"{file}: name is {name[:60]!r}; folders bear it, so use 1 to {LONGEST_NAME} bytes "
+            "of text, no slash in it and no dot at its start"
+        )
 
 
 def _check_numbers(parts: Mapping[str, Part], file: Path) -> None:

@@ -426,11 +426,13 @@ def test_what_no_assembly_means_is_refused(
         load_assembly(write(content))
 
 
-@pytest.mark.parametrize("name", ["../evil", "..", "a/b", "a\\b"])
+@pytest.mark.parametrize(
+    "name", ["../evil", "..", "a/b", "a\\b", ".git", "", "  ", "a\0b", "a\nb", "Größe" * 40]
+)
 def test_a_name_that_leads_to_other_folders_is_refused(
     name: str, write: Callable[[dict[str, Any]], Path]
 ) -> None:
-    with pytest.raises(AssemblyError, match=r"name is .*use no slash in it"):
+    with pytest.raises(AssemblyError, match=r"name is .*no slash in it and no dot at its start"):
         load_assembly(write({**copy.deepcopy(GOOD), "name": name}))
 
 
