@@ -31,6 +31,7 @@ Row: TypeAlias = tuple[EditKind, int | None, int | None, str | None, Mapping[str
 
 COLUMNS = "id, time, author, kind, step, frame, last_frame, part, payload, undone"
 POSE_KINDS = "kind IN ('pose', 'remove_pose', 'verify', 'drop_pose') AND undone = 0"
+ABOUT = "SELECT key, value FROM about"
 SAID = f"""SELECT frame, part, kind, json_extract(payload, '$.provenance') FROM edits WHERE id IN
 (SELECT max(id) FROM edits WHERE {POSE_KINDS} GROUP BY frame, part)
 AND kind <> 'drop_pose' ORDER BY frame, part"""
@@ -115,7 +116,7 @@ def read_about(path: Path) -> dict[str, str]:
             damage = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             if damage != "ok":
                 raise sqlite3.DatabaseError(damage)
-            return dict(connection.execute("SELECT key, value FROM about"))
+            return dict(connection.execute(ABOUT))
     except sqlite3.OperationalError as error:
         raise AnnotationError(f"annotation {path} cannot be read: {error}") from error
     except sqlite3.DatabaseError as error:

@@ -221,11 +221,6 @@ class AnnotationStore:
         with self.transaction() as connection:
             connection.execute("INSERT OR REPLACE INTO about VALUES (?, ?)", (key, value))
 
-    def noted(self, key: str) -> str | None:
-        """What `note` kept; None where nothing was."""
-        found = self._query("SELECT value FROM about WHERE key = ?", (key,))
-        return found[0][0] if found else None
-
     def version(self) -> int:
         """A number that rises with every change by anybody, undo and redo included."""
         return self.read("SELECT coalesce(max(id), 0) FROM edits")[0][0]

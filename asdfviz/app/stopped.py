@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 
+from asdfviz.annotate import edit_file
 from asdfviz.annotate.store import AnnotationStore
 
 _NOTE = "stopped"
@@ -29,4 +30,4 @@ def note_stopped(store: AnnotationStore, method: str, *, stopped: bool) -> None:
 
 
 def _stopped(store: AnnotationStore) -> set[str]:
-    return set(json.loads(store.noted(_NOTE) or "[]"))
+    return set(json.loads(dict(store.read(edit_file.ABOUT)).get(_NOTE, "[]")))
