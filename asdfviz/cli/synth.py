@@ -87,7 +87,7 @@ class SynthSequence:
                     fps=self.fps,
                     error={"any": True, "none": False}.get(self.error, self.error),
                     unlisted=self.unlisted,
-                    photos=photos_in(self.grounds, self.ground_width, 1.0),
+                    photos=photos_in(self.grounds, self.ground_width),
                 ),
                 progress=with_rate(report, "frames"),
                 stop=stop,

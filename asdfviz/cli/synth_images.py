@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt, with_rate
-from asdfviz.errors import Stopped
+from asdfviz.errors import InputError, Stopped
 
 if TYPE_CHECKING:
     from asdfviz.synth.packs import PackConfig
@@ -134,16 +134,32 @@ class SynthImages(ImageOptions):
         self.generate(config, shift=self.shift)
 
 
-def photos_in(folder: Path | None, width: float, share: float) -> Photos:
-    """The photos in a folder that was named, none if none was."""
+def photos_in(folder: Path | None, width: float, share: float | None = None) -> Photos:
+    """The photos in a folder that was named, none if none was.
+
+    Args:
+        folder: JPEG or PNG files.
+        width: metres that the longer side of a photo shows.
+        share: of the pictures that show one; None for all.
+
+    Raises:
+        InputError: as of `find_photos`, or the figures are of photos that there are none of.
+    """
     from asdfviz.synth.photo_grounds import Photos, find_photos
 
     if folder is None:
-        return Photos()
+        none = Photos()
+        for option, given, usual in (("width", width, none.width), ("share", share, none.share)):
+            if given not in (None, usual):
+                raise InputError(
+                    f"--ground-{option} {given:g} has no effect without photos: name their folder "
+                    "by --grounds, too"
+                )
+        return none
     with progress_bar("photos") as report:
         return find_photos(
             folder,
             width=width,
-            share=share,
+            share=1.0 if share is None else share,
             progress=lambda done, total: report(done, total, ""),
         )

@@ -69,13 +69,21 @@ class PackConfig:
         Raises:
             InputError: with the field and what would be right.
         """
-        for name in ("groups", "strays", "occluders", "hand", "coverage"):
+        for name in ("groups", "strays", "occluders", "hand"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"{name} is {getattr(self, name):g}, use 0 to 1")
+        if not 0 < self.coverage <= 1:
+            raise InputError(f"coverage is {self.coverage:g}, use more than 0 and up to 1")
         smallest, largest = self.sizes_px
         if not 4 <= smallest <= largest <= 4096:
             raise InputError(
                 f"sizes_px is {smallest:g} to {largest:g}, use two rising numbers from 4 to 4096"
+            )
+        room = min(self.width, self.height)
+        if smallest > room:
+            raise InputError(
+                f"sizes_px begins at {smallest:g}, use 4 to {room} in an image of "
+                f"{self.width}x{self.height}"
             )
 
 

@@ -99,6 +99,10 @@ def check_config(config: SequenceConfig) -> None:
     for name, count in (("frames", config.frames), ("frames_per_state", config.frames_per_state)):
         if count is not None and count < 1:
             raise InputError(f"{name} is {count}, use 1 or more")
+    if config.frames is not None and config.frames_per_state is not None:
+        raise InputError(
+            f"frames is {config.frames} and frames_per_state {config.frames_per_state}, use one of them"
+        )
     if config.exposures < 1 or not 0 <= config.shutter <= 1:
         raise InputError(
             f"{config.exposures} exposures with a shutter of {config.shutter}: use 1 or more and 0 to 1"

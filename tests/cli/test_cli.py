@@ -183,6 +183,41 @@ def test_photos_that_are_not_there_are_said_before_a_folder_is_begun(
     assert not (tmp_path / "new" / "sequence.json").exists()
 
 
+@pytest.mark.parametrize(
+    ("kind", "option", "value"),
+    [
+        ("images", "--ground-width", "-1"),
+        ("packs", "--ground-share", "0.2"),
+        ("sequence", "--ground-width", "1.2"),
+    ],
+)
+def test_what_is_said_of_photos_is_refused_where_there_are_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str, option: str, value: str
+) -> None:
+    line = ("synth", kind, "--assembly", "corner_clamp", "--out", str(tmp_path / "new"))
+    assert exit_code(*line, option, value, "--width", "1") == 2
+    said = capsys.readouterr().err
+    assert said.startswith(
+        f"error: {option} {value} has no effect without photos: name their folder"
+    )
+    assert said.count("\n") == 1
+    assert not (tmp_path / "new" / "sequence.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("seed", "said"), [("-5", "seed is -5, use 0 or more"), ("7000000", "belongs to test sets")]
+)
+def test_a_sequence_takes_no_seed_that_is_none_or_a_test_set_s(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], seed: str, said: str
+) -> None:
+    line = ("synth", "sequence", "--assembly", "corner_clamp", "--out", str(tmp_path / "new"))
+    assert exit_code(*line, "--seed", seed, "--width", "1") == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+
+
 def test_a_sequence_of_too_few_frames_is_refused_before_it_is_begun(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

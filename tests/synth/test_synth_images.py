@@ -169,6 +169,8 @@ def test_somebody_else_s_folder_stays_as_it_is(tmp_path: Path, toy: Assembly) ->
         ({"config": PackConfig(groups=1.2)}, "groups is 1.2, use 0 to 1"),
         ({"config": PackConfig(hand=float("nan"))}, "hand is nan, use 0 to 1"),
         ({"config": PackConfig(sizes_px=(90.0, 40.0))}, "sizes_px is 90 to 40"),
+        ({"config": PackConfig(128, 72, (80.0, 90.0))}, "sizes_px begins at 80, use 4 to 72"),
+        ({"config": PackConfig(coverage=0.0)}, "coverage is 0, use more than 0"),
     ],
 )
 def test_impossible_jobs_are_refused_before_anything_is_written(

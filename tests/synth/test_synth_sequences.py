@@ -16,6 +16,7 @@ from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.grasping import hand_points, scaled
 from asdfviz.synth.images import generate_images
+from asdfviz.synth.sequence_config import check_config
 from asdfviz.synth.sequences import Play, SequenceConfig, generate_sequence, plan_sequence
 
 CONFIG = SequenceConfig()
@@ -189,6 +190,12 @@ def test_impossible_recordings_are_refused(tmp_path: Path, options: dict[str, fl
     config = SequenceConfig(**options)  # pyright: ignore[reportArgumentType]
     with pytest.raises(InputError):
         generate_sequence(load_assembly("corner_clamp"), seed=1, folder=tmp_path, config=config)
+
+
+def test_frames_are_counted_in_one_way() -> None:
+    check_config(SequenceConfig(frames=90))
+    with pytest.raises(InputError, match="frames is 90 and frames_per_state 20, use one of them"):
+        check_config(SequenceConfig(frames=90, frames_per_state=20))
 
 
 def test_a_folder_begun_with_another_seed_is_refused(tmp_path: Path) -> None:
