@@ -57,12 +57,15 @@ def iou_matrix(
 
 def overlap(a: Box, b: Box) -> float:
     """Intersection over union of two boxes, 0 to 1."""
-    # Not by `iou_matrix`: most pairs that loops ask for lie apart, and that is told sooner here.
-    extent = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
-    if (extent <= 0).any():
+    # In plain numbers and not by `iou_matrix`: numpy takes ten times longer for two boxes.
+    (left, top, right, bottom), (b_left, b_top, b_right, b_bottom) = a.tolist(), b.tolist()
+    wide = min(right, b_right) - max(left, b_left)
+    high = min(bottom, b_bottom) - max(top, b_top)
+    if wide <= 0 or high <= 0:
         return 0.0
-    both = float(extent.prod())
-    return both / float((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - both)
+    both = wide * high
+    of_b = (b_right - b_left) * (b_bottom - b_top)
+    return both / ((right - left) * (bottom - top) + of_b - both)
 
 
 def share_inside(a: Box, b: Box) -> float:

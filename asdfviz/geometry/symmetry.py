@@ -119,10 +119,10 @@ def symmetric_angle(T_a: Transform, T_b: Transform, symmetries: Symmetries) -> f
 
 def _best_turn(T_a: Transform, T_b: Transform, axis: Axis) -> float:
     """Angle about the axis that brings rotation a nearest to rotation b (maximal trace)."""
-    R = T_a[:3, :3].T @ T_b[:3, :3]
-    d = axis.direction
-    skew = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return float(np.arctan2(d @ skew, np.trace(R) - d @ R @ d))
+    R, d = T_a[:3, :3].T @ T_b[:3, :3], axis.direction
+    (a, b, c), (e, f, g), (h, i, j) = R.tolist()
+    skew = np.array([i - g, c - h, e - b])
+    return float(np.arctan2(d @ skew, a + f + j - d @ R @ d))
 
 
 def canonical(T_camera_part: Transform, symmetries: Symmetries) -> Transform:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from asdfviz.geometry.boxes import box_middle
+from asdfviz.geometry.median import median
 from asdfviz.geometry.rotation_grid import even_rotations, rotations_of
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points
 
@@ -68,4 +69,4 @@ def box_distance(box_xyxy: Box, depth: Depth) -> float | None:
     high = np.ceil(middle + reach).astype(int) + 1
     window = depth[low[1] : max(high[1], 0), low[0] : max(high[0], 0)]
     measured = window[window > 0]
-    return float(np.median(measured)) if len(measured) else None
+    return median(measured) if len(measured) else None

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from asdfviz.errors import MethodError
+from asdfviz.geometry.median import median
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Rotation, Vector
 from asdfviz.pose.depth_kernels import deepest, heights_around
 
@@ -174,7 +175,7 @@ def table_around(box_xyxy: Box, table: Table, *, depth: Depth, K: Intrinsics) ->
     seen = heights_around(depth, window, step, np.asarray(box_xyxy, np.float64), plane, K)
     if len(seen) < LEAST:
         return None
-    return Table(table.normal, table.offset - float(np.median(seen)))
+    return Table(table.normal, table.offset - median(seen))
 
 
 def depth_in_table(

@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.geometry.boxes import box_middle
+from asdfviz.geometry.median import median
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points, Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.pose.depth_kernels import ray_shifts
@@ -167,4 +168,4 @@ def _common_shift(shifts: Shifts, config: TranslationConfig) -> float:
     )
     preference = 1 / (1 + (ordered / config.coarse_scale) ** 2)
     best = ordered[int((support * preference).argmax())]
-    return float(np.median(ordered[np.abs(ordered - best) <= bandwidth]))
+    return median(ordered[np.abs(ordered - best) <= bandwidth])

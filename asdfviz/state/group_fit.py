@@ -26,6 +26,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float32, Int32
 
+from asdfviz.geometry.median import median
 from asdfviz.geometry.shapes import Depth, Scores
 from asdfviz.state.colors import ColorConfig
 from asdfviz.state.ground import GroundConfig, InverseDepth
@@ -217,7 +218,7 @@ def nearer_by(base: InverseDepth, depth: Depth, *, config: GroupFitConfig) -> fl
     gap = gap[np.abs(gap) < 2 * config.bias]
     if len(gap) == 0:
         return 0.0
-    return float(np.clip(np.median(gap), -config.bias, config.bias))
+    return min(max(median(gap), -config.bias), config.bias)
 
 
 def trusted(cell: float, *, config: GroupFitConfig) -> float:

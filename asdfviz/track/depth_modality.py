@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from asdfviz.geometry.median import median
 from asdfviz.geometry.shapes import Transform
 from asdfviz.track import depth_kernels
 from asdfviz.track.confidence import HIDDEN_BY, depth_gaps, surface_evidence
@@ -149,4 +150,4 @@ class DepthModality:
         """
         count = self._surface.gather(views)
         gaps = depth_gaps(depth, self._surface.points, count, T_camera_centre, self._lens)
-        return float(np.median(gaps)) if 4 * len(gaps) >= max(count, 1) else None
+        return median(gaps) if 4 * len(gaps) >= max(count, 1) else None
