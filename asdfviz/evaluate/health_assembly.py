@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from collections.abc import Sequence as Rows
+from dataclasses import replace
 from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, State
+from asdfviz.datatypes import Assembly, PoseEstimate, State
 from asdfviz.errors import some
 from asdfviz.evaluate.health_camera import check_offsets, check_origins, check_relative_sizes
 from asdfviz.evaluate.health_report import AssemblyReport, Finding
@@ -17,6 +18,7 @@ from asdfviz.evaluate.health_symmetry import check_symmetries
 from asdfviz.evaluate.pose_errors import nearest_points
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply, inverse
+from asdfviz.state.base_turns import equal_bases
 from asdfviz.state.joints import off_place
 from asdfviz.state.twins import twin_groups
 from asdfviz.synth.penetration import Solid, penetration, solid_of, surface_distance
@@ -180,7 +182,10 @@ def check_alike(assembly: Assembly) -> Iterator[Finding]:
     """Look for states that put the same parts in the same places."""
     kinds = {name: names[0] for names in twin_groups(assembly) for name in names}
     for a, b in combinations(assembly.states, 2):
-        if any(_places_alike(*both, assembly, kinds) for both in ((a, b), (b, a))):
+        turned = _base_turned(a, assembly), _base_turned(b, assembly)
+        if any(_places_alike(one, b, assembly, kinds) for one in turned[0]) or any(
+            _places_alike(one, a, assembly, kinds) for one in turned[1]
+        ):
             yield Finding(
                 "same_states",
                 "warning",
@@ -188,6 +193,16 @@ def check_alike(assembly: Assembly) -> Iterator[Finding]:
                 "copies of a part taken into account): nothing tells them apart. Take one of them "
                 "out, or change what the second one's 'poses' say.",
             )
+
+
+def _base_turned(state: State, assembly: Assembly) -> Iterator[State]:
+    """The state as it looks from every pose of the base that looks like its own, that one first."""
+    poses = {name: PoseEstimate(name, T, 1.0, "pnp") for name, T in state.T_base_part.items()}
+    for T in equal_bases(np.eye(4), poses, assembly):
+        yield replace(
+            state,
+            T_base_part={n: inverse(T) @ T_part for n, T_part in state.T_base_part.items()},
+        )
 
 
 def _places_alike(a: State, b: State, assembly: Assembly, kinds: Mapping[str, str]) -> bool:

@@ -114,6 +114,26 @@ def test_states_that_nothing_tells_apart_are_named() -> None:
     assert not said(assembly(one=one, crossed=crossed), "same_states")
 
 
+@pytest.mark.parametrize(
+    ("symmetries", "turned", "elsewhere"),
+    [
+        (Symmetries(continuous=(Axis(Z, np.zeros(3)),)), at(0, 30, 15), at(0, 20, 15)),
+        (HALF_TURN, at(-30, 0, 15), at(0, 30, 15)),
+    ],
+)
+def test_a_turn_of_a_base_that_looks_the_same_tells_no_states_apart(
+    symmetries: Symmetries, turned: np.ndarray, elsewhere: np.ndarray
+) -> None:
+    ways = assembly(
+        one={"block": at(30, z=15)}, turned={"block": turned}, elsewhere={"block": elsewhere}
+    )
+    plates = [replace(ways.parts["plate"], symmetries=s) for s in (symmetries, Symmetries())]
+    same, none = (replace(ways, parts={**ways.parts, "plate": plate}) for plate in plates)
+    (message,) = said(same, "same_states")
+    assert message.startswith("one and turned put the same parts in the same places")
+    assert not said(none, "same_states")
+
+
 def test_what_a_joint_allows_tells_no_states_apart() -> None:
     two = assembly(one={"block": ON}, moved={"block": at(8, z=15)})
     assert not said(two, "same_states")
