@@ -1,4 +1,4 @@
-"""What a colour module does to a picture beyond light and noise: fringes, sharpening, thin colour."""
+"""What a colour module does to a picture beyond light and noise: fringes, highlights, sharpening."""
 
 from __future__ import annotations
 
@@ -28,6 +28,34 @@ def fringed(image: Linear, shift_px: float) -> Linear:
             borderMode=cv2.BORDER_REPLICATE,
         )
     return np.asarray(cv2.merge(planes), np.float32)
+
+
+def rolled_off(image: Linear, knee: float) -> Linear:
+    """The picture with its highlights compressed, as a camera's tone curve does it.
+
+    What is above `knee` comes ever slower to 1: v becomes 1 - (1 - knee) exp((knee - v) / (1 - knee)),
+    which goes on from the rest without a bend. Half of each pixel is compressed channel by channel,
+    which makes bright colours pale; half as its brightness is, which keeps their hue, and there a
+    strong channel may still pass 1.
+
+    Args:
+        image: after the gamma curve; a camera without compression would cut it off at 1.
+        knee: 0 to 1, without 1.
+    """
+    # Most of a picture is below the knee: the exponential is taken of the rest alone.
+    bright = np.maximum(np.maximum(image[:, :, 0], image[:, :, 1]), image[:, :, 2]) > knee
+    result, pixels = image.copy(), image[bright]
+    light = (pixels.max(axis=1, keepdims=True) + pixels.mean(axis=1, keepdims=True)) / 2
+    light = np.maximum(light, knee)  # below it nothing changes
+    alike = pixels * (_compressed(light, knee) / light)
+    result[bright] = (_compressed(pixels, knee) + alike) / 2
+    return result
+
+
+def _compressed(light: Float32[np.ndarray, "n c"], knee: float) -> Float32[np.ndarray, "n c"]:
+    head = 1 - knee
+    above = np.maximum(light - knee, 0)
+    return np.minimum(light, knee) - head * np.expm1(-above / head)
 
 
 def developed(image: Linear, *, sharpening: float, halo_px: float, thin_px: float) -> Linear:

@@ -15,7 +15,7 @@ from jaxtyping import Float32
 
 from asdfviz.geometry.shapes import Depth, Mask, Rgb
 from asdfviz.synth.kinect import CENTER, FOCAL, KINECT_LENS, whole_image
-from asdfviz.synth.optics import developed, fringed, grain
+from asdfviz.synth.optics import developed, fringed, grain, rolled_off
 
 FIELD_OF_VIEW = np.array(
     [[188, 462], [247, 115], [376, 0], [890, 0], [1041, 250], [1044, 442], [886, 719], [323, 719]]
@@ -31,7 +31,7 @@ class RgbSensor:
     """One setting of the colour camera."""
 
     exposure: float = 0.42
-    """Linear value that the bright parts of the image (80th percentile) are brought to."""
+    """Linear value that the light of the image, as metered, is brought to."""
     white_balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
     vignette: float = 0.12
     """Loss of light in the corners."""
@@ -53,8 +53,8 @@ class RgbSensor:
     """Blur of the colour beside the brightness, at 1280 pixels width."""
     fringe_px: float = 0.0
     """How far red and blue lie from green in the corners, at 1280 pixels width."""
-    knee: float = 0.55
-    """Linear value above which highlights are compressed; at 1 they are cut off."""
+    knee: float = 0.65
+    """Value of the picture, 0 to 1, above which highlights are rolled off; in real frames about 0.9."""
     jpeg_quality: int = 92
     motion_px: tuple[float, float] = (0.0, 0.0)
     """Movement of the camera while the shutter was open."""
@@ -90,8 +90,11 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
     """Draw a setting, from a good camera in good light to a poor one."""
     temperature = rng.normal() * 0.06
     motion = rng.normal(size=2) * 3.0 if rng.random() < 0.12 else np.zeros(2)
+    exposure = float(rng.uniform(0.26, 0.56))
+    if exposure > 0.55:  # one in thirty fails; a draw of its own would change all that follow
+        exposure *= 2.2
     return RgbSensor(
-        exposure=float(rng.uniform(0.26, 0.56)),
+        exposure=exposure,
         white_balance=(
             float(1 + temperature),
             float(1 + rng.normal() * 0.015),
@@ -105,7 +108,7 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
         contrast=float(rng.uniform(0.92, 1.25)),
         saturation=float(rng.uniform(0.85, 1.35)),
         sharpening=float(max(0.0, rng.uniform(-0.5, 1.4))),
-        knee=float(rng.uniform(0.5, 1.0)),
+        knee=float(rng.uniform(0.5, 0.9)),
         thin_px=float(max(0.0, rng.uniform(-1.0, 2.0))),
         fringe_px=float(rng.normal() * 0.6),
         jpeg_quality=int(rng.integers(78, 97)),
@@ -159,9 +162,12 @@ def blur_moving(radiance: Linear, mask: Mask, motion_px: tuple[float, float]) ->
 
 
 def metered(image: Linear) -> float:
-    """The linear value of the bright parts, by which the camera sets its exposure."""
-    middle, bright = np.percentile(image[::4, ::4].mean(axis=2), [80, 98])
-    return max(float(middle), 0.5 * float(bright))
+    """The linear value that sets the exposure: bright things count for less, the smaller they are.
+
+    So a white part on a dark table keeps its shading, and a glint does not darken the picture.
+    """
+    middle, bright, small = np.percentile(image[::4, ::4].mean(axis=2), [80, 98, 99.7])
+    return max(float(middle), 0.5 * float(bright), 0.25 * float(small))
 
 
 def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator) -> Rgb:
@@ -182,21 +188,17 @@ def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator)
         image = image + (soft - image) * np.minimum((x * x + y * y) / 1.6, 1)[:, :, None]
     if any(abs(m) * scale > 0.6 for m in sensor.motion_px):
         image = cv2.filter2D(image, -1, motion_kernel(*(m * scale for m in sensor.motion_px)))
-    if sensor.knee < 1:
-        above = np.tanh((image - sensor.knee) / (1 - sensor.knee)) * (1 - sensor.knee)
-        image = np.where(image < sensor.knee, image, sensor.knee + above)
     speckle = grain(rng, height, width, colored=sensor.thin_px > 0)
     # Mostly shot noise: cameras smooth the dark parts themselves.
     image = image + speckle * sensor.noise * np.sqrt(0.004 + 3.4 * np.maximum(image, 0))
     gray = (image @ np.full(3, 1 / 3, np.float32))[:, :, None]
     image = gray + (image - gray) * sensor.saturation
-    image = np.clip(image, 0, 1) ** np.float32(1 / 2.2)
-    image = (0.5 + (image - 0.5) * sensor.contrast).astype(np.float32)
+    image = np.maximum(image, 0) ** np.float32(1 / 2.2)
+    image = rolled_off((0.5 + (image - 0.5) * sensor.contrast).astype(np.float32), sensor.knee)
     halo, thin = max(1.2 * scale, 0.4), sensor.thin_px * scale
     if sensor.sharpening > 0 or thin > 0:
         image = developed(image, sharpening=sensor.sharpening, halo_px=halo, thin_px=thin)
-    image = np.clip(image, 0, 1)
-    return (image * 255 + 0.5).astype(np.uint8)
+    return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
 
 
 def measure_depth(

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from asdfviz.synth.kinect import KINECT_LENS, camera_for
 from asdfviz.synth.sensor import (
@@ -11,6 +12,7 @@ from asdfviz.synth.sensor import (
     measure_depth,
     motion_kernel,
     photograph,
+    random_rgb_sensor,
 )
 
 HEIGHT, WIDTH = 180, 320
@@ -92,6 +94,36 @@ def test_exposure_brings_the_picture_to_its_level_whatever_the_light() -> None:
     )
     assert np.abs(dim.astype(int) - glaring.astype(int)).max() <= 1
     assert 100 < dim.mean() < 190
+
+
+PART = np.s_[70:105, 145:170]
+
+
+def white_part(table: float) -> np.ndarray:
+    """Radiance of a small white part, lit from one side, on a table."""
+    radiance = np.full((HEIGHT, WIDTH, 3), table, np.float32)
+    radiance[PART] = np.linspace(0.4, 0.8, 35, dtype=np.float32)[:, None, None]
+    return radiance
+
+
+def burnt(radiance: np.ndarray, seed: int) -> float:
+    """Share of the part's pixels that are pure white, as a drawn camera takes it."""
+    rng = np.random.default_rng(seed)
+    seen = photograph(radiance, sensor=random_rgb_sensor(rng), rng=rng)[PART]
+    return float((seen.min(axis=2) >= 250).mean())
+
+
+@pytest.mark.parametrize("table", [0.03, 0.12, 0.3])
+def test_a_small_white_part_on_a_dark_table_keeps_its_shading(table: float) -> None:
+    shares = np.array([burnt(white_part(table), seed) for seed in range(30)])
+    assert (shares > 0.2).mean() < 0.1
+
+
+def test_a_camera_over_exposes_now_and_then() -> None:
+    drawn = [random_rgb_sensor(np.random.default_rng(k)).exposure for k in range(1000)]
+    failed = np.flatnonzero(np.array(drawn) > 0.6)
+    assert 0.02 < len(failed) / len(drawn) < 0.06
+    assert np.mean([burnt(white_part(0.12), int(k)) for k in failed[:5]]) > 0.2
 
 
 def test_motion_blur_keeps_light_and_the_still_part() -> None:
