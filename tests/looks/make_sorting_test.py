@@ -59,7 +59,7 @@ CONFIG = SceneConfig(
     tilted=0.0, duplicates=0, distractors=0,
 )  # fmt: skip
 SENSOR = RgbSensor(
-    exposure=0.455, blur_px=0.6, noise=0.0052, sharpening=0.75, knee=0.7, thin_px=1.6, contrast=1.08,
+    exposure=0.455, blur_px=0.6, noise=0.0052, sharpening=0.75, knee=0.9, thin_px=1.6, contrast=1.08,
     saturation=1.12, jpeg_quality=94, vignette=0.08, shading=(-0.06, 0.2),
 )  # fmt: skip
 """What the real frames look like to have been taken with."""
