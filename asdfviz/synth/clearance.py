@@ -9,19 +9,21 @@ once, between two frames.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
 from itertools import groupby
 
 import numpy as np
+from jaxtyping import Float64, Int64
 
-from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse
 from asdfviz.synth.film import Moment
 from asdfviz.synth.grasping import backed, scaled
 from asdfviz.synth.hands import hand_mesh
 from asdfviz.synth.layout import Outfit
 from asdfviz.synth.motion import blend, moved
-from asdfviz.synth.penetration import Solid, depth, out_of_reach
+from asdfviz.synth.penetration import Solid, depth
 from asdfviz.synth.ways import Body, deepest
 
 ALLOWED = 0.0042
@@ -33,6 +35,8 @@ _SLIP = 5
 _LAST, _TOO_DEEP = 3, 0.0048
 """In so many moments before it is let go they may slip once more, as on a short pin that is pushed home,
 where they would be deeper than this, metres."""
+_PATCH = 0.03
+"""Side of the cells that cut a hand's surface into patches, metres."""
 
 SNAPPED = 0.0008
 """Parts stand in one another by this much at most while one moves, metres, where that can be."""
@@ -56,12 +60,14 @@ def snapped(
             continue
         T = now.T_world_part[name]
         others = [Body(solids[n], T_n) for n, T_n in now.T_world_part.items() if n != name]
-        if deepest(Body(solids[name], T), others) <= SNAPPED:
+        if deepest(Body(solids[name], T), others, least=SNAPPED) <= SNAPPED:
             continue
         ends = passed[k - 1].T_world_part[name], moments[k + 1].T_world_part[name]
         for way in (blend(T, end, share) for share in _SHARES for end in ends):
             far = max(float(np.linalg.norm(way[:3, 3] - end[:3, 3])) for end in ends)
-            if far <= step and deepest(Body(solids[name], way), others) <= SNAPPED:
+            if far > step:
+                continue
+            if deepest(Body(solids[name], way), others, least=SNAPPED) <= SNAPPED:
                 passed[k] = _carried(now, name, way)
                 break
     return tuple(passed)
@@ -147,17 +153,46 @@ def _ways_off(moment: Moment, outfit: Outfit) -> list[Vector]:
 
 
 def _deepest(moment: Moment, solids: Mapping[str, Solid], outfit: Outfit) -> float:
-    """How deep the hand stands in any part, metres."""
+    """How deep the hand stands in any part, metres; up to ALLOWED it may be told as any other up to this."""
     if moment.T_world_hand is None:
         return 0.0
-    # All corners of the mesh: a thin rod passes between the fewer ones that grips are chosen by.
-    points = hand_mesh(moment.grasp).mesh.vertices
-    world = apply(scaled(moment.T_world_hand, outfit), points)
-    middle = (world.min(axis=0) + world.max(axis=0)) / 2
-    radius = float(np.linalg.norm(world - middle, axis=1).max())
+    patches = _patches(moment.grasp)
+    T_world_mesh = scaled(moment.T_world_hand, outfit)
+    world, middles = apply(T_world_mesh, patches.points), apply(T_world_mesh, patches.middles)
+    radii = patches.radii * outfit.size
     most = 0.0
     for name, T in moment.T_world_part.items():
-        T_part_world = inverse(T)
-        if not out_of_reach(apply(T_part_world, middle[None])[0], radius, solids[name]):
-            most = max(most, depth(apply(T_part_world, world), solids[name]))
+        T_part_world, interior = inverse(T), solids[name].interior
+        at_part = apply(T_part_world, middles)
+        beyond = np.maximum(np.maximum(interior.low - at_part, at_part - interior.high), 0.0)
+        near = np.nonzero(((beyond * beyond).sum(axis=1) <= radii * radii)[patches.of])[0]
+        if len(near):
+            found = depth(apply(T_part_world, world[near]), solids[name], least=max(most, ALLOWED))
+            most = max(most, found)
     return most
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Patches:
+    """The surface of a hand in pieces, hand frame, metres: most are far from any part."""
+
+    points: Points
+    """All corners of the mesh: a thin rod passes between the fewer ones that grips are chosen by."""
+    of: Int64[np.ndarray, "n"]
+    """The patch of each point."""
+    middles: Float64[np.ndarray, "p 3"]
+    radii: Float64[np.ndarray, "p"]
+    """Of balls round the patches, with a little more against rounding."""
+
+
+@cache
+def _patches(grasp: int) -> _Patches:
+    points = hand_mesh(grasp).mesh.vertices
+    _, of, counts = np.unique(
+        np.floor(points / _PATCH), axis=0, return_inverse=True, return_counts=True
+    )
+    sums = np.stack([np.bincount(of, axis) for axis in points.T], axis=1)
+    middles = sums / counts[:, None]
+    radii = np.zeros(len(middles))
+    np.maximum.at(radii, of, np.linalg.norm(points - middles[of], axis=1))
+    return _Patches(points, of, middles, radii + 1e-6)

@@ -179,7 +179,7 @@ def _badness(
     for step in (_FEW, 1):  # few points tell most of the bad ones
         if bad < limit:
             off = apply(T_part_hand, hand.off[::step])
-            bad = max(0.0, depth(off, solid, most=_MEASURED) - DEEPEST)
+            bad = max(0.0, _too_deep(off, solid, 0.0, limit))
             bad = _in_others(hand, T_part_hand, holds, limit, bad, step)
     return bad
 
@@ -205,8 +205,14 @@ def _in_others(
             T_other_hand = inverse(other.T) @ T
             if not out_of_reach(apply(T_other_hand, middle[None])[0], radius, other.solid):
                 inner = apply(T_other_hand, away)
-                bad = max(bad, depth(inner, other.solid, most=_MEASURED) - DEEPEST)
+                bad = max(bad, _too_deep(inner, other.solid, bad, limit))
     return bad
+
+
+def _too_deep(points: Points, solid: Solid, bad: float, limit: float) -> float:
+    """Depth beyond what is allowed, metres, exact where it is between what is bad already and the limit."""
+    least, enough = DEEPEST + bad, DEEPEST + limit
+    return depth(points, solid, most=_MEASURED, least=least, enough=enough) - DEEPEST
 
 
 @cache

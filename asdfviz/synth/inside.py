@@ -144,24 +144,34 @@ def expand(counts: Int64[np.ndarray, "n"]) -> tuple[np.ndarray, np.ndarray]:
 def inside(points: Points, interior: Interior) -> Bool[np.ndarray, "n"]:
     """Whether points (in the mesh's frame) lie inside it."""
     found = np.zeros(len(points), dtype=bool)
+    place, doubted = in_cells(points, interior)
+    found[place[~doubted]] = True
+    asked = place[doubted]
+    if len(asked):
+        found[asked] = _by_rays(points[asked], interior.columns)
+    return found
+
+
+def in_cells(
+    points: Points, interior: Interior
+) -> tuple[Int64[np.ndarray, "k"], Bool[np.ndarray, "k"]]:
+    """Which points (in the mesh's frame) may lie inside it, and whether only rays can tell: a quick look."""
     near = np.nonzero(all_axes((points > interior.low) & (points < interior.high)))[0]
     if not len(near):
-        return found
+        return near, np.zeros(0, dtype=bool)
     cells = interior.cells
     i, j, k = ((points[near] - cells.low) / cells.size).astype(int).T
     label = cells.labels[i, j, k]
-    found[near[label == _INSIDE]] = True
-    doubted = near[label == _MIXED]
-    if len(doubted):
-        found[doubted] = _by_rays(points[doubted], interior.columns)
-    return found
+    possible = label != _OUTSIDE
+    return near[possible], label[possible] == _MIXED
 
 
 def _by_rays(points: Points, columns: tuple[Columns, ...]) -> Bool[np.ndarray, "n"]:
     first, second, third = columns
     within = _crossings(points, first) % 2 == 1
     doubted = np.nonzero(within != (_crossings(points, second) % 2 == 1))[0]
-    within[doubted] = _crossings(points[doubted], third) % 2 == 1
+    if len(doubted):
+        within[doubted] = _crossings(points[doubted], third) % 2 == 1
     return within
 
 

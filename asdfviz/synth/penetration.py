@@ -14,7 +14,7 @@ from asdfviz.datatypes import Mesh
 from asdfviz.geometry.sampling import surface_points
 from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse
-from asdfviz.synth.inside import Interior, all_axes, inside, interior_of
+from asdfviz.synth.inside import Interior, all_axes, in_cells, inside, interior_of
 
 _SAMPLES = 1500
 _CHUNK = 200_000
@@ -127,14 +127,14 @@ def _nearby(points: Points, solid: Solid, reach: float) -> Int64[np.ndarray, "k"
     return np.nonzero(all_axes((solid.planes.high >= low) & (solid.planes.low <= high)))[0]
 
 
-def _deepest(points: Points, solid: Solid) -> float:
+def _deepest(points: Points, solid: Solid, least: float, enough: float) -> float:
     """The largest distance of points from the surface, metres: the likeliest are asked first."""
     bounds = _bounds(points, solid)
     order = np.argsort(-bounds, kind="stable")
     deepest = 0.0
     for start in range(0, len(order), _AT_ONCE):
         some = order[start : start + _AT_ONCE]
-        if bounds[some[0]] <= deepest:
+        if bounds[some[0]] <= max(deepest, least) or deepest >= enough:
             break
         near = _nearby(points[some], solid, float(bounds[some[0]]))
         deepest = max(deepest, float(_to_triangles(points[some], solid, near).max()))
@@ -168,25 +168,47 @@ def out_of_reach(middle: Vector, radius: float, solid: Solid) -> bool:
     return float(beyond @ beyond) > radius * radius
 
 
-def depth(points: Points, solid: Solid, *, most: int | None = None) -> float:
+def depth(
+    points: Points,
+    solid: Solid,
+    *,
+    most: int | None = None,
+    least: float = 0.0,
+    enough: float = np.inf,
+) -> float:
     """How deep the deepest of the points (in the solid's frame) lies inside, metres; 0 outside.
 
     Args:
         points: metres.
         solid: what they may be in.
         most: of how many of the points inside the depth is measured; of all by default.
+        least: a depth up to this may be told as any other up to this.
+        enough: from this depth on none that is deeper is looked for.
     """
-    within = points[inside(points, solid.interior)]
+    possible, _ = in_cells(points, solid.interior)
+    if not len(possible):
+        return 0.0
+    near = points[possible]
+    if least > 0:
+        doubted = _bounds(near, solid) > least
+        if not doubted.any():
+            return 0.0
+        if most is None or len(near) < most:
+            near = near[doubted]
+    within = near[inside(near, solid.interior)]
     if most is not None:
         within = within[:: len(within) // most + 1]
-    return _deepest(within, solid) if len(within) else 0.0
+    return _deepest(within, solid, least, enough) if len(within) else 0.0
 
 
-def penetration(a: Solid, b: Solid, T_b_a: Transform, *, most: int | None = None) -> float:
+def penetration(
+    a: Solid, b: Solid, T_b_a: Transform, *, most: int | None = None, least: float = 0.0
+) -> float:
     """How deep the surfaces of two solids stand in each other, metres.
 
     Measured at the corners and at points spread over the faces of both, so that what is finer than
-    their spacing (about 2 mm on a part of 10 cm) may be missed.
+    their spacing (about 2 mm on a part of 10 cm) may be missed. `most` and `least` are those of `depth`.
     """
-    one = depth(apply(T_b_a, a.samples), b, most=most)
-    return max(one, depth(apply(inverse(T_b_a), b.samples), a, most=most))
+    one = depth(apply(T_b_a, a.samples), b, most=most, least=least)
+    other = depth(apply(inverse(T_b_a), b.samples), a, most=most, least=max(one, least))
+    return max(one, other)

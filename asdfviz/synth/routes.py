@@ -212,6 +212,9 @@ def wrong_place(
             Body(body.solid, blend(T @ pivot, home @ pivot, share) @ inverse(pivot))
             for share in np.linspace(0, 1, 13)
         ]
-        if all(lowest(b, T_world_base) > 0 and deepest(b, others) <= allowed for b in stops):
+        if all(
+            lowest(b, T_world_base) > 0 and deepest(b, others, least=allowed) <= allowed
+            for b in stops
+        ):
             return T
     return None

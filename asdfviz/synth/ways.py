@@ -63,20 +63,26 @@ class Body:
     T: Transform
 
 
-def touches(a: Body, b: Body) -> float:
-    """How deep two bodies stand in each other, metres; quick if their boxes are apart."""
+def touches(a: Body, b: Body, *, least: float = 0.0) -> float:
+    """How deep two bodies stand in each other, metres; quick if their boxes are apart.
+
+    A depth up to `least` may be told as any other up to this, which is quicker.
+    """
     T_b_a = inverse(b.T) @ a.T
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     spread = a.solid.low + corners * (a.solid.high - a.solid.low)
     box = apply(T_b_a, spread)
     if bool((box.min(axis=0) > b.solid.high).any() or (box.max(axis=0) < b.solid.low).any()):
         return 0.0
-    return penetration(a.solid, b.solid, T_b_a, most=_MEASURED)
+    return penetration(a.solid, b.solid, T_b_a, most=_MEASURED, least=least)
 
 
-def deepest(body: Body, others: Sequence[Body]) -> float:
-    """How deep a body stands in the others, metres."""
-    return max((touches(body, other) for other in others), default=0.0)
+def deepest(body: Body, others: Sequence[Body], *, least: float = 0.0) -> float:
+    """How deep a body stands in the others, metres; up to `least` as `touches` tells it."""
+    found = 0.0
+    for other in others:
+        found = max(found, touches(body, other, least=max(found, least)))
+    return found
 
 
 def find_way(
@@ -117,7 +123,10 @@ def _round_a_corner(
     for slide in candidates:
         for offset in _SLIDES:
             corner = Body(body.solid, moved(body.T, offset * slide))
-            if deepest(corner, others) > allowed or lowest(corner, T_world_base) < 0.0003:
+            if (
+                deepest(corner, others, least=allowed) > allowed
+                or lowest(corner, T_world_base) < 0.0003
+            ):
                 break
             for direction in candidates:
                 if abs(float(direction @ slide)) > 0.9:
@@ -145,14 +154,14 @@ def _along(
         there = Body(body.solid, moved(body.T, offset * direction))
         if lowest(there, T_world_base) < 0.0003 and direction @ up < 0.5:
             return None
-        here = deepest(there, others) - allowed
+        here = deepest(there, others, least=allowed) - allowed
         worst = max(worst, here)
         if best is not None and worst >= best.depth:
             return None
         if worst > _BLOCKED:
             break
         lifted = [Body(body.solid, moved(there.T, lift * up)) for lift in _LIFTS]
-        if here <= 0 and all(deepest(b, others) <= allowed for b in lifted):
+        if here <= 0 and all(deepest(b, others, least=allowed) <= allowed for b in lifted):
             return Way(offset * direction, worst)
     return Way(_OFFSETS[-1] * direction, worst + 0.05)
 

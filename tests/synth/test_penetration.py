@@ -60,6 +60,24 @@ def test_the_deepest_point_is_found_without_measuring_all(name: str) -> None:
         np.testing.assert_allclose(surface_distance(within, solid), dense, atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["base", "bolt"])
+def test_a_depth_that_matters_is_exact_whatever_need_not_be_told(name: str) -> None:
+    solid = solid_of(load_assembly("corner_clamp").parts[name].mesh)
+    rng = np.random.default_rng(4)
+    middle = (solid.low + solid.high) / 2
+    for most in (None, 20):
+        for spread in (0.4, 1.0):
+            points = middle + spread * (rng.uniform(solid.low, solid.high, (300, 3)) - middle)
+            exact = depth(points, solid, most=most)
+            assert exact > 0
+            for share in (0.1, 0.5, 0.99):
+                assert depth(points, solid, most=most, least=share * exact) == exact
+                assert share * exact <= depth(points, solid, most=most, enough=share * exact)
+            for share in (1.0, 1.1, 3.0):
+                assert depth(points, solid, most=most, least=share * exact) <= share * exact
+                assert depth(points, solid, most=most, enough=share * exact) == exact
+
+
 def test_a_corner_that_no_face_uses_is_not_on_the_surface() -> None:
     cube = box((0.05, 0.05, 0.05))
     stray = Mesh(np.concatenate([cube.vertices, [[0.01, 0, 0]]]), cube.faces)
