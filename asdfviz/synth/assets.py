@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float64
@@ -12,6 +13,7 @@ from asdfviz.datatypes import Assembly, Mesh
 from asdfviz.pose.resting import RestingFace, center_of_mass, resting_faces
 from asdfviz.synth.description import Placed
 from asdfviz.synth.hands import GRASPS, HandMesh, hand_mesh
+from asdfviz.synth.memory import keep_freed_memory
 from asdfviz.synth.mesh_bank import MeshBank, clustered
 from asdfviz.synth.primitives import distractor_meshes
 
@@ -46,6 +48,7 @@ class Assets:
 
 def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:
     """Mesh the hands, find resting faces and upload everything."""
+    keep_freed_memory()
     meshes: list[Mesh] = [part.mesh for part in assembly.parts.values()]
     parts = {name: i for i, name in enumerate(assembly.parts)}
     solids = distractor_meshes()
@@ -54,15 +57,22 @@ def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:
     hands = [hand_mesh(i) for i in range(len(GRASPS))]
     hand_range = range(len(meshes), len(meshes) + len(hands))
     meshes += [hand.mesh for hand in hands]
-    sleeves = [sleeve_of(hand, cut) for hand in hands for cut in SLEEVE_CUTS]
+    sleeves = [_sleeve(i, cut) for i in range(len(hands)) for cut in SLEEVE_CUTS]
     sleeve_range = range(len(meshes), len(meshes) + len(sleeves))
     meshes += sleeves
-    casters = {i: _hand_caster(hand) for i, hand in zip(hand_range, hands, strict=True)}
+    casters = {i: _hand_caster(k) for k, i in enumerate(hand_range)}
     nails = {i: hand.nails for i, hand in zip(hand_range, hands, strict=True)}
-    casters |= {i: clustered(meshes[i], CASTER_CELLS[2]) for i in sleeve_range}
+    casters |= {i: _sleeve_caster(meshes[i]) for i in sleeve_range}
     return Assets(
         assembly=assembly,
-        bank=MeshBank.of(meshes, device=device, casters=casters, marks=nails, rounded=hand_range),
+        bank=MeshBank.of(
+            meshes,
+            device=device,
+            casters=casters,
+            marks=nails,
+            rounded=hand_range,
+            lasting=range(distractors.start, len(meshes)),
+        ),
         parts=parts,
         distractors=distractors,
         hands=hand_range,
@@ -75,10 +85,22 @@ def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:
     )
 
 
-def _hand_caster(hand: HandMesh) -> Mesh:
+@cache
+def _hand_caster(grasp: int) -> Mesh:
     """What throws a hand's shadow."""
     finger, arm, _ = CASTER_CELLS
+    hand = hand_mesh(grasp)
     return clustered(hand.mesh, np.where(hand.along_arm > 0.02, arm, finger))
+
+
+@cache
+def _sleeve_caster(sleeve: Mesh) -> Mesh:
+    return clustered(sleeve, CASTER_CELLS[2])
+
+
+@cache
+def _sleeve(grasp: int, cut: float) -> Mesh:
+    return sleeve_of(hand_mesh(grasp), cut)
 
 
 def sleeve_of(hand: HandMesh, cut: float) -> Mesh:

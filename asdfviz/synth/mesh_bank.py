@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.util import find_spec
 from typing import Any, cast
 
@@ -41,6 +42,11 @@ def corner_normals(mesh: Mesh, *, crease: float = CREASE) -> Float32[np.ndarray,
     length = np.linalg.norm(total, axis=1, keepdims=True)
     normals = np.where(length > 1e-18, total / np.maximum(length, 1e-18), unit)
     return normals.reshape(-1, 3, 3).astype(np.float32)
+
+
+@cache
+def _lasting_normals(mesh: Mesh, *, crease: float) -> Float32[np.ndarray, "f 3 3"]:
+    return corner_normals(mesh, crease=crease)
 
 
 def _sums(
@@ -141,6 +147,7 @@ class MeshBank:
         casters: Mapping[int, Mesh] | None = None,
         marks: Mapping[int, Float64[np.ndarray, "_"]] | None = None,
         rounded: Collection[int] = (),
+        lasting: Collection[int] = (),
     ) -> MeshBank:
         """Upload meshes; their order gives the indices that `place` takes.
 
@@ -150,17 +157,23 @@ class MeshBank:
             casters: simpler meshes, by index, that throw the shadows of those.
             marks: a number for each vertex, by index; 0 where a mesh has none.
             rounded: indices of meshes without an edge, however coarse their faces are.
+            lasting: indices of meshes that every bank has: their normals are found once a process.
         """
         keep_freed_memory()
+
+        def found(i: int, mesh: Mesh, crease: float) -> Float32[np.ndarray, "f 3 3"]:
+            return (_lasting_normals if i in lasting else corner_normals)(mesh, crease=crease)
+
         normals = [
-            corner_normals(mesh, crease=np.pi if i in rounded else CREASE)
-            for i, mesh in enumerate(meshes)
+            found(i, mesh, np.pi if i in rounded else CREASE) for i, mesh in enumerate(meshes)
         ]
         bank = cls._upload(meshes, normals, device, marks or {})
         if not casters:
             return bank
         # What throws its own shadow has its normals already.
-        normals = [corner_normals(casters[i]) if i in casters else n for i, n in enumerate(normals)]
+        normals = [
+            found(i, casters[i], CREASE) if i in casters else n for i, n in enumerate(normals)
+        ]
         throwing = [casters.get(i, mesh) for i, mesh in enumerate(meshes)]
         return replace(bank, casters=cls._upload(throwing, normals, device, {}))
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from asdfviz.datatypes import Camera
+from asdfviz.datatypes import Camera, Mesh
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.synth.description import Finish, Placed, Scene
 from asdfviz.synth.gbuffer import Views, place_all
@@ -109,6 +109,30 @@ def test_normals_stay_sharp_at_edges_and_smooth_on_round_faces() -> None:
     normals = corner_normals(tube).reshape(-1, 3)
     corners = tube.vertices[tube.faces.reshape(-1)]
     assert (np.abs((normals * corners).sum(axis=1)) > 0.99).all()
+
+
+def test_lasting_meshes_get_their_normals_once_and_as_any_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    part, lasting, caster = (
+        box(size) for size in ((0.1, 0.1, 0.1), (0.2, 0.1, 0.1), (1.0, 1.0, 1.0))
+    )
+    meshes, casters = [part, lasting], {1: caster}
+    plain = MeshBank.of(meshes, casters=casters)
+    asked: list[object] = []
+
+    def counted(mesh: Mesh, *, crease: float) -> np.ndarray:
+        asked.append(mesh)
+        return corner_normals(mesh, crease=crease)
+
+    monkeypatch.setattr("asdfviz.synth.mesh_bank.corner_normals", counted)
+    for _ in range(2):
+        kept = MeshBank.of(meshes, casters=casters, lasting=(1,))
+        assert torch.equal(kept.normals, plain.normals)
+        assert kept.casters is not None
+        assert plain.casters is not None
+        assert torch.equal(kept.casters.normals, plain.casters.normals)
+    assert asked == [part, lasting, caster, part]
 
 
 def test_normals_of_a_fine_ball_point_outwards_everywhere() -> None:
