@@ -11,6 +11,7 @@ import importlib
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
@@ -22,7 +23,6 @@ from multiprocessing.synchronize import Event
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import cv2
-import torch
 
 from asdfviz.errors import AsdfvizError, InputError
 
@@ -192,11 +192,7 @@ def _with_processes(work: Work, numbers: Sequence[int], workers: int, stop: Stop
 def _prepare(event: Event, workers: int) -> None:
     """Begin a spawned process: its share of the cores, and no life after its parent's."""
     _stop_event[:] = [event]
-    threads = max(1, len(os.sched_getaffinity(0)) // workers)
-    os.environ["OMP_NUM_THREADS"] = str(threads)
-    # Too late for a variable where the script that began the job imports torch: it is read again
-    # here, and threads in excess wait for each other ten times longer than they work.
-    _prepare_threads(threads)
+    _prepare_threads(max(1, len(os.sched_getaffinity(0)) // workers))
 
 
 @contextmanager
@@ -229,7 +225,12 @@ def _beside(target: Callable[..., None], *given: Any) -> None:
 
 
 def _prepare_threads(threads: int) -> None:
-    torch.set_num_threads(threads)
+    # For torch, which work imports if it needs it. Too late where the script that began the job
+    # does: it is read again here, and threads in excess wait for each other ten times longer than
+    # they work.
+    os.environ["OMP_NUM_THREADS"] = str(threads)
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(threads)
     cv2.setNumThreads(threads)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
-from functools import cache
 from pathlib import Path
 
 import pytest
-from marked_pieces import Marks
+from marked_pieces import Marks, Threads
 
-from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import AsdfvizError, InputError
-from asdfviz.synth.assets import load_assets
 from asdfviz.synth.images import generate_images
 from asdfviz.synth.scene import SceneConfig
 from asdfviz.synth.workers import Crew, do_all, spawned
@@ -35,7 +33,7 @@ def contents(folder: Path) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def alone(toy: Assembly, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def alone(toy: Assembly, toy_loaded_once: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("alone")
     generate_images(toy, count=4, seed=3, folder=folder, config=SMALL, masks=True)
     return folder
@@ -75,6 +73,12 @@ from marked_pieces import Threads
 if __name__ == "__main__":
     do_all(Threads(Path(sys.argv[1])), range(2), crew=Crew(2))
 """
+
+
+def test_workers_share_the_cores(tmp_path: Path) -> None:
+    assert do_all(Threads(tmp_path), range(2), crew=Crew(2))
+    share = max(1, len(os.sched_getaffinity(0)) // 2)
+    assert {p.read_text() for p in tmp_path.iterdir()} == {str(share)}
 
 
 def test_workers_of_a_script_that_imports_torch_share_the_cores(tmp_path: Path) -> None:
@@ -143,32 +147,30 @@ def test_joblib_does_the_same(tmp_path: Path) -> None:
 
 
 KILLED = """
+import pickle
 import sys
 from pathlib import Path
-from asdfviz.data.assembly import load_assembly
-from asdfviz.synth.assets import load_assets
 from asdfviz.synth.images import generate_images
 from asdfviz.synth.scene import SceneConfig
 
-generate_images(load_assembly("corner_clamp"), count=500, seed=5, folder=Path(sys.argv[1]),
+toy = pickle.loads(Path(sys.argv[1]).read_bytes())
+generate_images(toy, count=500, seed=5, folder=Path(sys.argv[2]),
     config=SceneConfig(width=96, height=64, distractors=1, duplicates=0))
 """
 
 
-def test_a_killed_job_goes_on_to_the_same_images(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("asdfviz.synth.images.load_assets", cache(load_assets))
-    killed, whole = tmp_path / "killed", tmp_path / "whole"
-    with subprocess.Popen([sys.executable, "-c", KILLED, str(killed)]) as job:
+@pytest.mark.usefixtures("toy_loaded_once")
+def test_a_killed_job_goes_on_to_the_same_images(toy: Assembly, tmp_path: Path) -> None:
+    killed, whole, kept = tmp_path / "killed", tmp_path / "whole", tmp_path / "toy.pickle"
+    kept.write_bytes(pickle.dumps(toy))
+    with subprocess.Popen([sys.executable, "-c", KILLED, str(kept), str(killed)]) as job:
         while not (killed / "records" / "000000.json").is_file():
             assert job.poll() is None
             time.sleep(0.02)
         job.send_signal(signal.SIGKILL)
     there = len(list((killed / "records").glob("0*.json")))
     assert 1 <= there < 500
-    clamp = load_assembly("corner_clamp")
     for folder in (killed, whole):
-        generate_images(clamp, count=there + 1, seed=5, folder=folder, config=SMALL)
+        generate_images(toy, count=there + 1, seed=5, folder=folder, config=SMALL)
     cut_off = {name for name in contents(killed) if Path(name).name.startswith(".")}
     assert {n: h for n, h in contents(killed).items() if n not in cut_off} == contents(whole)
