@@ -170,14 +170,13 @@ def _search(
     A coarse grid, then ever finer steps from its best places.
     """
     # Steps well inside the truncated distance's basin.
-    shifts = np.arange(-config.search_px, config.search_px + 1, 2.0)
+    shifts = np.arange(-config.search_px, config.search_px + 1, 2)
     scales = 1.0 + np.linspace(-1.0, 1.0, SCALES) * config.search_scale
     grid: list[Vector] = []
     costs: list[float] = []
     for scale in scales.tolist():
-        warps = [np.array([scale, x, y]) for x, y in itertools.product(shifts, shifts)]
-        costs += [_rounded_cost(warp, views) for warp in warps]
-        grid += warps
+        grid += [np.array([scale, x, y]) for x, y in itertools.product(shifts, shifts)]
+        costs += _rounded_costs(scale, shifts, views).tolist()
         tell()
     starts = [grid[int(i)] for i in np.argsort(costs, kind="stable")[:3]]
     found = [_refined(start, views) for start in starts]
@@ -191,33 +190,40 @@ def _refined(start: Vector, views: list[_View]) -> Vector:
     steps = np.diag([0.005, 1.0, 1.0])
     while steps[1, 1] > 0.05:
         moves = [best + sign * step for step in steps for sign in (-1.0, 1.0)]
-        costs = [_cost(move, views) for move in moves]
-        if min(costs) < cost - 1e-6:
-            best, cost = moves[int(np.argmin(costs))], min(costs)
+        costs = _costs(moves, views)
+        if costs.min() < cost - 1e-6:
+            best, cost = moves[int(costs.argmin())], float(costs.min())
         else:
             steps = steps / 2.0
     return best
 
 
-def _rounded_cost(warp: Vector, views: list[_View]) -> float:
-    """Mean truncated distance at the nearest pixels: quick, for the grid."""
-    total, count = 0.0, 0
+def _rounded_costs(scale: float, shifts: Int64[np.ndarray, " s"], views: list[_View]) -> Scores:
+    """Mean truncated distance at the nearest pixels, for each shift in x and y: quick, for the grid."""
+    totals, count = np.zeros((len(shifts), len(shifts))), 0
     for view in views:
-        moved = np.rint(view.offsets * warp[0] + view.center + warp[1:]).astype(np.int64)
+        u, v = np.rint(view.offsets * scale + view.center).astype(np.int64).T
         height, width = view.distances.shape[1:]
-        u, v = moved[:, 0].clip(0, width - 1), moved[:, 1].clip(0, height - 1)
-        total += float(view.distances[view.bins, v, u].sum())
+        us = (u + shifts[:, None]).clip(0, width - 1)
+        rows = (v + shifts[:, None]).clip(0, height - 1) + view.bins * height
+        places = us[:, None] + rows[None] * width
+        totals += view.distances.reshape(-1).take(places).sum(axis=2)
         count += len(view.bins)
-    return total / count
+    return totals.reshape(-1) / count
 
 
 def _cost(warp: Vector, views: list[_View]) -> float:
-    """Mean truncated distance between pixels: smooth, for the last steps."""
-    values: list[Scores] = []
+    return float(_costs([warp], views)[0])
+
+
+def _costs(warps: list[Vector], views: list[_View]) -> Scores:
+    """Mean truncated distance between pixels, of each warp: smooth, for the last steps."""
+    values: list[Float64[np.ndarray, "w n"]] = []
     for view in views:
-        moved = view.offsets * warp[0] + view.center + warp[1:]
+        moved = np.stack([view.offsets * warp[0] + view.center + warp[1:] for warp in warps])
         count, height, width = view.distances.shape
         # One picture above the other, so that all directions are read at once.
-        moved[:, 1] = moved[:, 1].clip(0, height - 1) + view.bins * height
-        values.append(sampled(view.distances.reshape(count * height, width), moved))
-    return float(np.concatenate(values).mean())
+        moved[..., 1] = moved[..., 1].clip(0, height - 1) + view.bins * height
+        stacked = view.distances.reshape(count * height, width)
+        values.append(sampled(stacked, moved.reshape(-1, 2)).reshape(len(warps), -1))
+    return np.concatenate(values, axis=1).mean(axis=1)
