@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,6 +20,7 @@ from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Mesh, Part, State
 from asdfviz.evaluate.health import Finding, HealthReport, check_sequence
+from asdfviz.evaluate.health_edges import Edges, color_edges, depth_edges
 from asdfviz.evaluate.health_files import check_numbering
 from asdfviz.evaluate.health_shift import SCALES, measure_shift, spread
 from asdfviz.geometry.camera import project
@@ -93,6 +95,27 @@ def scene(seed: int, *, shift: tuple[int, int] = (0, 0)) -> tuple[Frame, FrameTr
         seed, seed / 30, rgb.clip(0, 255).astype(np.uint8), depth.astype(np.float32), CAMERA
     )
     return frame, FrameTruth(seed, poses, 0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def edges_found_once() -> Iterator[None]:
+    """Most tests look at the same few images; what is found in each of them is kept."""
+    kept: dict[bytes, Edges] = {}
+
+    def once(find: Callable[[np.ndarray], Edges]) -> Callable[[np.ndarray], Edges]:
+        def found_in(image: np.ndarray) -> Edges:
+            key = hashlib.sha256(f"{find} {image.dtype} {image.shape}".encode())
+            key.update(image.tobytes())
+            if key.digest() not in kept:
+                kept[key.digest()] = find(image)
+            return kept[key.digest()]
+
+        return found_in
+
+    with pytest.MonkeyPatch.context() as patch:
+        for find in (color_edges, depth_edges):
+            patch.setattr(f"asdfviz.evaluate.health_shift.{find.__name__}", once(find))
+        yield
 
 
 Make = Callable[..., MemorySequence]
@@ -374,20 +397,27 @@ def test_the_blind_rim_is_told_from_holes(
     assert words in finding.message
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A scene folder of 640 x 480 images: frames 0, 1, 2, 4, 5, a depth image alone, odd names."""
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scene folder of 640 x 480 images: frames 0, 1, 2, 4, 5."""
+    folder = tmp_path_factory.mktemp("written")
     for name in ("rgb", "depth"):
-        (tmp_path / name).mkdir()
+        (folder / name).mkdir()
     for index in (0, 1, 2, 4, 5):
         frame, _ = scene(index)
         assert frame.depth is not None
-        cv2.imwrite(str(tmp_path / "rgb" / f"{index:06d}.png"), frame.rgb[..., ::-1])
+        cv2.imwrite(str(folder / "rgb" / f"{index:06d}.png"), frame.rgb[..., ::-1])
         raw = np.rint(frame.depth * 1000).astype(np.uint16)
-        cv2.imwrite(str(tmp_path / "depth" / f"{index:06d}.png"), raw)
+        cv2.imwrite(str(folder / "depth" / f"{index:06d}.png"), raw)
     fields = {"fx": 600.0, "fy": 600.0, "cx": 318.0, "cy": 243.0, "width": WIDTH, "height": HEIGHT}
-    (tmp_path / "camera.json").write_text(json.dumps(fields))
-    return tmp_path
+    (folder / "camera.json").write_text(json.dumps(fields))
+    return folder
+
+
+@pytest.fixture
+def folder(written: Path, tmp_path: Path) -> Path:
+    """The scene folder, to change."""
+    return shutil.copytree(written, tmp_path, dirs_exist_ok=True)
 
 
 def test_missing_frames_are_named(folder: Path) -> None:
