@@ -9,10 +9,10 @@ from pathlib import Path
 
 import jaxtyping
 import pytest
-from jaxtyping import install_import_hook
+import shape_checks
 
 # Modules imported from here on check their jaxtyping annotations at every call.
-install_import_hook("asdfviz", "beartype.beartype")
+shape_checks.install("asdfviz")
 
 FIRST = (
     "test_carrying.py",
