@@ -62,6 +62,7 @@ def save_checkpoint(
     average: Average,
     progress: Progress,
     about: Mapping[str, object],
+    drawn: Mapping[str, object] | None = None,
     trainer: Mapping[str, Any] | None = None,
 ) -> None:
     """Write a checkpoint in one step.
@@ -72,6 +73,7 @@ def save_checkpoint(
         average: of its weights.
         progress: how far the run is.
         about: what the weights are: "classes", "image_size", "run".
+        drawn: which pictures were held out ("split") and how often the others were drawn ("epochs").
         trainer: state of optimiser, auxiliary head and warm-up, to go on exactly; None for weights
             alone.
     """
@@ -83,6 +85,7 @@ def save_checkpoint(
         "scale": network.scale,
         "keypoint_width": network.keypoint_width or 0,
         "about": json.dumps(about),
+        "drawn": dict(drawn or {}),
         "trainer": dict(trainer or {}),
     }
     if trainer is None:
@@ -187,11 +190,12 @@ def require_same(
     network: Network,
     classes: Sequence[str],
     image_size: int,
+    split: Sequence[int],
 ) -> None:
-    """Refuse to go on from the checkpoint of another network, or with inputs of another size.
+    """Refuse to go on from the checkpoint of another network, or with other inputs.
 
     Raises:
-        WeightsError: its classes, size, keypoint width or image size differ.
+        WeightsError: its classes, size, keypoint width, image size or held-out pictures differ.
     """
     about = json.loads(content["about"])
     known = about["classes"]
@@ -205,6 +209,13 @@ def require_same(
     if had != asked:
         sizes = f"of scale, keypoint_width and image_size {had}, asked for were {asked}"
         raise WeightsError(f"'{path}' is {sizes}: take another run folder")
+    held = content.get("drawn", {}).get("split", [0, 0])  # older ones lack it
+    if held != list(split):
+        raise WeightsError(
+            f"'{path}' may have learnt pictures that are to be held out (one in {split[0]} with seed "
+            f"{split[1]}; there: {held[0]} and {held[1]}): keep preset and seed, or take another run "
+            "folder"
+        )
 
 
 def network_of(content: Mapping[str, Any]) -> Network:
@@ -252,9 +263,10 @@ def export_weights(checkpoint: Path, path: Path) -> Path:
         "best_score": best,
         "bytes": path.stat().st_size,
     }
-    report = checkpoint.with_name("validation.json")
-    if report.is_file():
-        record["validation"] = json.loads(report.read_text(encoding="utf-8"))
+    for name in ("validation", "ran"):
+        report = checkpoint.with_name(f"{name}.json")
+        if report.is_file():
+            record[name] = json.loads(report.read_text(encoding="utf-8"))
     write_text(path.with_suffix(".json"), json.dumps(record, indent=2) + "\n")
     return path
 

@@ -81,6 +81,16 @@ class TrainConfig:
     """Budget, wall clock, resumed runs counted together."""
     steps: int | None = None
     """Budget in steps instead, which repeats exactly."""
+    preset: str | None = None
+    """Name of the recipe that was asked for, of `asdfviz.train.presets`; what of it ran is told."""
+    epochs: int | None = None
+    """The run also ends after so many passes over the pictures of `data`: so many inputs as they are
+    pictures each. It is then validated after each of them."""
+    patience: int = 50
+    """With `epochs`: epochs without a better validation after which the run stops early."""
+    held_out: int = 0
+    """Of so many pictures of `data` in a row, by number, one is validated on instead, which one the
+    seed decides. 0 for none."""
     image_size: int = 640
     """Longer side of a whole frame, pixels; infer at the same."""
     stages: tuple[Stage, ...] = ()
@@ -165,5 +175,18 @@ def check_config(config: TrainConfig) -> None:
             f"a stage is {widest} pixels wide, image_size is {config.image_size}: the widest stage "
             "is what is inferred at"
         )
+    _check_epochs(config)
     if not (config.data or config.fresh):
         raise InputError("there is nothing to train on: name scene folders (data) or ask for fresh")
+
+
+def _check_epochs(config: TrainConfig) -> None:
+    if config.fresh and (config.epochs is not None or config.held_out):
+        raise InputError("pictures that are rendered meanwhile have no epochs: leave fresh out")
+    if config.epochs is not None and min(config.epochs, config.patience) < 1:
+        figures = f"epochs is {config.epochs}, patience {config.patience}"
+        raise InputError(f"{figures}, give 1 or more of each")
+    if config.held_out not in (0, *range(2, 101)):
+        raise InputError(f"held_out is {config.held_out}, give 0 or one in 2 to 100")
+    if config.held_out and config.validation:
+        raise InputError("pictures are held out to validate on: leave validation out")

@@ -93,7 +93,7 @@ def _cell(value: float) -> str:
     return f"{value:.6g}"
 
 
-def write_curve(path: Path, log: CsvLog, *, x: str, curves: Sequence[str]) -> None:
+def write_curve(path: Path, log: CsvLog, *, x: str, curves: Sequence[str], note: str = "") -> None:
     """Draw columns of a log over another one, each scaled to its own largest value.
 
     Args:
@@ -101,13 +101,14 @@ def write_curve(path: Path, log: CsvLog, *, x: str, curves: Sequence[str]) -> No
         log: where the columns are.
         x: name of the column along the bottom.
         curves: names of the others.
+        note: a line under them.
     """
-    columns = log.read()
-    write_bytes(path, encoded(draw_curves(columns, x=x, curves=curves)[:, :, ::-1]))
+    picture = draw_curves(log.read(), x=x, curves=curves, note=note)
+    write_bytes(path, encoded(picture[:, :, ::-1]))
 
 
 def draw_curves(
-    columns: Mapping[str, Sequence[float]], *, x: str, curves: Sequence[str]
+    columns: Mapping[str, Sequence[float]], *, x: str, curves: Sequence[str], note: str = ""
 ) -> UInt8[np.ndarray, "h w 3"]:
     """Return the picture of `write_curve` (RGB)."""
     width, height, margin = 900, 480, 50
@@ -117,6 +118,7 @@ def draw_curves(
     span = float(across.max()) if across.size else 1.0
     font = cv2.FONT_HERSHEY_SIMPLEX
     cv2.putText(canvas, f"{x} 0 to {span:.3g}", (margin, height - 18), font, 0.5, (60, 60, 60), 1)
+    cv2.putText(canvas, note, (margin + 190, height - 18), font, 0.42, (60, 60, 60), 1, cv2.LINE_AA)
     for place, name in enumerate(curves):
         color = COLORS[place % len(COLORS)]
         values = np.asarray(columns[name], float)

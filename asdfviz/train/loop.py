@@ -2,7 +2,7 @@
 
 The folder holds last.pt (goes on exactly where it was), best.pt, weights.safetensors (the best so
 far, also of a run that was stopped), log.csv, validation.csv, validation.json, curve.png and
-config.json; `export_weights` makes weights of a checkpoint.
+config.json, and ran.json where the run has a preset; `export_weights` makes weights of a checkpoint.
 """
 
 from __future__ import annotations
@@ -14,14 +14,17 @@ from pathlib import Path
 import torch
 
 from asdfviz.data.assembly import load_assembly
+from asdfviz.data.atomic import write_text
 from asdfviz.datatypes import Assembly
 from asdfviz.train.checkpoint import export_weights as export_weights
 from asdfviz.train.config import TrainConfig as TrainConfig
 from asdfviz.train.config import check_config
+from asdfviz.train.presets import Ran
 from asdfviz.train.session import Session, TrainReport
 from asdfviz.train.validation import Validation
 
 WEIGHTS = "weights.safetensors"
+RAN = "ran.json"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +39,8 @@ class TrainResult:
     """False where `stop` ended the run before its budget."""
     weights: Path
     """The best so far, or the last where none was validated."""
+    ran: Ran | None = None
+    """How much of its preset."""
 
 
 def train(
@@ -64,8 +69,11 @@ def train(
     run = Session(config, assemblies or [load_assembly(name) for name in config.assemblies])
     finished = run.go(progress or (lambda _: None), stop or (lambda: False))
     found = run.finish() if finished else None
+    ran = run.ran(finished=finished)
     best, weights = config.output / "best.pt", config.output / WEIGHTS
     if run.world.is_first:
+        if ran is not None:
+            write_text(config.output / RAN, ran.as_json())
         export_weights(best if best.is_file() else run.last, weights)
     result = TrainResult(
         output=config.output,
@@ -74,6 +82,7 @@ def train(
         validation=found,
         finished=finished,
         weights=weights,
+        ran=ran,
     )
     run.world.leave()
     return result

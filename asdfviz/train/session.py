@@ -5,19 +5,15 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from asdfviz.data.atomic import write_text
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.joint import joint_classes
-from asdfviz.detector.losses import pose_losses
 from asdfviz.detector.network import Network
-from asdfviz.detector.precision import has_bfloat16
 from asdfviz.train.budget import Sitting, descend
 from asdfviz.train.checkpoint import (
     Average,
@@ -32,31 +28,22 @@ from asdfviz.train.checkpoint import (
     write_checkpoint,
 )
 from asdfviz.train.config import TrainConfig
-from asdfviz.train.dataset import LabelledImage, load_images
+from asdfviz.train.dataset import LabelledImage
+from asdfviz.train.epochs import Epochs
 from asdfviz.train.inputs import input_stream
+from asdfviz.train.learner import batch_loss, new_learner
 from asdfviz.train.loader import Batch, Recipe
 from asdfviz.train.log import Meter, write_curve
-from asdfviz.train.rotation_hint import RotationHint
+from asdfviz.train.presets import Ran, what_ran
+from asdfviz.train.report import TrainReport as TrainReport
 from asdfviz.train.schedule import make_optimizer, rate_at, stage_at
+from asdfviz.train.split import stored_pictures
 from asdfviz.train.validation import LOGGED, Validation, validate
 from asdfviz.train.world import join_world
 
 LOSS_NAMES = ("box", "keypoint", "visibility", "classes", "bins", "rotation")
 LOG_COLUMNS = ("step", "minutes", "width", "rate", *LOSS_NAMES, "inputs_per_s", "objects")
 LOG_SECONDS = 20.0
-
-
-@dataclass(frozen=True, slots=True)
-class TrainReport:
-    """What the run says now and then to whoever watches it."""
-
-    step: int
-    share: float
-    """Of the budget used, 0 to 1."""
-    losses: dict[str, float]
-    """Means since the last report."""
-    inputs_per_s: float
-    validation: Validation | None = None
 
 
 class Session(Sitting):
@@ -67,17 +54,11 @@ class Session(Sitting):
         self.config, self.assemblies = config, tuple(assemblies)
         self.classes = joint_classes(self.assemblies)
         config.output.mkdir(parents=True, exist_ok=True)
-        self.images = () if config.fresh else self._load(config.data)
-        self.validation_images = self._load(config.validation)
-        torch.manual_seed(config.seed)  # pyright: ignore[reportUnknownMemberType] - untyped in torch
-        width = config.keypoint_width or None
-        classes = len(self.classes)
-        network = Network(config.scale, classes=classes, keypoint_width=width)
-        hint_width = cast(nn.Conv2d, cast(nn.Sequential, network.head.cv4[0])[2]).in_channels
-        hint = RotationHint(classes=classes, width=hint_width, levels=len(network.strides))
-        self.network = network.to(self.world.device)
-        self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
-        self.hint = hint.to(self.world.device)
+        self.images, self.validation_images = stored_pictures(config, self.assemblies)
+        self.epochs = Epochs(len(self.images), limit=config.epochs, patience=config.patience)
+        self.network, self.hint = new_learner(
+            config, classes=len(self.classes), device=self.world.device
+        )
         self.optimizer = make_optimizer(
             (self.network, self.hint),
             learning_rate=config.learning_rate,
@@ -87,22 +68,27 @@ class Session(Sitting):
         super().__init__(config.output, minutes=config.minutes, steps=config.steps)
         self._warm_from = 0
         self._resume()
-        self._agreed = self._budget.share(self.progress.step)
+        self._agreed = self._used
         self.log = self.csv_log("log.csv", LOG_COLUMNS)
         columns = [f"{n}:{f}" for n in self.classes for f in LOGGED]
         self.validation_log = self.csv_log("validation.csv", ("step", "minutes", "score", *columns))
         text = json.dumps(dataclasses.asdict(config), indent=2, default=str)
         write_text(config.output / "config.json", text + "\n")
 
-    def _load(self, folders: tuple[Path, ...]) -> tuple[LabelledImage, ...]:
-        if not folders:
-            return ()
-        return load_images(folders, self.assemblies, image_size=self.config.image_size)
+    @property
+    def _split(self) -> list[int]:
+        """What decides which pictures are held out; all 0 where none is."""
+        held_out = self.config.held_out
+        return [held_out, self.config.seed] if held_out else [0, 0]
 
     @property
     def share(self) -> float:
         """Share of the budget that is used, as agreed at the last step."""
         return self._agreed
+
+    @property
+    def _used(self) -> float:
+        return max(self._budget.share(self.progress.step), self.epochs.share)
 
     def go(self, report: Callable[[TrainReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False)."""
@@ -122,7 +108,7 @@ class Session(Sitting):
                     self.checkpoint()
                     break
                 self.step(stream, meter)
-                self._agreed = world.agree(self._budget.share(self.progress.step))
+                self._agreed = world.agree(self._used)
                 if not world.is_first:
                     continue
                 now = self.seconds
@@ -132,8 +118,10 @@ class Session(Sitting):
                 if now - checkpointed > self.config.checkpoint_minutes * 60:
                     self.checkpoint()
                     checkpointed = now
-                if now - validated > self.config.validate_minutes * 60 and self.share < 1:
+                if self._is_due(now - validated) and self.share < 1:
+                    best = self.progress.best
                     found = self.validate(self.config.validation_frames)
+                    self.epochs.validated(is_best=self.progress.best > best)
                     report(
                         dataclasses.replace(self._report(meter), validation=found)
                     ) if meter.steps else None
@@ -141,6 +129,12 @@ class Session(Sitting):
         if meter.steps and world.is_first:
             report(self.write_log(meter))
         return self.share >= 1
+
+    def _is_due(self, waited_s: float) -> bool:
+        """Whether to validate now: where epochs are counted, after each."""
+        if self.config.epochs is not None:
+            return bool(self.validation_images) and self.epochs.is_due
+        return waited_s > self.config.validate_minutes * 60
 
     def recipe(self, step: int) -> Recipe:
         """What the batch of a step is made of."""
@@ -157,18 +151,7 @@ class Session(Sitting):
         for group in self.optimizer.param_groups:
             group["lr"] = rate
         self.network.train()
-        images = batch.images.permute(0, 3, 1, 2).float() / 255
-        images = images.contiguous(memory_format=torch.channels_last)
-        kind = torch.device(config.device).type
-        half = config.bfloat16 and has_bfloat16(config.device)
-        with torch.autocast(kind, dtype=torch.bfloat16, enabled=half):
-            raw = self.network(images)
-        losses, assignment = pose_losses(raw, batch.targets, config=config.losses)
-        parts = losses.parts
-        hint = parts.new_zeros(())
-        if config.rotation_gain > 0:
-            hint = self.hint(raw, assignment, batch.targets.labels, batch.rotations)
-        total = parts.sum() + config.keypoint_gain * config.rotation_gain * hint
+        total, losses = batch_loss(self.network, self.hint, batch, config)
         descend(
             total,
             self.optimizer,
@@ -179,8 +162,9 @@ class Session(Sitting):
         )
         self.average.update(self.network)
         self.progress.step += 1
+        self.epochs.draw(len(batch.images) * self.world.size)
         objects = int(batch.targets.present.sum())
-        meter.add(torch.cat([parts.detach(), hint.detach()[None]]), len(images), objects)
+        meter.add(losses, len(batch.images), objects)
 
     def write_log(self, meter: Meter) -> TrainReport:
         """Append to the log and draw the curve."""
@@ -196,8 +180,15 @@ class Session(Sitting):
                 **report.losses,
             }
         )
-        write_curve(self.config.output / "curve.png", self.log, x="minutes", curves=LOSS_NAMES)
+        note = report.ran.text() if report.ran else ""
+        curve = self.config.output / "curve.png"
+        write_curve(curve, self.log, x="minutes", curves=LOSS_NAMES, note=note)
         return report
+
+    def ran(self, *, finished: bool | None) -> Ran | None:
+        """What of its preset the run did; as for `what_ran`."""
+        shown = [image.assembly for image in (*self.images, *self.validation_images)]
+        return what_ran(self.config, shown, self.epochs, finished=finished)
 
     def validate(self, frames: int | None) -> Validation | None:
         """Validate the averaged weights and keep them if they are the best so far."""
@@ -259,6 +250,7 @@ class Session(Sitting):
             average=self.average,
             progress=self.progress,
             about=about_run(self.config, self.assemblies),
+            drawn={"split": self._split, "epochs": self.epochs.state()},
             trainer=trainer if whole else None,
         )
 
@@ -275,6 +267,7 @@ class Session(Sitting):
             network=self.network,
             classes=self.classes,
             image_size=self.config.image_size,
+            split=self._split,
         )
         average = cast(dict[str, Tensor], content["average"])
         self.network.load_state_dict(content["network"] or average)
@@ -283,6 +276,7 @@ class Session(Sitting):
         step, seconds, best = content["progress"]
         self.progress = Progress(step=step, seconds=seconds, best=best)
         self._budget.before = seconds
+        self.epochs.load(content.get("drawn", {}).get("epochs", {}))
         if content["trainer"]:
             self.optimizer.load_state_dict(content["trainer"]["optimizer"])
             self.hint.load_state_dict(content["trainer"]["hint"])
@@ -296,4 +290,5 @@ class Session(Sitting):
             share=min(self.share, 1.0),
             losses=dict(zip(LOSS_NAMES, meter.means(), strict=True)),
             inputs_per_s=meter.inputs_per_s,
+            ran=self.ran(finished=None),
         )
