@@ -124,6 +124,9 @@ class TrainConfig:
     rotation_gain: float = 1.0
     """Weight of the rotation hint, an auxiliary loss, beside the keypoints'; 0 switches it off."""
     augment: AugmentConfig = field(default_factory=AugmentConfig)
+    closing: float = 0.1
+    """Share of the budget at whose end inputs are whole frames alone, as YOLOv8 closes its mosaic: what
+    is inferred on looks like them. 0 keeps tiles to the end. A run that stops early has no such end."""
     calm_share: float = 0.1
     """Share of the budget over which the camera roll grows from 30 % to its full range."""
     validate_minutes: float = 8.0
@@ -162,8 +165,9 @@ def check_config(config: TrainConfig) -> None:
         raise InputError(f"minutes is {config.minutes:g}, give a budget above 0")
     if not (math.isfinite(config.keypoint_gain) and config.keypoint_gain >= 0):
         raise InputError(f"keypoint_gain is {config.keypoint_gain:g}, give 0 or more")
-    if not 0 <= config.fresh_scenes <= 1:
-        raise InputError(f"fresh_scenes is {config.fresh_scenes:g}, give a share from 0 to 1")
+    for name in ("fresh_scenes", "closing"):
+        if not 0 <= getattr(config, name) <= 1:
+            raise InputError(f"{name} is {getattr(config, name):g}, give a share from 0 to 1")
     least = {"threads": 1, "image_size": 32, "keypoint_width": 0, "loaders": 1}
     least |= {"fresh": 0, "fresh_draws": 1}
     for name, smallest in least.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import torch
 from torch import nn
@@ -38,6 +39,13 @@ def rate_at(
     late = min(max((share - config.hold) / max(1 - config.hold, 1e-9), 0.0), 1.0)
     cosine = (1 + math.cos(math.pi * late)) / 2
     return config.learning_rate * warm * (config.final_rate + (1 - config.final_rate) * cosine)
+
+
+def recipe_stage(config: TrainConfig, share: float) -> Stage:
+    """Return the stage that a share of the budget lies in, without tiles where the run closes."""
+    stage = stage_at(config.stages, share)
+    is_closing = config.closing > 0 and share >= 1 - config.closing
+    return replace(stage, packed=0.0) if is_closing else stage
 
 
 def stage_at(stages: Sequence[Stage], share: float) -> Stage:

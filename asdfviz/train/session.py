@@ -36,7 +36,7 @@ from asdfviz.train.loader import Batch, Recipe
 from asdfviz.train.log import Meter, write_curve
 from asdfviz.train.presets import Ran, what_ran
 from asdfviz.train.report import TrainReport as TrainReport
-from asdfviz.train.schedule import make_optimizer, rate_at, stage_at
+from asdfviz.train.schedule import make_optimizer, rate_at, recipe_stage
 from asdfviz.train.split import stored_pictures
 from asdfviz.train.validation import LOGGED, Validation, validate
 from asdfviz.train.world import join_world
@@ -141,7 +141,7 @@ class Session(Sitting):
         steps = self.config.steps
         share = self.share if steps is None else step / max(steps, 1)
         spread = min(1.0, 0.3 + 0.7 * share / max(self.config.calm_share, 1e-9))
-        return Recipe(stage=stage_at(self.config.stages, share), spread=spread)
+        return Recipe(stage=recipe_stage(self.config, share), spread=spread)
 
     def step(self, stream: Iterator[Batch], meter: Meter) -> None:
         """Take one optimiser step."""
