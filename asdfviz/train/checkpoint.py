@@ -23,6 +23,7 @@ from asdfviz.detector.weights import load_network, save_network
 from asdfviz.errors import WeightsError
 from asdfviz.train.config import TrainConfig
 from asdfviz.train.record import made_by, without_places
+from asdfviz.train.validation import SCORE
 
 
 class Average:
@@ -82,6 +83,7 @@ def save_checkpoint(
         "average": average.state,
         "updates": average.updates,
         "progress": [progress.step, progress.seconds, progress.best],
+        "score": SCORE,
         "scale": network.scale,
         "keypoint_width": network.keypoint_width or 0,
         "about": json.dumps(about),
@@ -261,6 +263,7 @@ def export_weights(checkpoint: Path, path: Path) -> Path:
         "steps": step,
         "minutes": round(seconds / 60, 1),
         "best_score": best,
+        "score": content.get("score", "mean over parts of recall times keypoint accuracy"),
         "bytes": path.stat().st_size,
     }
     for name in ("validation", "ran"):

@@ -149,6 +149,11 @@ class TrainConfig:
         return strides_of(self.scale)[-1]
 
     @property
+    def split(self) -> list[int]:
+        """What decides which pictures are held out: `held_out` and the seed, 0 and 0 where none is."""
+        return [self.held_out, self.seed] if self.held_out else [0, 0]
+
+    @property
     def losses(self) -> LossConfig:
         """The losses of boxes, classes and keypoints."""
         chosen = LOSSES[self.loss]

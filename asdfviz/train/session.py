@@ -38,7 +38,7 @@ from asdfviz.train.presets import Ran, what_ran
 from asdfviz.train.report import TrainReport as TrainReport
 from asdfviz.train.schedule import make_optimizer, rate_at, recipe_stage
 from asdfviz.train.split import stored_pictures
-from asdfviz.train.validation import LOGGED, Validation, validate
+from asdfviz.train.validation import LOGGED, SCORE, Validation, validate
 from asdfviz.train.world import join_world
 
 LOSS_NAMES = ("box", "keypoint", "visibility", "classes", "bins", "rotation")
@@ -74,12 +74,6 @@ class Session(Sitting):
         self.validation_log = self.csv_log("validation.csv", ("step", "minutes", "score", *columns))
         text = json.dumps(dataclasses.asdict(config), indent=2, default=str)
         write_text(config.output / "config.json", text + "\n")
-
-    @property
-    def _split(self) -> list[int]:
-        """What decides which pictures are held out; all 0 where none is."""
-        held_out = self.config.held_out
-        return [held_out, self.config.seed] if held_out else [0, 0]
 
     @property
     def share(self) -> float:
@@ -192,11 +186,9 @@ class Session(Sitting):
 
     def validate(self, frames: int | None) -> Validation | None:
         """Validate the averaged weights and keep them if they are the best so far."""
-        images = self.validation_images
+        images = self._spread(frames)
         if not images:
             return None
-        if frames is not None:
-            images = images[:: max(1, len(images) // frames)]
         found = self._judged(averaged(self.network, self.average), images)
         when = {"step": float(self.progress.step), "minutes": self.seconds / 60}
         self.validation_log.add({**when, "score": found.score, **found.columns()})
@@ -206,6 +198,11 @@ class Session(Sitting):
             self._note(found)
         return found
 
+    def _spread(self, frames: int | None) -> tuple[LabelledImage, ...]:
+        """About so many of the validation pictures, always the same; None for all."""
+        images = self.validation_images
+        return images if frames is None else images[:: max(1, len(images) // frames)]
+
     def _judged(self, network: Network, images: Sequence[LabelledImage]) -> Validation:
         size, device = self.config.image_size, self.world.device
         return validate(network.to(device), images, self.assemblies, image_size=size, device=device)
@@ -213,12 +210,13 @@ class Session(Sitting):
     def _note(self, found: Validation) -> None:
         write_text(self.config.output / "validation.json", json.dumps(found.as_json(), indent=2))
 
-    def _rejudge_best(self, best: Path) -> None:
-        """Score the best weights so far on all frames: a score of some does not compare with that."""
+    def _rejudge_best(self, best: Path, frames: int | None) -> None:
+        """Score the best weights so far on these frames: only scores of the same compare."""
         content = load_checkpoint(best)
-        found = self._judged(network_of(content), self.validation_images)
+        found = self._judged(network_of(content), self._spread(frames))
         self.progress.best = found.score
-        write_checkpoint(best, {**content, "progress": [*content["progress"][:2], found.score]})
+        progress = [*content["progress"][:2], found.score]
+        write_checkpoint(best, {**content, "progress": progress, "score": SCORE})
         self._note(found)
 
     def finish(self) -> Validation | None:
@@ -228,7 +226,7 @@ class Session(Sitting):
         self.checkpoint()
         best = self.config.output / "best.pt"
         if self.validation_images and self.progress.best >= 0 and best.is_file():
-            self._rejudge_best(best)
+            self._rejudge_best(best, None)
         found = self.validate(None)
         if found is None or not best.is_file():
             self.checkpoint(path=best, whole=False)
@@ -250,7 +248,7 @@ class Session(Sitting):
             average=self.average,
             progress=self.progress,
             about=about_run(self.config, self.assemblies),
-            drawn={"split": self._split, "epochs": self.epochs.state()},
+            drawn={"split": self.config.split, "epochs": self.epochs.state()},
             trainer=trainer if whole else None,
         )
 
@@ -267,7 +265,7 @@ class Session(Sitting):
             network=self.network,
             classes=self.classes,
             image_size=self.config.image_size,
-            split=self._split,
+            split=self.config.split,
         )
         average = cast(dict[str, Tensor], content["average"])
         self.network.load_state_dict(content["network"] or average)
@@ -283,6 +281,11 @@ class Session(Sitting):
             self._warm_from = content["trainer"].get("warm_from", 0)  # older ones lack it
         else:
             self._warm_from = step
+        if content.get("score") != SCORE and best >= 0:
+            self.progress.best = -1.0
+            file = self.config.output / "best.pt"
+            if self.world.is_first and self.validation_images and file.is_file():
+                self._rejudge_best(file, self.config.validation_frames)
 
     def _report(self, meter: Meter) -> TrainReport:
         return TrainReport(

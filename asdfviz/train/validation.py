@@ -16,13 +16,17 @@ from asdfviz.detector.network import Network
 from asdfviz.geometry.boxes import iou_matrix
 from asdfviz.geometry.shapes import Intrinsics, Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
-from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.geometry.transforms import apply, rotation_angle
 from asdfviz.pose.labels import LabelledObject
 from asdfviz.pose.pnp import PnpConfig, solve_pnp
 from asdfviz.train.augment import boxes_in
 from asdfviz.train.dataset import LabelledImage
 
 MATCH_IOU = 0.5
+NEAR = 0.1
+"""Metres: a pose counts from 1 where it is exact down to 0 at this distance."""
+SCORE = "mean over parts of 1 - ADD(S) / 10 cm, 0 for each true part without a nearer pose"
+"""What `Validation.score` is; a checkpoint keeps it, as older ones were chosen by another one."""
 LOGGED = ("recall", "precision", "keypoint_px", "keypoint_share", "rotation_deg")
 """Fields of ClassScore that a run's log keeps."""
 
@@ -56,7 +60,8 @@ class Validation:
     """Figures of a network."""
 
     score: float
-    """0 to 1: mean over parts of recall times keypoint accuracy; picks the best checkpoint."""
+    """0 to 1, `SCORE`: the area under the recall at ADD(S) thresholds up to 10 cm, of poses by PnP from
+    keypoints alone; picks the best checkpoint."""
     classes: tuple[ClassScore, ...]
 
     def as_json(self) -> dict[str, object]:
@@ -101,6 +106,8 @@ class _Tally:
     spreads: list[float] = field(default_factory=_floats)
     rotations: list[float] = field(default_factory=_floats)
     translations: list[float] = field(default_factory=_floats)
+    distances: list[float] = field(default_factory=_floats)
+    """ADD(S) of the poses, over the keypoints, to the nearest symmetric pose; metres."""
 
 
 def validate(
@@ -210,6 +217,8 @@ def _count(
     tally.rotations.append(float(np.degrees(angle)))
     shift = nearest[:3, 3] - item.T_camera_part[:3, 3]
     tally.translations.append(float(np.linalg.norm(shift)) * 1e3)
+    apart = apply(nearest, part.keypoints) - apply(item.T_camera_part, part.keypoints)
+    tally.distances.append(float(np.linalg.norm(apart, axis=1).mean()))
 
 
 def _pose(part: Part, detection: Detection, K: Intrinsics, width: int) -> Transform | None:
@@ -229,9 +238,9 @@ def _extent(points: np.ndarray) -> float:
 
 
 def _accuracy(tally: _Tally) -> float:
-    """Mean over objects of 1 for exact keypoints falling to 0 at 30 % of the size, 0 if missed."""
-    shares = np.array(tally.shares)
-    return float(np.clip(1 - shares / 0.3, 0, 1).sum() / max(tally.objects, 1))
+    """Mean over true objects of 1 for an exact pose falling to 0 at `NEAR`, 0 without a pose."""
+    near = np.clip(1 - np.array(tally.distances) / NEAR, 0, 1)
+    return float(near.sum() / max(tally.objects, 1))
 
 
 def _class_score(name: str, tally: _Tally) -> ClassScore:
