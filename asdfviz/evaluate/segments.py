@@ -166,6 +166,10 @@ def steps(
     return tuple(found)
 
 
+NO_DELAY = 100.0
+"""Frames that IndustReal's psr_utils.py counts where no step was recognised."""
+
+
 @dataclass(frozen=True, slots=True)
 class ProcedureScores:
     """IndustReal's figures of procedure step recognition."""
@@ -174,7 +178,7 @@ class ProcedureScores:
     """Procedure order similarity, percent."""
     f1: float | None
     delay: float | None
-    """Mean frames from a true step to its recognition, over the recognised ones."""
+    """Mean frames from a true step to its recognition, over the recognised ones, or NO_DELAY."""
 
 
 def procedure_scores(said: Sequence[Step], right: Sequence[Step]) -> ProcedureScores:
@@ -201,7 +205,7 @@ def procedure_scores(said: Sequence[Step], right: Sequence[Step]) -> ProcedureSc
     return ProcedureScores(
         pos=100.0 * (1.0 - min(order / len(right), 1.0)),
         f1=100.0 * 2 * len(delays) / (len(delays) + len(said) + missed),
-        delay=float(np.mean(delays)) if delays else None,
+        delay=float(np.mean(delays)) if delays else NO_DELAY,
     )
 
 
