@@ -78,11 +78,39 @@ class BenchLoss:
 
     def __call__(self) -> None:
         """Print the area under the ROC curve in percent, and how many poses of each kind there are."""
-        from asdfviz.bench.loss import told_apart
         from asdfviz.evaluate.calibration import ranking_area
+        from asdfviz.evaluate.protocols import TWINS
+
+        if not self.runs:
+            raise InputError("name at least one run folder, as in: asdfviz bench loss runs/icg")
+        by_name, by_twin = self._told_apart()
+        figures: dict[str, float | int | None] = {}
+        for suffix, told in (("", by_name), (TWINS, by_twin)):
+            right = sum(is_right for _, is_right in told)
+            figures[f"loss_auc{suffix}"] = ranking_area(told)
+            figures |= {f"right{suffix}": right, f"lost{suffix}": len(told) - right}
+        if figures["loss_auc"] is None:
+            raise InputError(
+                f"bench loss: of the poses with a score that count, {figures['right']} are right and "
+                f"{figures['lost']} are lost, and there must be both: give runs that hold lost "
+                "poses too, as made with --report-lost"
+            )
+        if self.json:
+            print(json.dumps(figures, indent=2))
+            return
+        for suffix, title in (("", ""), (TWINS, ", on either twin counts as right")):
+            if suffix and by_twin == by_name:
+                break
+            area = figures[f"loss_auc{suffix}"]
+            shown = "-" if area is None else f"{area:.1f} %"
+            right, lost = figures[f"right{suffix}"], figures[f"lost{suffix}"]
+            print(f"AUC {shown}: {right} right poses, {lost} lost ones{title}")
+
+    def _told_apart(self) -> tuple[list[tuple[float, bool]], list[tuple[float, bool]]]:
+        """Scores of all runs' poses and whether they are right: by name, and on either twin."""
+        from asdfviz.bench.loss import told_apart
         from asdfviz.evaluate.inputs import open_result
         from asdfviz.evaluate.judgement import judge
-        from asdfviz.evaluate.protocols import TWINS
 
         by_name: list[tuple[float, bool]] = []
         by_twin: list[tuple[float, bool]] = []
@@ -102,21 +130,7 @@ class BenchLoss:
                     for r in records
                     if r.error is not None and r.score is not None and r.visible >= self.visible
                 )
-        figures: dict[str, float | int | None] = {}
-        for suffix, told in (("", by_name), (TWINS, by_twin)):
-            right = sum(is_right for _, is_right in told)
-            figures[f"loss_auc{suffix}"] = ranking_area(told)
-            figures |= {f"right{suffix}": right, f"lost{suffix}": len(told) - right}
-        if self.json:
-            print(json.dumps(figures, indent=2))
-            return
-        for suffix, title in (("", ""), (TWINS, ", on either twin counts as right")):
-            if suffix and by_twin == by_name:
-                break
-            area = figures[f"loss_auc{suffix}"]
-            shown = "-" if area is None else f"{area:.1f} %"
-            right, lost = figures[f"right{suffix}"], figures[f"lost{suffix}"]
-            print(f"AUC {shown}: {right} right poses, {lost} lost ones{title}")
+        return by_name, by_twin
 
 
 @dataclass(frozen=True)
