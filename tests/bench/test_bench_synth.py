@@ -7,6 +7,7 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.errors import InputError
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_every_kind_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("asdfviz.bench.synth.SIZES", ((96, 64),))
     told: list[tuple[int, int]] = []

@@ -73,8 +73,9 @@ def toy_assets(toy: Assembly) -> Assets:
 def toy_loaded_once(toy_assets: Assets) -> Iterator[None]:
     """Meshes and resting faces are the same for every job on the toy."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "asdfviz.synth.images.load_assets",
-            lambda assembly, device: replace(toy_assets, assembly=assembly),
-        )
+        for module in ("images", "sequences"):
+            patch.setattr(
+                f"asdfviz.synth.{module}.load_assets",
+                lambda assembly, device: replace(toy_assets, assembly=assembly),
+            )
         yield

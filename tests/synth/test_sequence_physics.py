@@ -64,6 +64,7 @@ def apart(assembly: Assembly, moment: Moment) -> set[str]:
     return set(assembly.parts) - set(moment.attached) - {moment.held}
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_parts_never_stand_in_one_another_or_in_the_table(staged: Staged) -> None:
     known: dict[tuple[str, str, bytes], float] = {}
     for moment in staged.moments:
@@ -77,6 +78,7 @@ def test_parts_never_stand_in_one_another_or_in_the_table(staged: Staged) -> Non
     assert max(known.values()) < 1 * MM
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_loose_parts_lie_still_and_steady_on_the_table(staged: Staged) -> None:
     parts = staged.assembly.parts
     seen = 0
@@ -133,6 +135,7 @@ def test_all_that_lies_on_the_table_is_in_view(staged: Staged) -> None:
         assert (pixels[:, 1] < table.height * pixels[:, 2]).all()
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_hands_stay_out_of_parts_and_touch_what_they_hold(staged: Staged) -> None:
     worst, touching = 0.0, []
     for moment in staged.moments:

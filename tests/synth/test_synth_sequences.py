@@ -19,6 +19,8 @@ from asdfviz.synth.images import generate_images
 from asdfviz.synth.sequence_config import check_config
 from asdfviz.synth.sequences import Play, SequenceConfig, generate_sequence, plan_sequence
 
+pytestmark = pytest.mark.usefixtures("toy_loaded_once")
+
 CONFIG = SequenceConfig()
 
 
@@ -110,12 +112,14 @@ def test_the_pace_keeps_its_limits(play: Play) -> None:
             assert turn <= np.deg2rad(12.1)
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_a_wished_number_of_frames_is_met(toy_assets: Assets) -> None:
     free = len(plan_sequence(toy_assets, seed=5, config=CONFIG).moments)
     wished = SequenceConfig(frames=free + 25)
     assert len(plan_sequence(toy_assets, seed=5, config=wished).moments) == free + 25
 
 
+@pytest.mark.usefixtures("shapes_unchecked")
 def test_frames_for_each_state_are_met_where_hands_need_no_more(toy_assets: Assets) -> None:
     moments = plan_sequence(toy_assets, seed=5, config=SequenceConfig(frames_per_state=40)).moments
     names = [m.state.name for m in moments]
