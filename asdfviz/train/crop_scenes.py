@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from jaxtyping import Int64
 
-from asdfviz.datatypes import Assembly, State
+from asdfviz.datatypes import Assembly, Mesh, State
 from asdfviz.detector.crop_classes import (
     CORNERS,
     CropClass,
@@ -105,6 +106,12 @@ class CropScene:
     """The plane's points p have normal @ p = height, metres."""
 
 
+@cache
+def _hand_meshes() -> tuple[Mesh, ...]:
+    """The hand of each of GRASPS, thinned once a process."""
+    return tuple(thinned(hand_mesh(i).mesh, HAND_FACES) for i in range(len(GRASPS)))
+
+
 class CropDrawer:
     """Draws scenes of all parts and groups of several assemblies."""
 
@@ -119,7 +126,7 @@ class CropDrawer:
         self._solids = range(len(meshes), len(meshes) + len(distractor_meshes()))
         meshes += distractor_meshes()
         self._hands = range(len(meshes), len(meshes) + len(GRASPS))
-        meshes += [thinned(hand_mesh(i).mesh, HAND_FACES) for i in range(len(GRASPS))]
+        meshes += _hand_meshes()
         self._corners = [hull_corners(m.vertices, CORNERS) for m in meshes]
         self.bank = MeshBank.of(meshes, device=device)
         self._joining = {
