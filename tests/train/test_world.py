@@ -22,8 +22,12 @@ from pathlib import Path
 
 import torch
 
+from asdfviz.data.assembly import load_assembly
+from asdfviz.train.config import Stage, TrainConfig
+from asdfviz.train.session import Session
 from asdfviz.train.world import join_world
 
+folder = Path(sys.argv[1])
 world = join_world("cpu")
 torch.manual_seed(world.rank)
 network = torch.nn.Linear(3, 2)
@@ -32,22 +36,8 @@ for parameter in network.parameters():
 world.average_gradients(network.parameters())
 means = {float(p.grad.unique().item()) for p in network.parameters()}
 agreed = world.agree(10.0 + world.rank)
-Path(sys.argv[1], f"rank{world.rank}").write_text(f"{means} {agreed}")
-world.leave()
-"""
+(folder / f"rank{world.rank}").write_text(f"{means} {agreed}")
 
-
-TRAINING = """
-import sys
-from pathlib import Path
-
-import torch
-
-from asdfviz.data.assembly import load_assembly
-from asdfviz.train.config import Stage, TrainConfig
-from asdfviz.train.session import Session
-
-folder = Path(sys.argv[1])
 config = TrainConfig(
     assemblies=("toy",), data=(folder / "scene",), output=folder / "run", steps=3, image_size=320,
     stages=(Stage(1.0, 96, 96, 1, 1.0),), warmup_steps=2, keypoint_width=64,
@@ -61,7 +51,14 @@ run.world.leave()
 """
 
 
-def run_together(script: Path, folder: Path) -> None:
+@pytest.fixture(scope="module")
+def together(tmp_path_factory: pytest.TempPathFactory, scene: Path, assembly: Assembly) -> Path:
+    """The folder that two processes left, which averaged, agreed and trained one network."""
+    folder = tmp_path_factory.mktemp("together")
+    write_assembly(assembly, folder / "toy")
+    shutil.copytree(scene, folder / "scene")
+    script = folder / "train.py"
+    script.write_text(SCRIPT)
     done = subprocess.run(
         [*LAUNCH, str(script), str(folder)],
         capture_output=True,
@@ -71,24 +68,17 @@ def run_together(script: Path, folder: Path) -> None:
         timeout=200,
     )
     assert done.returncode == 0, done.stderr[-2000:]
+    return folder
 
 
-def test_two_processes_train_one_network(tmp_path: Path, scene: Path, assembly: Assembly) -> None:
-    write_assembly(assembly, tmp_path / "toy")
-    shutil.copytree(scene, tmp_path / "scene")
-    script = tmp_path / "train.py"
-    script.write_text(TRAINING)
-    run_together(script, tmp_path)
-    first, second = (torch.load(tmp_path / f"weights{i}.pt", weights_only=True) for i in range(2))
+def test_two_processes_train_one_network(together: Path) -> None:
+    first, second = (torch.load(together / f"weights{i}.pt", weights_only=True) for i in range(2))
     assert torch.equal(first, second)
-    assert load_checkpoint(tmp_path / "run" / "last.pt")["progress"][0] == 3
+    assert load_checkpoint(together / "run" / "last.pt")["progress"][0] == 3
 
 
-def test_two_processes_average_and_agree(tmp_path: Path) -> None:
-    script = tmp_path / "together.py"
-    script.write_text(SCRIPT)
-    run_together(script, tmp_path)
-    assert [(tmp_path / f"rank{i}").read_text() for i in range(2)] == ["{1.5} 10.0"] * 2
+def test_two_processes_average_and_agree(together: Path) -> None:
+    assert [(together / f"rank{i}").read_text() for i in range(2)] == ["{1.5} 10.0"] * 2
 
 
 def test_alone_nothing_changes(monkeypatch: pytest.MonkeyPatch) -> None:
