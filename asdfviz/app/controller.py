@@ -186,7 +186,9 @@ class Controller:
         self._display.tell("That did not work", why, color="red")
 
     def _act(self, received: act.Action) -> None:
-        action = asked_for(self.view, received)
+        job = self._workspace.carrying
+        is_tracking = job is not None and job.is_active
+        action = asked_for(self.view, received, is_tracking=is_tracking)
         if action is None:
             return
         facts = self._facts()

@@ -23,15 +23,18 @@ def update(view: View, action: act.Action, facts: Facts) -> View:
     return view if rule is None else rule(view, action, facts)
 
 
-def asked_for(view: View, action: act.Action) -> act.Action | None:
+def asked_for(view: View, action: act.Action, *, is_tracking: bool = False) -> act.Action | None:
     """What to do for an action; a key does nothing while a card is open that it does not close.
 
-    The welcome is no such card: it has keys to be tried.
+    The welcome is no such card: it has keys to be tried. Without a card the key that cancels stops what
+    tracks or fits before it lets go of a range or a part.
     """
     if not isinstance(action, act.ByKey):
         return action
     closing = act.Cancel if view.asking is not None else act.Cancel | act.ToggleKeys
     is_covered = view.keys or view.asking is not None
+    if is_tracking and not is_covered and isinstance(action.action, act.Cancel):
+        return act.StopTracking()
     return None if is_covered and not isinstance(action.action, closing) else action.action
 
 

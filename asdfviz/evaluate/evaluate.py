@@ -208,9 +208,10 @@ def _score_areas(judgement: Judgement) -> Figures:
 
 
 def _state_details(states: Sequence[StateRecord], assembly: Assembly) -> dict[str, Any]:
-    """What does not fit in single figures: confusion, transitions, calibration curve."""
+    """What does not fit in single figures: frames whose state is known, confusion, transitions, calibration curve."""
     followed, _ = true_transitions(states)
     return {
+        "frames": len(states),
         "confusion": confusion_matrix(states, assembly),
         "transitions": [
             {"frame": t.frame, "from": t.before, "to": t.after, "delay_frames": t.delay}

@@ -173,7 +173,7 @@ def number(value: float | int | None) -> str:
 
 def escaped(text: str) -> str:
     """Text that Markdown, HTML and MDX show as it is, in one table cell."""
-    shown = html.escape(" ".join(text.split()))
+    shown = html.escape(" ".join(text.split()), quote=False)
     for mark in "|{}`*[]\\":
         shown = shown.replace(mark, f"&#{ord(mark)};")
     return shown

@@ -113,6 +113,24 @@ def test_keys_do_nothing_behind_a_card_but_close_it(
     assert by[:3, 3] == pytest.approx([0, 1, 0])
 
 
+@pytest.mark.parametrize("card", [{}, {"keys": True}])
+def test_the_key_that_cancels_stops_a_tracker_before_it_lets_go_of_the_part(
+    opened: Open, with_run: Workspace, card: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(Background, "stop_tracking", lambda _: asked.append("stop"))
+    with_run.carrying = JobStatus("jaw", "running", done=1, total=5, told="Tracking jaw")
+    tab, _ = opened(**card)
+    tab.emit(act.ByKey(act.Cancel()))
+    until(lambda: bool(asked) or (bool(card) and not tab.view.keys))
+    assert tab.view.selected == "jaw"
+    assert asked == ([] if card else ["stop"])
+    with_run.carrying = None
+    tab.emit(act.ByKey(act.Cancel()))
+    until(lambda: tab.view.selected is None)
+    tab.close()
+
+
 def test_the_sheet_is_closed_by_the_key_that_opens_it(opened: Open) -> None:
     tab, _ = opened(keys=True, asking=None)
     tab.emit(act.ByKey(act.ToggleKeys()))

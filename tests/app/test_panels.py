@@ -174,6 +174,23 @@ def test_results_say_how_much_truth_they_rest_on(with_run: Workspace) -> None:
     assert "<td>true states</td><td>1</td>" in html
 
 
+def test_states_are_counted_by_the_truth_where_a_run_says_none(with_run: Workspace) -> None:
+    run = with_run.runs[0].run
+    silent = replace(run, predictions=tuple(replace(p, state=None) for p in run.predictions))
+    with_run.put_run(silent, "first")
+    start_judging(with_run).join(60)
+    assert f"<td>true states</td><td>{COUNT}</td>" in results.content(snapshot(with_run))
+
+
+@pytest.mark.parametrize("selected", [None, "bolt"])
+def test_a_tracker_at_work_is_shown_whatever_is_selected(
+    with_run: Workspace, selected: str | None
+) -> None:
+    with_run.carrying = JobStatus("jaw", "running", done=1, total=5, told="Tracking jaw")
+    html = annotate.content(snapshot(with_run, place=0, selected=selected))
+    assert "cancel-tracking" in html
+
+
 def test_a_frame_has_one_number_everywhere(with_run: Workspace) -> None:
     snap = snapshot(with_run, place=1)
     assert ">101</b><span> / 107</span>" in chrome.controls(snap)

@@ -516,7 +516,13 @@ def test_tables(
 
 
 @pytest.mark.parametrize(
-    ("text", "shown"), [("a_b-1", "a_b-1"), ("x\n| y", "x &#124; y"), ("`*[", "&#96;&#42;&#91;")]
+    ("text", "shown"),
+    [
+        ("a_b-1", "a_b-1"),
+        ("x\n| y", "x &#124; y"),
+        ("`*[", "&#96;&#42;&#91;"),
+        ("GBOT's", "GBOT's"),
+    ],
 )
 def test_escaped(text: str, shown: str) -> None:
     assert escaped(text) == shown

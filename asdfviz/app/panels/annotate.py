@@ -128,7 +128,8 @@ def _score(shown: Shown | None) -> str:
 def _selected(snap: Snapshot) -> str:
     name = snap.view.selected
     if name is None:
-        return heading("Pose") + empty("Click a part in the picture or in the list, or press N.")
+        hint = empty("Click a part in the picture or in the list, or press N.")
+        return heading("Pose") + hint + tracking.progress(snap)
     shown = snap.poses.get(name)
     if shown is None:
         found = "is marked as not in" if name in snap.said else "has no pose in"
@@ -138,6 +139,7 @@ def _selected(snap: Snapshot) -> str:
             + f'<div class="ax-row">{placing.button_for(snap, name)}{_copy_button()}</div>'
             + placing.HINT
             + verdicts.content(snap, name)
+            + tracking.progress(snap)
         )
     return (
         heading(f"Pose of {name}", _steps(snap.view))

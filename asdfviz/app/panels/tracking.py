@@ -19,7 +19,7 @@ def content(snap: Snapshot) -> str:
     """The section as HTML."""
     job = snap.workspace.carrying
     if job is not None and job.is_active:
-        return _progress(job)
+        return progress(snap)
     where = " in the range" if snap.view.range_here else ""
     buttons = "".join(
         button(
@@ -43,11 +43,19 @@ def content(snap: Snapshot) -> str:
     ) + ("" if job is None else _end(job, snap))
 
 
-def _progress(job: JobStatus) -> str:
+def progress(snap: Snapshot) -> str:
+    """How far the tracker is, whatever is selected; nothing where none is at work."""
+    job = snap.workspace.carrying
+    if job is None or not job.is_active:
+        return ""
     doing = f"Cancelling {job.method}" if job.state == "stopping" else job.told
     what = ", views of the parts, made once" if job.preparing else ""
     cancel = button(
-        "Cancel", act("StopTracking"), title="Stop; nothing is changed", testid="cancel-tracking"
+        "Cancel",
+        act("StopTracking"),
+        title="Stop; nothing is changed",
+        key="Esc",
+        testid="cancel-tracking",
     )
     return job_box.running(job, f"{doing}{what}", control=cancel, testid="tracking")
 
