@@ -15,6 +15,7 @@ from jaxtyping import Float64, UInt8
 
 from asdfviz.geometry.boxes import BoxMask, middle_of_points
 from asdfviz.geometry.shapes import (
+    AllScores,
     Box,
     Depth,
     Distortion,
@@ -195,6 +196,9 @@ class StateEstimate:
     probabilities: Scores
     """One a state of the assembly, errors included; sums to 1."""
     terms: Mapping[str, Scores] = field(default_factory=dict[str, Scores])
+    unfolded: Mapping[str, AllScores] = field(default_factory=dict[str, AllScores])
+    """Terms as the model took them where it has states of its own, half-done ones: these come last. From
+    them the states can be decoded anew (`asdfviz.state.offline`)."""
 
     @property
     def index(self) -> int:

@@ -87,19 +87,24 @@ def _rigid(name: str, field: Json) -> Transform:
 
 
 def _state_content(state: StateEstimate) -> dict[str, object]:
-    return {
+    content: dict[str, object] = {
         "probabilities": state.probabilities.tolist(),
         "terms": {name: _or_null(term) for name, term in state.terms.items()},
     }
+    if state.unfolded:
+        content["unfolded"] = {name: _or_null(term) for name, term in state.unfolded.items()}
+    return content
 
 
 def _state(raw: Json) -> StateEstimate:
     probabilities = _vector(raw.get("probabilities"))
     if len(probabilities) == 0 or np.isnan(probabilities).any():
         raise raw.get("probabilities").fail("one finite number a state")
-    terms = raw.get("terms").items()
+    unfolded = raw.find("unfolded")  # runs of old programs lack it
     return StateEstimate(
-        probabilities=probabilities, terms={name: _vector(term) for name, term in terms.items()}
+        probabilities=probabilities,
+        terms=_vectors(raw.get("terms")),
+        unfolded={} if unfolded is None else _vectors(unfolded),
     )
 
 
@@ -134,6 +139,10 @@ def _or_null(values: np.ndarray) -> list[float | None]:
 def _vector(field: Json) -> np.ndarray:
     values = [np.nan if e.value is None else e.number() for e in field.entries()]
     return _read_only(np.array(values, dtype=np.float64))
+
+
+def _vectors(field: Json) -> dict[str, np.ndarray]:
+    return {name: _vector(values) for name, values in field.items().items()}
 
 
 def _read_only(array: np.ndarray) -> Any:

@@ -17,6 +17,7 @@ from asdfviz.evaluate.calibration import ranking_area, reliability
 from asdfviz.evaluate.inputs import changed_inputs, open_result, unknown_objects
 from asdfviz.evaluate.judgement import Judgement, judge
 from asdfviz.evaluate.not_found import with_rows_not_found
+from asdfviz.evaluate.offline_states import OFFLINE
 from asdfviz.evaluate.protocols import (
     DIAMETER_SHARE,
     TWINS,
@@ -130,10 +131,7 @@ def protocol_report(
     if protocol == "gbot":
         compared = with_rows_not_found(compared, judgement.predictions, assembly)
     parts, means = pose_figures(compared, assembly, protocol)
-    state = state_figures(states)
-    if protocol == "gbot":
-        was_given = run.initial == "first_frame_truth"
-        state["micro_f1"] = micro_f1(states, first_was_given=was_given)
+    was_given = run.initial == "first_frame_truth"
     report: dict[str, Any] = {
         "method": run.method,
         "sequence": Path(run.sequence).name if sequence_name is None else sequence_name,
@@ -141,11 +139,14 @@ def protocol_report(
         "n_frames": len(judgement.frames),
         "parts": parts,
         "mean": {**means, **_score_areas(judgement), "ar_bop": None},
-        "state": state,
+        "state": _state_figures(states, protocol, first_was_given=was_given),
         "runtime_ms": runtime_figures(run.predictions),
         "assembly": assembly.name,
         "state_details": _state_details(states, assembly),
     }
+    if judgement.offline:
+        found = _state_figures(judgement.offline, protocol, first_was_given=was_given)
+        report[OFFLINE] = {**found, "ece": None}  # a path is not more or less sure
     if judgement.n_held < len(judgement.frames):
         report[HELD] = judgement.n_held
     warnings = list(judgement.warnings)
@@ -205,6 +206,15 @@ def _score_areas(judgement: Judgement) -> Figures:
         )
 
     return {"score_auc": area(compared.records), f"score_auc{TWINS}": area(compared.exchanged)}
+
+
+def _state_figures(
+    states: Sequence[StateRecord], protocol: ProtocolName, *, first_was_given: bool
+) -> Figures:
+    figures = state_figures(states)
+    if protocol == "gbot":
+        figures["micro_f1"] = micro_f1(states, first_was_given=first_was_given)
+    return figures
 
 
 def _state_details(states: Sequence[StateRecord], assembly: Assembly) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from asdfviz.data.result_csv import FRAMES_WITH_ROWS, GIVEN_BEFORE, NOTES
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth, Run
 from asdfviz.errors import some
 from asdfviz.evaluate.bop import Views
+from asdfviz.evaluate.offline_states import offline_predictions
 from asdfviz.evaluate.records import Comparison, compare_poses, predictions_by_frame
 from asdfviz.evaluate.state_scores import StateRecord, state_records
 from asdfviz.evaluate.visibility import visible_shares
@@ -29,6 +30,8 @@ class Judgement:
     comparison: Comparison
     states: tuple[StateRecord, ...]
     """Empty where the run is of a kind that says none."""
+    offline: tuple[StateRecord, ...]
+    """States decoded with all frames known; empty where the run does not keep what that takes."""
     warnings: tuple[str, ...]
 
     @property
@@ -72,6 +75,7 @@ def judge(
     predictions = predictions_by_frame(run, assembly)
     frames = judged_frames(run, truth)
     has_states = run.says_states or any(p.state is not None for p in run.predictions)
+    offline = offline_predictions(run, assembly)
     return Judgement(
         run=run,
         assembly=assembly,
@@ -85,6 +89,7 @@ def judge(
             is_complete=is_complete,
         ),
         states=state_records(frames, predictions, assembly) if has_states else (),
+        offline=() if offline is None else state_records(frames, offline, assembly),
         warnings=(*_warnings(predictions, truth, frames), *_doubts(run, frames)),
     )
 

@@ -12,10 +12,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from asdfviz.evaluate.offline_states import OFFLINE
 from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.paper_table1 import CALIPER, CORNER_CLAMP, SCREW_CLAMP, VISE, counterpart
 from asdfviz.evaluate.protocols import TWINS, mean
-from asdfviz.evaluate.summary import frames_lacking
+from asdfviz.evaluate.summary import DECODED, frames_lacking
 from asdfviz.evaluate.tables import number
 
 
@@ -64,6 +65,8 @@ COLUMNS = (
     ("gbot", "mean", "e_r_deg", "gbot e_r deg"),
     ("strict", "state", "accuracy", "strict state"),
     ("strict", "state", "macro_f1", "strict macro F1"),
+    ("strict", OFFLINE, "accuracy", f"strict state, {DECODED}"),
+    ("strict", OFFLINE, "macro_f1", f"strict macro F1, {DECODED}"),
     ("strict", "mean", "add_s_01d", "strict ADD(S) 0.1 d"),
     ("strict", "mean", f"add_s_01d{TWINS}", "strict ADD(S) 0.1 d, twins exchanged"),
     ("strict", "mean", "e_t_mm", "strict e_t mm"),
@@ -110,7 +113,7 @@ def _row(
         theirs = (paper.f1, paper.add_s, paper.e_t_mm, paper.e_r_deg)
     reports = [{"gbot": one.gbot, "strict": one.strict} for one in sets]
     ours = [
-        mean(report[protocol][group].get(key) for report in reports)
+        mean(report[protocol].get(group, {}).get(key) for report in reports)
         for protocol, group, key, _ in COLUMNS
     ]
     named = assembly + frames_lacking([one.strict for one in sets])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from asdfviz.evaluate.protocols import TWINS, twins_matter
 from asdfviz.evaluate.report_style import escape, part_color
-from asdfviz.evaluate.summary import HELD, frames_told
+from asdfviz.evaluate.summary import DECODED, HELD, frames_told, with_offline
 from asdfviz.evaluate.tables import UNDEFINED, is_best
 
 
@@ -90,6 +90,14 @@ def pose_columns(reports: Iterable[Mapping[str, Any]]) -> tuple[Column, ...]:
     """The columns of poses under the strict rules, by reports or means."""
     has_twins = twins_matter((report["mean"] for report in reports), (c.key for c in TWIN_POSES))
     return (*POSES, *TWIN_POSES) if has_twins else POSES
+
+
+def states_rows(online: Row) -> list[Row]:
+    """What a run said, and below it the states decoded offline, if any, which are no rival to it."""
+    _, *offline = with_offline([online.report])
+    name = f"{online.name}, {DECODED}"
+    apart = [replace(online, name=name, report=one, is_comparable=False) for one in offline]
+    return [online, *apart]
 
 
 def runs_table(rows: Sequence[Row], columns: Sequence[Column]) -> str:

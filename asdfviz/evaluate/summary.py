@@ -6,12 +6,15 @@ as far as its figures tell, so both are given.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from asdfviz.evaluate.offline_states import OFFLINE
 from asdfviz.evaluate.protocols import Figures
 
-SECTIONS = ("mean", "state")
+SECTIONS = ("mean", "state", OFFLINE)
+DECODED = "offline (Viterbi)"
+"""What states are called that were decoded with all frames known."""
 HELD = "n_frames_in_run"
 """Key of a report: how many of its frames the run holds; only there where that is not all of them."""
 
@@ -23,7 +26,8 @@ def summaries(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         For each method one entry for each assembly that it ran on (if more than one) and one for
         all ("assembly": None): {"method", "assembly", "n_runs", "n_frames", "plain": {"mean": ...,
         "state": ...}, "frame_weighted": the same}, and HELD where runs lack frames. A figure that a run leaves undefined does not
-        count in it; one that all leave undefined is None.
+        count in it; one that all leave undefined is None. States decoded offline have means where all
+        runs of the entry have them.
     """
     found: list[dict[str, Any]] = []
     for method in dict.fromkeys(report["method"] for report in reports):
@@ -35,6 +39,16 @@ def summaries(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         ]
         found.append(_summary(method, None, own))
     return found
+
+
+def with_offline(rows: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
+    """Reports or means as rows of a table; below each that has states decoded offline these alone."""
+    for row in rows:
+        yield row
+        if OFFLINE in row:
+            nothing: Figures = {}
+            apart = {"mean": nothing, "state": row[OFFLINE], "runtime_ms": nothing}
+            yield {**row, **apart, "method": f"{row['method']}, {DECODED}"}
 
 
 def frames_told(report: Mapping[str, Any]) -> str:
@@ -70,6 +84,8 @@ def _summary(
 def _means(reports: Sequence[Mapping[str, Any]], weights: Sequence[int]) -> dict[str, Figures]:
     result: dict[str, Figures] = {}
     for section in SECTIONS:
+        if any(section not in report for report in reports):
+            continue
         keys = dict.fromkeys(key for report in reports for key in report[section])
         result[section] = {
             key: _weighted([report[section].get(key) for report in reports], weights)

@@ -11,7 +11,7 @@ from typing import Any
 
 from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.protocols import TWINS, twins_matter
-from asdfviz.evaluate.summary import frames_told
+from asdfviz.evaluate.summary import frames_told, with_offline
 
 UNDEFINED = "-"
 NEVER_BEST = "Never marked as best, as frames are missing or the unit is in doubt"
@@ -58,7 +58,8 @@ _TEXTS = 3
 
 
 def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
-    """One row a result: means over parts, state and time; then what was warned about."""
+    """One row a result: means over parts, state and time, and one of its states decoded offline, where
+    it has any; then what was warned about."""
     headings, rows = _runs(results, escaped)
     notes = [
         f"- {escaped(str(result['method']))}: {escaped(str(warning))}"
@@ -108,7 +109,7 @@ def _runs(
             *(number(result["state"].get(key)) for _, key in STATE_COLUMNS),
             number(result["runtime_ms"].get("total_median")),
         ]
-        for result in results
+        for result in with_offline(results)
     ]
     return [*headings, "ms a frame"], rows
 
@@ -121,16 +122,17 @@ def _means(
     headings += [title for title, _ in (*poses, *STATE_COLUMNS)]
     rows = [
         [
-            text(str(entry["method"])),
-            text(str(entry["assembly"] or "all")),
+            text(str(row["method"])),
+            text(str(row["assembly"] or "all")),
             title,
-            str(entry["n_runs"]),
-            frames_told(entry),
-            *(number(entry[kind]["mean"].get(key)) for _, key in poses),
-            *(number(entry[kind]["state"].get(key)) for _, key in STATE_COLUMNS),
+            str(row["n_runs"]),
+            frames_told(row),
+            *(number(row["mean"].get(key)) for _, key in poses),
+            *(number(row["state"].get(key)) for _, key in STATE_COLUMNS),
         ]
         for entry in means
         for title, kind in MEANS
+        for row in with_offline([{**entry, **entry[kind]}])
     ]
     return headings, rows
 

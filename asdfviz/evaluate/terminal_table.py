@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from asdfviz.evaluate.protocols import TWINS
-from asdfviz.evaluate.summary import frames_told
+from asdfviz.evaluate.summary import DECODED, frames_told, with_offline
 from asdfviz.evaluate.tables import MEANS, UNDEFINED, number, pose_columns
 
 _LEAST_NAME = 12
 """Characters that a name keeps."""
 _GAP = "  "
+_OFFLINE = "  offline"
+"""Shorter than `DECODED`, or the middle of it would be cut."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,8 @@ class _Row:
 def runs_summary(results: Sequence[Mapping[str, Any]], *, width: int) -> str:
     """One row a run; below, what was warned about, and where all figures are."""
     rows = [
-        _Row((str(one["method"]), str(one["sequence"])), frames_told(one), one) for one in results
+        _Row((_told(one), str(one["sequence"])), frames_told(one), one)
+        for one in with_offline(results)
     ]
     notes = [
         textwrap.fill(f"{one['method']}: {warning}", width, subsequent_indent="  ")
@@ -63,6 +66,8 @@ def runs_summary(results: Sequence[Mapping[str, Any]], *, width: int) -> str:
     ]
     heads = ("Method", "Sequence")
     rules = f"Protocol {results[0]['protocol']}. All figures, part by part: --json; as a table: --format md"
+    if any(row.names[0] == _OFFLINE for row in rows):
+        rules = f"{rules}. Offline: states decoded with all frames known (Viterbi)"
     closing = textwrap.fill(rules, width, break_on_hyphens=False)
     return "\n".join(
         [_laid_out(heads, rows, width=width), *(["", *notes] if notes else []), "", closing]
@@ -73,14 +78,21 @@ def means_summary(means: Sequence[Mapping[str, Any]], *, width: int) -> str:
     """Two rows a method (and one assembly of it): the plain and the frame-weighted mean over runs."""
     rows = [
         _Row(
-            (str(entry["method"]), str(entry["assembly"] or "all"), title),
-            frames_told(entry),
-            entry[kind],
+            (_told(row), str(row["assembly"] or "all"), title),
+            frames_told(row),
+            row,
         )
         for entry in means
         for title, kind in MEANS
+        for row in with_offline([{**entry, **entry[kind]}])
     ]
     return _laid_out(("Method", "Assembly", "Mean"), rows, width=width)
+
+
+def _told(row: Mapping[str, Any]) -> str:
+    """The method; of a row of states decoded offline only that, as it stands below its run's."""
+    method = str(row["method"])
+    return _OFFLINE if method.endswith(f", {DECODED}") else method
 
 
 def _laid_out(heads: tuple[str, ...], rows: Sequence[_Row], *, width: int) -> str:

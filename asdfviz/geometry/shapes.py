@@ -21,6 +21,8 @@ Distortion: TypeAlias = Float64[np.ndarray, "k"]
 Box: TypeAlias = Float64[np.ndarray, "4"]
 """x0, y0, x1, y1 in pixels."""
 Scores: TypeAlias = Float64[np.ndarray, "n"]
+AllScores: TypeAlias = Float64[np.ndarray, "all"]
+"""One for every state of an assembly, half-done ones among them: more than its own."""
 Faces: TypeAlias = Int32[np.ndarray, "f 3"]
 Depth: TypeAlias = Float32[np.ndarray, "h w"]
 """Planar depth (z) in metres, 0 where nothing was measured."""

@@ -147,11 +147,9 @@ class FollowedState:
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)
         if belief is None:
             return None
-        terms = {
-            "appearance": looks,
-            "relative_pose": ways.told(places),
-            "group_fit": ways.told(fits),
-            "place_looks": ways.told(stands),
-        }
-        said = {name: term for name, term in terms.items() if term is not None}
-        return StateEstimate(ways.summed(belief), said)
+        terms = {"relative_pose": places, "group_fit": fits, "place_looks": stands}
+        unfolded = {name: term for name, term in terms.items() if term is not None}
+        said = {} if looks is None else {"appearance": looks}
+        for name, term in unfolded.items():
+            said[name] = ways.told(term)
+        return StateEstimate(ways.summed(belief), said, unfolded if ways.indices else {})

@@ -13,16 +13,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import combinations, pairwise
-from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, State
-from asdfviz.geometry.shapes import Scores, Transform
+from asdfviz.geometry.shapes import AllScores, Scores, Transform
 
-All: TypeAlias = Float64[np.ndarray, "all"]
-"""One for every state, the half-done ones among them."""
 MOST_ADDED = 4
 """Steps that add more parts have too many ways of being half done."""
 SAME_PLACE = 1e-6
@@ -142,7 +138,7 @@ class HalfDone:
             k for k, (b, a) in enumerate(zip(self.before, self.after, strict=True)) if a != b
         )
 
-    def unfolded(self, looks: Scores | None) -> All | None:
+    def unfolded(self, looks: Scores | None) -> AllScores | None:
         """Probabilities of the assembly's states as those of all: half done looks like a bit of both.
 
         And like an error that joins the same.
@@ -154,16 +150,14 @@ class HalfDone:
             both[between] = max(both[between], both[error])
         return both / both.sum()
 
-    def summed(self, belief: All) -> Scores:
+    def summed(self, belief: AllScores) -> Scores:
         """Probabilities of the assembly's own states, each with those that count to it."""
         result = np.zeros(len(self.before) - len(self.indices))
         np.add.at(result, list(self.before), belief)
         return result
 
-    def told(self, term: All | None) -> Scores | None:
+    def told(self, term: AllScores) -> Scores:
         """What a term says of the assembly's own states: of those that count to one, the most."""
-        if term is None:
-            return None
         result = np.zeros(len(self.before) - len(self.indices))
         np.maximum.at(result, list(self.before), term)
         return result / result.sum()

@@ -3,7 +3,7 @@
 The paper's Pose2State averages, so it has inertia and never vetoes. Here a state can only be
 reached along the assembly's transitions, evidence multiplies, and a state that all terms rule out
 is out. `StateFilter` uses the past alone; `most_likely_path` (Viterbi) a whole recording, and is
-reported apart from it.
+reported apart from it (`asdfviz.state.offline`).
 
 States only change in frames that tell them apart. Where nothing is seen, or all states are equally
 likely, the belief stays: else a covered camera would go through the steps by itself, since the model
@@ -144,6 +144,7 @@ def most_likely_path(
     group_fit: Sequence[Scores | None] | None = None,
     place_looks: Sequence[Scores | None] | None = None,
     config: SmoothingConfig | None = None,
+    half_done: Collection[int] = (),
 ) -> list[int] | None:
     """Return the most probable state of every frame, all frames known (Viterbi).
 
@@ -155,6 +156,7 @@ def most_likely_path(
             where the term was not used.
         place_looks: probabilities by what stands in the places of joined parts; None likewise.
         config: as for the filter.
+        half_done: as for `transition_matrix`.
 
     Returns:
         State indices; None where no frame says anything.
@@ -175,23 +177,36 @@ def most_likely_path(
     evidence = [combined(*said, config=chosen) for said in terms]
     if all(e is None for e in evidence):
         return None
-    log_move = np.log(transition_matrix(assembly, config=chosen))
-    states = len(log_move)
-    best = np.zeros(states)
+    alike, states = errors_alike(assembly, half_done), np.eye(len(assembly.states))
+    move = transition_matrix(assembly, config=chosen, half_done=half_done)
+    ways = [not_yet(to, at, assembly, alike) for to, at in zip(move, states, strict=True)]
+    first = not_yet(np.ones(len(states)), None, assembly, alike)
+    return _best_path(evidence, _log(first), _log(np.array(ways)))
+
+
+def _best_path(
+    evidence: Sequence[Scores | None], best: Scores, log_move: Float64[np.ndarray, "n n"]
+) -> list[int]:
+    """Viterbi, from the logarithms of each state's weight before the first frame and of the ways."""
     came_from: list[np.ndarray] = []
     has_begun = False
     for seen in evidence:
-        origins = np.arange(states)
+        origins = np.arange(len(best))
         if has_begun and _tells(seen):
             options = best[:, None] + log_move
             origins, best = options.argmax(axis=0), options.max(axis=0)
         came_from.append(origins)
         if seen is not None:
-            best, has_begun = best + np.log(seen), True
+            best, has_begun = best + _log(seen), True
     path = [int(best.argmax())]
     for origins in reversed(came_from[1:]):
         path.append(int(origins[path[-1]]))
     return path[::-1]
+
+
+def _log(values: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore"):  # what cannot be is minus infinity
+        return np.log(values)
 
 
 def transition_matrix(

@@ -34,7 +34,9 @@ def random_run(frames: int = 3) -> Run:
         return FramePrediction(
             frame_index=index,
             poses={"jaw": PoseEstimate("jaw", T, float(rng.random()), "refined")},
-            state=StateEstimate(probabilities, {"appearance": rng.random(3)}),
+            state=StateEstimate(
+                probabilities, {"appearance": rng.random(3)}, {"group_fit": rng.random(4)}
+            ),
             detections=(
                 Detection("jaw", rng.random(4) * 700, keypoints, rng.random(17), 0.1 + 0.2),
                 Detection("tiny:jaw on", rng.random(4), np.empty((0, 2)), np.empty(0), 0.5),
@@ -73,6 +75,9 @@ def assert_equal(a: FramePrediction, b: FramePrediction) -> None:
         assert list(a.state.terms) == list(b.state.terms)
         for name, term in a.state.terms.items():
             np.testing.assert_array_equal(term, b.state.terms[name])
+        assert list(a.state.unfolded) == list(b.state.unfolded)
+        for name, term in a.state.unfolded.items():
+            np.testing.assert_array_equal(term, b.state.unfolded[name])
     assert len(a.detections) == len(b.detections)
     for detection, other in zip(a.detections, b.detections, strict=True):
         assert (detection.label, detection.score) == (other.label, other.score)

@@ -36,7 +36,7 @@ def report(value: float) -> dict[str, Any]:
         def get(self, key: str, default: object = None) -> Any:
             return value
 
-    return {group: Everything() for group in ("mean", "state", "runtime_ms")}
+    return {group: Everything() for group in ("mean", "state", "state_offline", "runtime_ms")}
 
 
 def test_layouts_follow_the_files_ending() -> None:
@@ -90,6 +90,7 @@ def test_table4_has_a_row_for_every_set_and_their_mean() -> None:
     assert rows[2]["gbot F1"] == "70.0"
     assert rows[2]["gbot ADD(S), twins exchanged"] == "70.0"
     assert rows[2]["strict ADD(S) 0.1 d"] == "71.0"
+    assert rows[2]["strict state, offline (Viterbi)"] == "71.0"
     assert rows[3]["First pose"] == "hypotheses"
 
 

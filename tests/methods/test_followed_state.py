@@ -17,6 +17,8 @@ from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.part_poses import part_shapes
+from asdfviz.state.half_done import HalfDone
+from asdfviz.state.offline import FollowedTerms
 
 REST = AtRest(load_assembly("geared_caliper"), config=AtRestConfig())
 IN_VIEW = transform_from(np.eye(3), np.array([0.0, 0.0, 0.5]))
@@ -56,6 +58,16 @@ def after(
     assert len(said.probabilities) == len(caliper.states)
     assert all(len(term) == len(caliper.states) for term in said.terms.values())
     return said
+
+
+def test_what_is_kept_gives_what_was_said(followed: FollowedState, caliper: Assembly) -> None:
+    """Half-done states are kept too, so the states can be decoded anew, offline."""
+    said = [after(followed, caliper, 1, (), 1) for _ in range(8)]
+    said += [after(followed, caliper, 2, ("wheel",), 1) for _ in range(8)]
+    kept = FollowedTerms.of(said, HalfDone.of(caliper), config=AsdfTrackConfig().smoothing)
+    assert kept is not None
+    assert kept.gave(said)
+    assert kept.offline() == [1] * 16
 
 
 @pytest.mark.parametrize("out", ["pinion", "wheel"])

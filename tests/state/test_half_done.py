@@ -11,7 +11,12 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly, State
 from asdfviz.state.fusion import Pose2State
 from asdfviz.state.half_done import HalfDone, ways_half_done
-from asdfviz.state.smoothing import SmoothingConfig, StateFilter, transition_matrix
+from asdfviz.state.smoothing import (
+    SmoothingConfig,
+    StateFilter,
+    most_likely_path,
+    transition_matrix,
+)
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +145,6 @@ def test_probabilities_and_terms_come_back_to_the_state_before(caliper: Assembly
     assert looks is not None
     assert looks[2] == pytest.approx(2 * looks[-1])
     assert unfolded.unfolded(None) is None
-    assert unfolded.told(None) is None
     plain = HalfDone.none(caliper)
     assert plain.summed(scores[:count]) == pytest.approx(scores[:count])
 
@@ -168,3 +172,18 @@ def test_half_done_states_last_and_lead_on(caliper: Assembly) -> None:
     for _ in range(30):
         online.step(None, np.eye(count)[2] + 0.01)
     assert int(unfolded.summed(online.belief).argmax()) == 2
+
+
+def test_offline_too_a_part_only_comes_off_after_its_step() -> None:
+    ways = HalfDone.of(losing())
+    none, half, both = (np.full(5, 0.1) for _ in range(3))
+    none[0] = half[[2, 3]] = both[1] = 1.0
+
+    def told(*seen: np.ndarray) -> list[int]:
+        path = most_likely_path([None] * len(seen), seen, ways.assembly, half_done=ways.indices)
+        assert path is not None
+        return [ways.before[state] for state in path]
+
+    assert told(*[half] * 30) == [0] * 30
+    assert told(*[none] * 5, *[half] * 30, *[both] * 20) == [0] * 35 + [1] * 20
+    assert told(*[both] * 20, *[half] * 30) == [1] * 20 + [2] * 30
