@@ -225,9 +225,8 @@ def _beside(target: Callable[..., None], *given: Any) -> None:
 
 
 def _prepare_threads(threads: int) -> None:
-    # For torch, which work imports if it needs it. Too late where the script that began the job
-    # does: it is read again here, and threads in excess wait for each other ten times longer than
-    # they work.
+    # For torch, which work imports if it needs it. Where the script that began the job did, that is too
+    # late, and threads in excess wait for each other ten times longer than they work.
     os.environ["OMP_NUM_THREADS"] = str(threads)
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(threads)
