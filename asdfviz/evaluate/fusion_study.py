@@ -4,11 +4,8 @@ The paper names w_DL, w_P, w_f and w_{f-1} and gives no value. A run of `asdf` k
 relative poses said in every frame; here they are fused with other weights, and by the hidden Markov
 model, online (filter) and offline (Viterbi, which knows the whole recording).
 
-Found on the bundled sample, first poses from hypotheses, relative poses at temperature 1, macro F1:
-looks alone 48, poses alone 62, Pose2State as it comes 71; w_DL between 0 and 0.3 makes no difference
-and above it costs 4 to 20, as long as the network's state boxes are weak; more inertia (w_f 0.2) is
-worth 7, no neighbours cost 7; the best of the grid, 80, is 10 above the defaults. What decides is the
-poses: with better ones, `asdf_plus` reaches 97 by the model online.
+What it says on the bundled sample stands in docs/figures.md: more inertia (w_f 0.2) is worth a little,
+weights of the network's state boxes above 0.3 cost much as long as these are weak.
 """
 
 from __future__ import annotations

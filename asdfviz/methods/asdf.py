@@ -2,7 +2,7 @@
 
 Schieber et al., "ASDF: Assembly State Detection Utilizing Late Fusion by Integrating 6D Pose
 Estimation", ISMAR 2024. `Asdf.step` reads like the paper's figure. With crop weights, first poses
-come from crops, as do the state's looks; `--first-pose keypoints` is the paper to the letter.
+come from crops, as do the state's looks; `--first-pose keypoints` takes the paper's.
 """
 
 from __future__ import annotations
