@@ -49,6 +49,8 @@ class SynthSequence:
     """Image height, pixels."""
     masks: bool = False
     """Write BOP's mask/ and mask_visib/ too."""
+    shift: bool = False
+    """Shift depth against colour, alike in all frames, as it is in the paper's real frames."""
     device: str = "cpu"
     """Where torch renders: cpu or cuda."""
     grounds: Path | None = None
@@ -87,6 +89,7 @@ class SynthSequence:
                     fps=self.fps,
                     error={"any": True, "none": False}.get(self.error, self.error),
                     unlisted=self.unlisted,
+                    shift=self.shift,
                     photos=photos_in(self.grounds, self.ground_width),
                 ),
                 progress=with_rate(report, "frames"),

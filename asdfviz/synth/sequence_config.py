@@ -60,6 +60,8 @@ class SequenceConfig:
     """Pictures that are averaged over the time of the shutter; 1 smears hands and held parts instead."""
     depth_step_mm: int = 1
     """Depth is rounded to multiples of this, millimetres; 2 halves the size of the files."""
+    shift: bool = False
+    """Depth is misregistered against colour, alike in all frames, as in the paper's real frames."""
     shutter: float = 0.3
     """Share of the time between frames in which the shutter is open."""
     jpeg_quality: int = 88

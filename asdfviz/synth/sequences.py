@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,14 @@ from asdfviz.synth.photo_grounds import recorded
 from asdfviz.synth.play import Play, plan_sequence
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import TrueScene
-from asdfviz.synth.sensor import DepthSensor, RgbSensor, blur_moving, measure_depth, photograph
+from asdfviz.synth.sensor import (
+    DepthSensor,
+    RgbSensor,
+    blur_moving,
+    measure_depth,
+    photograph,
+    random_depth_sensor,
+)
 from asdfviz.synth.sequence_config import SequenceConfig, check_config, condition_config
 from asdfviz.synth.studio import Studio
 
@@ -137,11 +144,21 @@ def _write_frame(index: int, studio: Studio, output: SceneFolder) -> None:
         saturation=float(settings.uniform(1.1, 1.25)),
     )
     rgb = photograph(radiance, sensor=rgb_sensor, rng=rng)
-    depth = measure_depth(picture.depth, picture.albedo, sensor=DepthSensor(noise=0.0007), rng=rng)
+    sensor = _depth_sensor(seed, shifted=config.shift)
+    depth = measure_depth(picture.depth, picture.albedo, sensor=sensor, rng=rng)
     depth = _rounded(depth, config.depth_step_mm)
     output.write_frame(
         index, true_scene, picture, rgb=rgb, depth=depth, jpeg_quality=config.jpeg_quality
     )
+
+
+def _depth_sensor(seed: int, *, shifted: bool) -> DepthSensor:
+    """The depth camera of a sequence: how it lies to the colour camera does not change in it."""
+    sensor = DepthSensor(noise=0.0007)
+    if not shifted:
+        return sensor
+    drawn = random_depth_sensor(np.random.default_rng([seed, 16]), shifted=True)
+    return replace(sensor, shift_px=drawn.shift_px, lens=drawn.lens)
 
 
 def _rounded(depth: Depth, step_mm: int) -> Depth:

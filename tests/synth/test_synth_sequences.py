@@ -12,10 +12,12 @@ import pytest
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
+from asdfviz.geometry.shapes import Depth
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 from asdfviz.synth.assets import Assets
 from asdfviz.synth.grasping import hand_points, scaled
 from asdfviz.synth.images import generate_images
+from asdfviz.synth.sensor import DepthSensor, measure_depth
 from asdfviz.synth.sequence_config import check_config
 from asdfviz.synth.sequences import Play, SequenceConfig, generate_sequence, plan_sequence
 
@@ -176,6 +178,34 @@ def test_files_hold_the_script(toy: Assembly, toy_assets: Assets, tmp_path: Path
         assert [g["obj_id"] for g in truth[str(k)]] == list(moments[k].T_world_part)
     assert (folder / "depth" / "000000.png").is_file()
     assert json.loads((folder / "sequence.json").read_text())["fps"] == 10.0
+
+
+def test_shifted_depth_is_moved_alike_in_all_frames(
+    toy: Assembly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sensors: list[DepthSensor] = []
+
+    def seen(*given: Depth, sensor: DepthSensor, rng: np.random.Generator) -> Depth:
+        sensors.append(sensor)
+        return measure_depth(*given, sensor=sensor, rng=rng)
+
+    monkeypatch.setattr("asdfviz.synth.sequences.measure_depth", seen)
+    for shift in (False, True):
+        config = SequenceConfig(width=160, height=90, hands=False, shift=shift)
+        asked = iter((False, False, True))
+        generate_sequence(
+            toy, seed=4, folder=tmp_path / str(shift), config=config, stop=asked.__next__
+        )
+    straight, shifted = sensors[:2], sensors[2:]
+    assert [sensor.shift_px for sensor in straight] == [(0.0, 0.0)] * 2
+    assert shifted[0] == shifted[1]
+    assert shifted[0].shift_px != (0.0, 0.0)
+    names = ("rgb/000001.jpg", "scene_gt.json", "depth/000001.png")
+    same = [
+        (tmp_path / "False" / name).read_bytes() == (tmp_path / "True" / name).read_bytes()
+        for name in names
+    ]
+    assert same == [True, True, False]
 
 
 @pytest.mark.parametrize(
