@@ -17,18 +17,17 @@ def pinches(
     solid: Solid, outfit: Outfit, rng: np.random.Generator
 ) -> tuple[Float64[np.ndarray, "n 4 4"], Int64[np.ndarray, "n"], Float64[np.ndarray, "n"]]:
     """T_part_hand from all sides of each pinched spot, hand shapes, how well these fit (1 is best)."""
-    poses: list[Float64[np.ndarray, "_ 4 4"]] = []
-    grasps: list[int] = []
-    worth: list[float] = []
-    for middle, axis, width in _pinched(solid, rng):
-        grasp = _fitting(width, outfit)
-        hand = hand_mesh(grasp)
-        frame = _frame(outfit.worn(hand.pinch), outfit.worn(hand.entry))
-        around = _around(middle, axis, frame)
-        poses.append(around)
-        grasps += [grasp] * len(around)
-        worth += [1.0 - 60 * abs(width - hand.gap * outfit.size)] * len(around)
-    return np.concatenate(poses), np.array(grasps), np.array(worth)
+    middles, axes, widths = (np.array(column) for column in zip(*_pinched(solid, rng), strict=True))
+    grasps = [_fitting(width, outfit) for width in widths.tolist()]
+    hands = [hand_mesh(grasp) for grasp in grasps]
+    frames = {
+        grasp: _frame(outfit.worn(hand.pinch), outfit.worn(hand.entry))
+        for grasp, hand in zip(grasps, hands, strict=True)
+    }
+    worth = 1.0 - 60 * np.abs(widths - np.array([hand.gap for hand in hands]) * outfit.size)
+    poses = _around(middles, axes, np.stack([frames[grasp] for grasp in grasps]))
+    around = poses.shape[1]
+    return poses.reshape(-1, 4, 4), np.repeat(grasps, around), np.repeat(worth, around)
 
 
 def _fitting(width: float, outfit: Outfit) -> int:
@@ -58,14 +57,18 @@ def _pinched(solid: Solid, rng: np.random.Generator) -> list[tuple[Vector, Vecto
 
 
 def _opposite(spot: Vector, inwards: Vector, solid: Solid) -> tuple[float, int]:
-    """Thickness of the part behind a spot of its surface, and the triangle on the other side."""
+    """Thickness of the part behind a spot of its surface, and the triangle on the other side; else inf."""
     normals, corners = solid.planes.normals, solid.triangles.transpose(1, 0, 2)
     down = normals @ inwards
     t = ((corners[0] - spot) * normals).sum(axis=1) / np.where(np.abs(down) < 1e-9, np.inf, down)
-    hit = spot + t[:, None] * inwards
-    within = ((hit - corners) * solid.planes.sides).sum(axis=2) >= -1e-12
-    t = np.where((down > 1e-9) & (t > 1e-4) & within.all(axis=0), t, np.inf)
-    return float(t.min()), int(t.argmin())
+    met = np.nonzero((down > 1e-9) & (t > 1e-4))[0]
+    hit = spot + t[met, None] * inwards
+    within = ((hit - corners[:, met]) * solid.planes.sides[:, met]).sum(axis=2) >= -1e-12
+    met = met[within.all(axis=0)]
+    if not len(met):
+        return np.inf, 0
+    far = met[t[met].argmin()]
+    return float(t[far]), int(far)
 
 
 def _frame(pinch: Vector, entry: Vector) -> Float64[np.ndarray, "3 3"]:
@@ -73,17 +76,19 @@ def _frame(pinch: Vector, entry: Vector) -> Float64[np.ndarray, "3 3"]:
 
 
 def _around(
-    middle: Vector, axis: Vector, hand: Float64[np.ndarray, "3 3"]
-) -> Float64[np.ndarray, "n 4 4"]:
-    """Hands whose fingertips meet the axis, from all sides and both ways round."""
-    side = np.cross(axis, np.eye(3)[int(np.abs(axis).argmin())])
-    side /= np.linalg.norm(side)
+    middles: Float64[np.ndarray, "s 3"],
+    axes: Float64[np.ndarray, "s 3"],
+    hands: Float64[np.ndarray, "s 3 3"],
+) -> Float64[np.ndarray, "s n 4 4"]:
+    """For each spot, hands whose fingertips meet its axis, from all sides and both ways round."""
+    side = np.cross(axes, np.eye(3)[np.abs(axes).argmin(axis=1)])
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
     angle = np.arange(_ROLLS)[:, None] * 2 * np.pi / _ROLLS
-    entry = np.cos(angle) * side + np.sin(angle) * np.cross(axis, side)
-    poses = np.tile(np.eye(4), (2 * _ROLLS, 1, 1))
+    entry = np.cos(angle) * side[:, None] + np.sin(angle) * np.cross(axes, side)[:, None]
+    poses = np.tile(np.eye(4), (len(axes), 2 * _ROLLS, 1, 1))
     for start, sign in ((0, 1.0), (_ROLLS, -1.0)):
-        pinch = np.broadcast_to(sign * axis, entry.shape)
-        frames = np.stack([pinch, entry, np.cross(pinch, entry)], axis=2)
-        poses[start : start + _ROLLS, :3, :3] = frames @ hand.T
-    poses[:, :3, 3] = middle
+        pinch = np.broadcast_to(sign * axes[:, None], entry.shape)
+        frames = np.stack([pinch, entry, np.cross(pinch, entry)], axis=3)
+        poses[:, start : start + _ROLLS, :3, :3] = frames @ hands.transpose(0, 2, 1)[:, None]
+    poses[:, :, :3, 3] = middles[:, None]
     return poses
