@@ -37,7 +37,7 @@ from asdfviz.evaluate.state_scores import (
     state_figures,
     true_transitions,
 )
-from asdfviz.evaluate.summary import HELD
+from asdfviz.evaluate.summary import HELD, START, start_told
 
 
 def evaluate_folder(
@@ -134,6 +134,7 @@ def protocol_report(
     was_given = run.initial == "first_frame_truth"
     report: dict[str, Any] = {
         "method": run.method,
+        START: start_told([run.initial]),
         "sequence": Path(run.sequence).name if sequence_name is None else sequence_name,
         "protocol": protocol,
         "n_frames": len(judgement.frames),

@@ -16,7 +16,7 @@ from typing import Any
 
 from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.protocols import TWINS, mean
-from asdfviz.evaluate.summary import frames_lacking
+from asdfviz.evaluate.summary import frames_lacking, start_told
 from asdfviz.evaluate.tables import number
 
 
@@ -117,10 +117,9 @@ def _row(method: str, sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
         mean(r.strict["mean"].get(key) for r in runs) for _, key in (*STRICT_COLUMNS, *STRICT_TWINS)
     ]
     ms = mean(r.strict["runtime_ms"].get("total_median") for r in runs)
-    from_truth = any(run.initial == "first_frame_truth" for run in runs)
     return [
         method if paper is None else paper.title,
-        "truth" if from_truth else "none",
+        start_told(run.initial for run in runs),
         sequences + frames_lacking([run.strict for run in runs]),
         *map(number, (*theirs, *gbot, *kept, *strict, ms)),
     ]

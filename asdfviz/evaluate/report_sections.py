@@ -35,7 +35,7 @@ from asdfviz.evaluate.report_tables import (
     runs_table,
     states_rows,
 )
-from asdfviz.evaluate.summary import DECODED, summaries
+from asdfviz.evaluate.summary import DECODED, GIVEN, starts_differ, summaries
 from asdfviz.evaluate.tables import NEVER_BEST
 from asdfviz.evaluate.worst import MEASURE, TOLD
 
@@ -73,10 +73,11 @@ def _tables(runs: Sequence[JudgedRun]) -> str:
     states = [row for online in strict for row in states_rows(online)]
     told = f" {DECODED}: decoded with the whole recording known." if len(states) > len(runs) else ""
     several = len({run.result.run.sequence for run in runs}) > 1
+    given = f"<p>{GIVEN}.</p>" if starts_differ(run.strict for run in runs) else ""
     return (
         '<div class="card"><h3>Poses, strict</h3><p>Every part of which 10 % can be seen counts; a '
         "missing pose is a miss. Means over parts; errors over the poses found.</p>"
-        f"{_doubtful(runs)}{runs_table(strict, pose_columns(r.strict for r in runs))}"
+        f"{given}{_doubtful(runs)}{runs_table(strict, pose_columns(r.strict for r in runs))}"
         f"{_means(runs, 'strict') if several else ''}</div>"
         '<div class="card"><h3>States and time</h3><p>A delay below 0 is early. ECE says how far the '
         f"run's confidence is from its accuracy.{told}</p>{runs_table(states, STATES)}</div>"

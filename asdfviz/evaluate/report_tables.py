@@ -8,7 +8,14 @@ from typing import Any
 
 from asdfviz.evaluate.protocols import TWINS, twins_matter
 from asdfviz.evaluate.report_style import escape, part_color
-from asdfviz.evaluate.summary import DECODED, HELD, frames_told, with_offline
+from asdfviz.evaluate.summary import (
+    DECODED,
+    HELD,
+    START,
+    frames_told,
+    starts_differ,
+    with_offline,
+)
 from asdfviz.evaluate.tables import UNDEFINED, is_best
 
 
@@ -103,16 +110,19 @@ def states_rows(online: Row) -> list[Row]:
 def runs_table(rows: Sequence[Row], columns: Sequence[Column]) -> str:
     """One line a run (or mean)."""
     body: list[str] = []
+    has_starts = starts_differ(row.report for row in rows)
     for row in rows:
         rivals = [r.report for r in rows if r.group == row.group and r.is_comparable]
         rivals = rivals if row.is_comparable else []
         cells = "".join(_cell(row.report, column, rivals) for column in columns)
         name = _text_cell(row.name, row.color)
+        name += _text_cell(row.report[START], None) if has_starts else ""
         group = _text_cell(row.group, None)
         mark = ' class="part"' if HELD in row.report else ""
         frames = f"<td{mark}>{frames_told(row.report)}</td>"
         body.append(f"<tr>{name}{group}{frames}{cells}</tr>")
-    first = '<th class="t">Run</th><th class="t">Sequence</th><th>frames</th>'
+    start = '<th class="t">Start</th>' if has_starts else ""
+    first = f'<th class="t">Run</th>{start}<th class="t">Sequence</th><th>frames</th>'
     return _table(first, columns, body)
 
 

@@ -6,7 +6,7 @@ as far as its figures tell, so both are given.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from asdfviz.evaluate.offline_states import OFFLINE
@@ -17,6 +17,14 @@ DECODED = "offline (Viterbi)"
 """What states are called that were decoded with all frames known."""
 HELD = "n_frames_in_run"
 """Key of a report: how many of its frames the run holds; only there where that is not all of them."""
+START = "start"
+"""Key of a report and heading of a table: what the method began with, TRUTH or "none"."""
+TRUTH = "truth"
+GIVEN = (
+    "Methods whose start is 'truth' were handed the true poses of the first frame, as in the paper, "
+    "and are not judged on it"
+)
+"""What to say below a table in which there are such."""
 
 
 def summaries(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -24,10 +32,10 @@ def summaries(reports: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
     Returns:
         For each method one entry for each assembly that it ran on (if more than one) and one for
-        all ("assembly": None): {"method", "assembly", "n_runs", "n_frames", "plain": {"mean": ...,
-        "state": ...}, "frame_weighted": the same}, and HELD where runs lack frames. A figure that a run leaves undefined does not
-        count in it; one that all leave undefined is None. States decoded offline have means where all
-        runs of the entry have them.
+        all ("assembly": None): {"method", "start", "assembly", "n_runs", "n_frames", "plain":
+        {"mean": ..., "state": ...}, "frame_weighted": the same}, and HELD where runs lack frames. A
+        figure that a run leaves undefined does not count in it; one that all leave undefined is None.
+        States decoded offline have means where all runs of the entry have them.
     """
     found: list[dict[str, Any]] = []
     for method in dict.fromkeys(report["method"] for report in reports):
@@ -51,6 +59,16 @@ def with_offline(rows: Sequence[Mapping[str, Any]]) -> Iterator[Mapping[str, Any
             yield {**row, **apart, "method": f"{row['method']}, {DECODED}"}
 
 
+def start_told(initials: Iterable[str]) -> str:
+    """What runs began with, by `Run.initial`: TRUTH if any of them was given the first frame's."""
+    return TRUTH if "first_frame_truth" in initials else "none"
+
+
+def starts_differ(reports: Iterable[Mapping[str, Any]]) -> bool:
+    """Whether a table has to say what its runs began with: not where all began with nothing."""
+    return any(report[START] == TRUTH for report in reports)
+
+
 def frames_told(report: Mapping[str, Any]) -> str:
     """How many frames count, and before them how many of these the run holds where it lacks some."""
     total = str(report["n_frames"])
@@ -72,6 +90,7 @@ def _summary(
     held = sum(int(report.get(HELD, report["n_frames"])) for report in reports)
     return {
         "method": method,
+        START: TRUTH if starts_differ(reports) else "none",
         "assembly": assembly,
         "n_runs": len(reports),
         "n_frames": sum(frames),

@@ -11,7 +11,7 @@ from typing import Any
 
 from asdfviz.evaluate.paper_layout import Layout, laid_out
 from asdfviz.evaluate.protocols import TWINS, twins_matter
-from asdfviz.evaluate.summary import frames_told, with_offline
+from asdfviz.evaluate.summary import GIVEN, START, frames_told, starts_differ, with_offline
 
 UNDEFINED = "-"
 NEVER_BEST = "Never marked as best, as frames are missing or the unit is in doubt"
@@ -53,15 +53,16 @@ STATE_COLUMNS = (
 
 MEANS = (("plain", "plain"), ("by frames", "frame_weighted"))
 """The two means of a summary: what they are called, and their key."""
-_TEXTS = 3
-"""So many columns of runs and means hold text."""
+_TEXTS = ("Method", "Start", "Sequence", "Protocol", "Assembly", "Mean")
+"""Headings of the columns that hold text; all stand before those of figures."""
 
 
 def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
     """One row a result: means over parts, state and time, and one of its states decoded offline, where
     it has any; then what was warned about."""
     headings, rows = _runs(results, escaped)
-    notes = [
+    notes = [f"- {GIVEN}."] if starts_differ(results) else []
+    notes += [
         f"- {escaped(str(result['method']))}: {escaped(str(warning))}"
         for result in results
         for warning in result.get("warnings", ())
@@ -90,18 +91,20 @@ def _in(layout: Layout, headings: Sequence[str], rows: Sequence[Sequence[str]]) 
     if layout == "latex":
         kept = [i for i in kept if any(row[i] != UNDEFINED for row in rows)]
     shown = [[row[i] for i in kept] for row in (headings, *rows)]
-    return laid_out(shown[0], shown[1:], texts=_TEXTS, layout=layout)
+    return laid_out(shown[0], shown[1:], texts=_texts(shown[0]), layout=layout)
 
 
 def _runs(
     results: Sequence[Mapping[str, Any]], text: Callable[[str], str]
 ) -> tuple[list[str], list[list[str]]]:
     poses = pose_columns([result["mean"] for result in results])
-    headings = ["Method", "Sequence", "Protocol", "Frames"]
+    has_starts = starts_differ(results)
+    headings = ["Method", *(["Start"] if has_starts else []), "Sequence", "Protocol", "Frames"]
     headings += [title for title, _ in (*poses, *STATE_COLUMNS)]
     rows = [
         [
             text(str(result["method"])),
+            *([result[START]] if has_starts else []),
             text(str(result["sequence"])),
             text(str(result["protocol"])),
             frames_told(result),
@@ -118,11 +121,13 @@ def _means(
     means: Sequence[Mapping[str, Any]], text: Callable[[str], str]
 ) -> tuple[list[str], list[list[str]]]:
     poses = pose_columns([entry["plain"]["mean"] for entry in means])
-    headings = ["Method", "Assembly", "Mean", "Runs", "Frames"]
+    has_starts = starts_differ(means)
+    headings = ["Method", *(["Start"] if has_starts else []), "Assembly", "Mean", "Runs", "Frames"]
     headings += [title for title, _ in (*poses, *STATE_COLUMNS)]
     rows = [
         [
             text(str(row["method"])),
+            *([row[START]] if has_starts else []),
             text(str(row["assembly"] or "all")),
             title,
             str(row["n_runs"]),
@@ -181,18 +186,22 @@ def escaped(text: str) -> str:
     return shown
 
 
+def _texts(headings: Sequence[str]) -> int:
+    """How many columns, the first ones, hold text."""
+    return sum(heading in _TEXTS for heading in headings)
+
+
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Lay out a table, text at the left of its columns and figures at the right."""
+    texts = _texts(headings)
     widths = [max(len(row[i]) for row in (headings, *rows)) for i in range(len(headings))]
 
     def line(cells: Sequence[str]) -> str:
         padded = [
-            cell.ljust(width) if i < _TEXTS else cell.rjust(width)
+            cell.ljust(width) if i < texts else cell.rjust(width)
             for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
         ]
         return f"| {' | '.join(padded)} |"
 
-    rule = [
-        "-" * width if i < _TEXTS else "-" * (width - 1) + ":" for i, width in enumerate(widths)
-    ]
+    rule = ["-" * width if i < texts else "-" * (width - 1) + ":" for i, width in enumerate(widths)]
     return "\n".join([line(headings), line(rule), *(line(row) for row in rows)])

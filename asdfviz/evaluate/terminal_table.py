@@ -8,9 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 from asdfviz.evaluate.protocols import TWINS
-from asdfviz.evaluate.summary import DECODED, frames_told, with_offline
+from asdfviz.evaluate.summary import (
+    DECODED,
+    GIVEN,
+    START,
+    frames_told,
+    starts_differ,
+    with_offline,
+)
 from asdfviz.evaluate.tables import MEANS, UNDEFINED, number, pose_columns
 
+_WHO = ("Method", "Start")
 _LEAST_NAME = 12
 """Characters that a name keeps."""
 _GAP = "  "
@@ -55,16 +63,18 @@ class _Row:
 
 def runs_summary(results: Sequence[Mapping[str, Any]], *, width: int) -> str:
     """One row a run; below, what was warned about, and where all figures are."""
+    has_starts = starts_differ(results)
     rows = [
-        _Row((_told(one), str(one["sequence"])), frames_told(one), one)
+        _Row((*_who(one, has_starts), str(one["sequence"])), frames_told(one), one)
         for one in with_offline(results)
     ]
-    notes = [
+    notes = [textwrap.fill(f"{GIVEN}.", width)] if has_starts else []
+    notes += [
         textwrap.fill(f"{one['method']}: {warning}", width, subsequent_indent="  ")
         for one in results
         for warning in one.get("warnings", ())
     ]
-    heads = ("Method", "Sequence")
+    heads = (*_WHO[: 1 + has_starts], "Sequence")
     rules = f"Protocol {results[0]['protocol']}. All figures, part by part: --json; as a table: --format md"
     if any(row.names[0] == _OFFLINE for row in rows):
         rules = f"{rules}. Offline: states decoded with all frames known (Viterbi)"
@@ -76,9 +86,10 @@ def runs_summary(results: Sequence[Mapping[str, Any]], *, width: int) -> str:
 
 def means_summary(means: Sequence[Mapping[str, Any]], *, width: int) -> str:
     """Two rows a method (and one assembly of it): the plain and the frame-weighted mean over runs."""
+    has_starts = starts_differ(means)
     rows = [
         _Row(
-            (_told(row), str(row["assembly"] or "all"), title),
+            (*_who(row, has_starts), str(row["assembly"] or "all"), title),
             frames_told(row),
             row,
         )
@@ -86,7 +97,12 @@ def means_summary(means: Sequence[Mapping[str, Any]], *, width: int) -> str:
         for title, kind in MEANS
         for row in with_offline([{**entry, **entry[kind]}])
     ]
-    return _laid_out(("Method", "Assembly", "Mean"), rows, width=width)
+    return _laid_out((*_WHO[: 1 + has_starts], "Assembly", "Mean"), rows, width=width)
+
+
+def _who(row: Mapping[str, Any], has_starts: bool) -> tuple[str, ...]:
+    """A row's method, and what it began with where that is told."""
+    return (_told(row), str(row[START]))[: 1 + has_starts]
 
 
 def _told(row: Mapping[str, Any]) -> str:

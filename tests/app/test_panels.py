@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from html import unescape
@@ -402,6 +403,18 @@ def test_what_makes_figures_doubtful_stands_beside_them(with_run: Workspace) -> 
     doubtful = {**with_run.reports[0], "warnings": ["in <another> unit?"]}
     with_run.reports = (doubtful, *with_run.reports[1:])
     assert "in &lt;another&gt; unit?" in results.content(snapshot(with_run))
+
+
+def test_a_run_that_was_given_the_first_frames_truth_says_so(
+    with_run: Workspace, clamp: Assembly
+) -> None:
+    start_judging(with_run).join(60)
+    assert "were handed" not in results.content(snapshot(with_run))
+    with_run.put_run(replace(make_run(clamp, method="b"), initial="first_frame_truth"), "second")
+    start_judging(with_run).join(60)
+    html = results.content(snapshot(with_run))
+    assert re.findall(r"<td>start</td>(.*?)</tr>", html) == ["<td>none</td><td>truth</td>"]
+    assert "were handed the true poses of the first frame" in html
 
 
 def test_a_run_that_lacks_frames_never_stands_out(with_run: Workspace, clamp: Assembly) -> None:

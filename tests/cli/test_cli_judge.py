@@ -72,7 +72,7 @@ def test_a_terminal_is_shown_a_table_and_no_json(
     assert "{" not in shown
     assert max(map(len, shown.splitlines())) <= 100
     heads, _, row = shown.splitlines()[:3]
-    assert row.split()[:3] == ["theirs", "sample", f"{POSED}/94"]
+    assert row.split()[:4] == ["theirs", "truth", "sample", f"{POSED}/94"]
     assert "5.0" in row.split()
     assert "state" not in heads  # a csv says none
     assert "-" not in row.split()
@@ -97,11 +97,11 @@ def test_runs_as_a_table_of_a_form(csv: Path, capsys: pytest.CaptureFixture[str]
     assert said.err.count("warning: theirs: ") == 4
     assert exit_code(*line, "--format", "latex") == 0
     latex = capsys.readouterr().out
-    assert r"theirs & sample & strict & 12/94 &" in latex
+    assert r"theirs & truth & sample & strict & 12/94 &" in latex
     assert r"ADD(S) $<$ 0.1 d [\%]" in latex
     assert "state" not in latex
     assert exit_code(*line, "--format", "md") == 0
-    assert "| theirs | sample   | strict   |" in capsys.readouterr().out
+    assert "| theirs | truth | sample   | strict   |" in capsys.readouterr().out
     assert exit_code(*line, "--format", "csv", "--summary") == 0
     means = list(DictReader(capsys.readouterr().out.splitlines()))
     assert [(row["Mean"], row["Runs"], row["e_t [mm]"]) for row in means] == [

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Iterable
 from csv import DictReader
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ from exits import exit_code
 
 from asdfviz import __version__
 from asdfviz.cli.given_runs import given_runs
-from asdfviz.cli.judged_runs import kept_run
-from asdfviz.cli.tables import Tables, condition_folders, knowing_no_loss, without_lost
+from asdfviz.cli.judged_runs import judged, kept_run
+from asdfviz.cli.tables import Tables, condition_folders, judged_set, knowing_no_loss, without_lost
 from asdfviz.data.csv_layout import COLUMNS as CSV_COLUMNS
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.resources import sample_folder
@@ -104,6 +104,24 @@ def test_a_kept_run_is_taken_only_with_the_same_config_and_version(tmp_path: Pat
     other = dataclasses.replace(config, refinement="none")
     assert kept_run(tmp_path / "kept", sequence, other) is None
     assert kept_run(tmp_path / "elsewhere", sequence, config) is None
+
+
+@pytest.mark.parametrize(
+    ("initial", "first_pose", "told"),
+    [
+        ("first_frame_truth", None, "truth"),
+        ("first_frame_truth", "keypoints", "truth, keypoints"),
+        ("none", "keypoints", "keypoints"),
+        ("none", None, "-"),
+    ],
+)
+def test_table4_tells_what_was_given_the_first_frames_truth(
+    initial: Literal["none", "first_frame_truth"], first_pose: str | None, told: str
+) -> None:
+    sequence = open_sequence("sample")
+    run = dataclasses.replace(empty_run(sequence, "icg", range(3)), initial=initial)
+    found = judged(run, sequence, option="--models")
+    assert judged_set(found, first_pose).first_pose == told
 
 
 FRAMES = len(json.loads((sample_folder() / "scene_gt.json").read_text()))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +20,7 @@ from asdfviz.evaluate.evaluate import evaluate_run
 from asdfviz.evaluate.pose_errors import add, error_model
 from asdfviz.evaluate.protocols import MEAN_FIGURES, ProtocolName, gbot_evaluated_parts
 from asdfviz.evaluate.summary import summaries
-from asdfviz.evaluate.tables import escaped, markdown_table, means_table
+from asdfviz.evaluate.tables import escaped, markdown_table, means_table, runs_in
 from asdfviz.evaluate.terminal_table import means_summary, runs_summary
 from asdfviz.geometry.symmetry import Axis, Symmetries
 from asdfviz.geometry.transforms import rotation_about, transform_from, turn_about
@@ -54,8 +56,8 @@ def test_a_perfect_run(
     )
     report = evaluate_run(run, assembly=assembly, truth=truth)
     assert list(report) == [
-        *("method", "sequence", "protocol", "n_frames", "parts", "mean", "state", "runtime_ms"),
-        *("assembly", "state_details"),
+        *("method", "start", "sequence", "protocol", "n_frames", "parts", "mean", "state"),
+        *("runtime_ms", "assembly", "state_details"),
     ]
     assert (report["method"], report["sequence"], report["protocol"]) == (
         "fake",
@@ -513,6 +515,43 @@ def test_tables(
     assert "&#124;&lt;b&gt;&#123;c&#125;" in lines[2]
     assert "nan" not in markdown_table([report]).lower()
     assert lines[-1].startswith("- a&#124;")
+
+
+def test_what_was_given_the_first_frames_truth_says_so(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    truth = {i: make_truth(i, {"plate": placed()}) for i in range(3)}
+    said = [make_prediction(i, {"plate": placed()}) for i in range(3)]
+    tracked, found = (
+        evaluate_run(make_run(said, method=name, initial=initial), assembly=assembly, truth=truth)
+        for name, initial in (("tracks", "first_frame_truth"), ("finds", "none"))
+    )
+    assert (tracked["start"], found["start"]) == ("truth", "none")
+    means = summaries([tracked, found])
+    assert [entry["start"] for entry in means] == ["truth", "none"]
+    for table in (
+        markdown_table([tracked, found]),
+        runs_summary([tracked, found], width=100),
+    ):
+        lines = [line.replace("|", " ").split() for line in table.splitlines()]
+        assert lines[0][:3] == ["Method", "Start", "Sequence"]
+        assert [line[:2] for line in lines[2:4]] == [["tracks", "truth"], ["finds", "none"]]
+        assert "were handed the true poses of the first frame" in " ".join(table.split())
+        assert "not judged on it" in " ".join(table.split())
+    rows = list(csv.DictReader(io.StringIO(runs_in("csv", [tracked, found]))))
+    assert [row["Start"] for row in rows] == ["truth", "none"]
+    assert "tracks & truth & " in runs_in("latex", [tracked])
+    told = means_summary(means, width=100).splitlines()
+    assert [line.split()[:2] for line in told[2:5:2]] == [["tracks", "truth"], ["finds", "none"]]
+    assert "| Method | Start |" in means_table(means)
+    assert all(
+        "tart" not in table
+        for table in (
+            markdown_table([found]),
+            runs_summary([found], width=100),
+            means_table(means[1:]),
+        )
+    )
 
 
 @pytest.mark.parametrize(

@@ -286,6 +286,25 @@ def test_a_run_that_lacks_frames_or_is_in_another_unit_never_stands_out(
     assert "Never marked as best" not in out.read_text()
 
 
+def test_the_page_says_what_was_given_the_first_frames_truth(
+    clamp: Assembly, scene: Path, text: str, tmp_path: Path
+) -> None:
+    runs = (
+        replace(make_run_of(clamp, scene, "icg", 0.004), initial="first_frame_truth"),
+        make_run_of(clamp, scene, "asdf", 0.004),
+    )
+    for run in runs:
+        save_run(run, tmp_path / run.method)
+    out = tmp_path / "report.html"
+    write_report([tmp_path / run.method for run in runs], out, pictures=0)
+    page = out.read_text(encoding="utf-8")
+    assert page.count('<th class="t">Start</th>') == 3, "poses, states and the authors' rules"
+    assert page.count('title="truth">truth</td>') == page.count('title="none">none</td>') == 3
+    assert "were handed the true poses of the first frame" in page
+    assert '<th class="t">Start</th>' not in text
+    assert "were handed" not in text
+
+
 def test_truth_of_states_alone(runs: list[Path], tmp_path: Path) -> None:
     truth = tmp_path / "truth"
     truth.mkdir()

@@ -9,7 +9,7 @@ from asdfviz.app.markup import act, button, chip, empty, heading, number, table,
 from asdfviz.app.naming import short_names
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.errors import counted
-from asdfviz.evaluate.summary import HELD, frames_told
+from asdfviz.evaluate.summary import GIVEN, HELD, START, frames_told, starts_differ
 from asdfviz.evaluate.tables import NEVER_BEST, is_best
 from asdfviz.evaluate.worst import MEASURE, TOLD, WorstFrame
 
@@ -74,6 +74,8 @@ def _tables(snap: Snapshot) -> str:
     heads = ["", *(labels[report["run"]].label for report in known)]
     chips = [chip(labels[report["run"]].color) for report in known]
     rows = [["<small>strict</small>", *chips], ["frames", *map(_frames, known)]] if known else []
+    if starts_differ(known):
+        rows.append(["start", *(text(report[START]) for report in known)])
     if known:
         rows.append(["true poses", *map(_true_poses, known)])
         rows.append(["true states", *map(_true_states, known)])
@@ -87,6 +89,8 @@ def _tables(snap: Snapshot) -> str:
     )
     if doubtful and len(known) > 1:
         judged += f'<p class="ax-note">{NEVER_BEST}: {text(", ".join(doubtful))}.</p>'
+    if starts_differ(known):
+        judged += f'<p class="ax-note">{GIVEN}.</p>'
     judged += "".join(_doubts(labels[report["run"]].label, report) for report in known)
     return judged + "".join(_by_part(labels[report["run"]].label, report) for report in known)
 
