@@ -2,7 +2,8 @@
 
 Schieber et al., "ASDF: Assembly State Detection Utilizing Late Fusion by Integrating 6D Pose
 Estimation", ISMAR 2024. `Asdf.step` reads like the paper's figure. With crop weights, first poses
-come from crops, as do the state's looks; `--first-pose keypoints` takes the paper's.
+come from crops, as do the state's looks; `--first-pose keypoints` takes the paper's, in steps that
+are still ours, and `--published` is the paper to the letter.
 """
 
 from __future__ import annotations
@@ -120,6 +121,8 @@ class Asdf:
                 looker=None if first is None else first.looker,
                 names=config.names,
                 second_look=config.second_look.chosen(crops=first is not None),
+                by_size=not config.published,
+                by_class=config.published,
                 contests=contests,
             ),
             shapes=shapes,
@@ -157,10 +160,7 @@ class Asdf:
         config, scene, timed = self._config, self._started(), StageTimer()
         proposed = self._propose(frame, timed)
         with timed("state"):
-            poses = scene.turns.told(proposed.poses)
-            names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
-            poses = renamed_poses(poses, names)
-            self.rename(names)
+            poses = proposed.poses if config.published else self._called(proposed.poses)
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
             base, belief = poses.get(scene.assembly.base), scene.pose2state.belief
             stands = scene.place_looks.step(base, poses, belief, frame)
@@ -171,6 +171,14 @@ class Asdf:
         if scene.crop_poses is not None:
             poses = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, timed.seconds)
+
+    def _called(self, poses: Mapping[str, PoseEstimate]) -> Mapping[str, PoseEstimate]:
+        """The poses, the base's turned and twins named as the parts' places tell."""
+        scene = self._started()
+        poses = scene.turns.told(poses)
+        names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
+        self.rename(names)
+        return renamed_poses(poses, names)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""

@@ -12,6 +12,7 @@ from asdfviz.methods.network import NetworkConfig
 from asdfviz.methods.on_table import OnTableConfig
 from asdfviz.methods.part_poses import PAPER_ICP, Refinement
 from asdfviz.methods.place_looks import PlaceLooksConfig
+from asdfviz.methods.published import FUSED_STEPS, publish
 from asdfviz.methods.rivals import RivalsConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.state_looks import StateLooksFrom
@@ -78,8 +79,12 @@ class AsdfConfig:
     least_score: float = 0.1
     """Poses from crops that score less are withheld, 0 to 1, unless a state places the part; 0 gives
     all. They still speak for states. Of 347 such poses of five development sequences 41 were right."""
+    published: bool = False
+    """The paper's steps to the letter and none of ours; what it leaves open stays as configured."""
 
     def __post_init__(self) -> None:
-        """Raise a MethodError where an option is out of its range."""
+        """Raise a MethodError where an option is out of its range, or not as published."""
         if not 0 <= self.least_score <= 1:
             raise MethodError(f"least_score is {self.least_score:g}, use a score from 0 to 1")
+        if self.published:
+            publish(self, FUSED_STEPS)

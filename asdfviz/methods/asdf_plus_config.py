@@ -28,6 +28,8 @@ from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
 class AsdfPlusConfig(AsdfConfig):
     """Options of ASDF, which gives first poses, and of what is added."""
 
+    published: bool = field(init=False, default=False)
+    """Of ASDF alone: no option, this method is not in the paper."""
     fusion: FusionConfig = field(init=False, default_factory=FusionConfig)
     """Of ASDF's own state, which is not asked here: no option, `smoothing` counts instead."""
     group: GroupConfig = field(init=False, default_factory=lambda: GroupConfig(enabled=False))

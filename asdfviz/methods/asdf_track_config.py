@@ -44,6 +44,8 @@ class JoinConfig:
 class AsdfTrackConfig(AsdfConfig):
     """Options of ASDF, which proposes poses, of the tracker, and of the state that is followed."""
 
+    published: bool = field(init=False, default=False)
+    """Of ASDF alone: no option, this method is not in the paper."""
     fusion: FusionConfig = field(init=False, default_factory=FusionConfig)
     """Of ASDF's own state, which is not asked here: no option, `smoothing` counts instead."""
     group: GroupConfig = field(init=False, default_factory=GroupConfig)

@@ -55,6 +55,7 @@ def assign_detections(
     *,
     previous: Mapping[str, Box] | None = None,
     fitting: Fitting | None = None,
+    by_class: bool = False,
 ) -> dict[str, Detection]:
     """Return the detection of every part that was found, labelled and scored as that part.
 
@@ -64,13 +65,20 @@ def assign_detections(
         previous: each part's last known box. Without it identical parts are named in the order of
             the assembly, from left to right.
         fitting: which parts boxes are small enough for; left out, for all.
+        by_class: every class takes its best boxes, as in the paper, also where two classes see their
+            part in one place.
     """
     names: dict[str, list[str]] = {}
     for part in assembly.parts.values():
         names.setdefault(part.detector_class, []).append(part.name)
-    things = _things([d for d in detections if d.label in names], names, fitting)
+    counts = {label: len(of) for label, of in names.items()}
+    if by_class:
+        matched = {label: _best_of(label, detections, count) for label, count in counts.items()}
+    else:
+        things = _things([d for d in detections if d.label in names], names, fitting)
+        matched = _matched(things, counts)
     assigned: dict[str, Detection] = {}
-    for label, boxes in _matched(things, {label: len(of) for label, of in names.items()}).items():
+    for label, boxes in matched.items():
         for kind, own in _by_kind(boxes, _kinds(assembly)[label], previous or {}, fitting):
             assigned.update(_named(own, kind, previous or {}))
     return {name: assigned[name] for name in assembly.parts if name in assigned}
@@ -151,6 +159,12 @@ def _matched(things: Sequence[_Thing], counts: Mapping[str, int]) -> dict[str, l
         if scores[row, column] > LEAST:
             found.setdefault(slots[row], []).append(things[column].of_class[slots[row]])
     return found
+
+
+def _best_of(label: str, detections: Sequence[Detection], count: int) -> list[Detection]:
+    """The best boxes of a class that are different objects."""
+    own = [d for d in detections if d.label == label]
+    return _best_apart(sorted(own, key=lambda d: -d.score), count)
 
 
 def _best_apart(candidates: Sequence[Detection], count: int) -> list[Detection]:

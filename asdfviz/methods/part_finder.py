@@ -31,6 +31,7 @@ class PartFinder:
         names: NamesConfig,
         second_look: SecondLookConfig,
         by_size: bool = True,
+        by_class: bool = False,
         contests: Contests | None = None,
     ) -> None:
         """Begin a sequence.
@@ -43,6 +44,7 @@ class PartFinder:
             names: how much it has to say.
             second_look: where the detector looks again.
             by_size: whether depth rules out boxes that are too large for a part.
+            by_class: whether every class takes its best boxes, whatever else may be there.
             contests: decides between things that may be the same part; None: the best box does.
 
         Raises:
@@ -50,6 +52,7 @@ class PartFinder:
         """
         self._assembly, self._detector = assembly, detector
         corners = {name: shapes[name].corners for name in assembly.parts}
+        self._by_class = by_class
         self._sizes = BoxSizes.of(corners) if by_size else None
         self._names = ThingNames(assembly, looker, config=names)
         self._strangers = Strangers(assembly, config=names.strangers)
@@ -93,4 +96,5 @@ class PartFinder:
             self._assembly,
             previous=self._boxes,
             fitting=fitting,
+            by_class=self._by_class,
         )

@@ -68,6 +68,8 @@ def first_poses(config: Any, assembly: Assembly) -> list[FirstPose]:
     if not hasattr(config, "first_pose"):
         return []
     found: list[FirstPose] = ["keypoints"]
+    if getattr(config, "published", False):
+        return found
     if crop_weights_path(config.crops, assembly).is_file():
         found.append("hypotheses")
     return found

@@ -29,6 +29,7 @@ from asdfviz.methods.part_poses import (
     poses_from_keypoints,
     poses_refined_by_depth,
 )
+from asdfviz.methods.published import STEPS, publish
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.state_looks import StateLooks, StateLooksFrom
@@ -83,6 +84,13 @@ class Yolov8PoseConfig:
     assembly's own, whose state boxes are about as good."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """From state boxes to probabilities."""
+    published: bool = False
+    """The paper's steps to the letter and none of ours; what it leaves open stays as configured."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is not as published."""
+        if self.published:
+            publish(self, STEPS)
 
 
 class Yolov8Pose:
@@ -138,6 +146,7 @@ class Yolov8Pose:
             names=_BY_SCORE if first is None else config.names,
             second_look=config.second_look.chosen(crops=first is not None),
             by_size=first is not None,
+            by_class=config.published,
         )
         self._looks = StateLooks.of(
             assembly,

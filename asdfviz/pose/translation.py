@@ -74,7 +74,8 @@ class TranslationConfig:
     min_points: int = 12
     """Fewer readings than this move nothing."""
     min_agreement: float = 0.15
-    """Smallest share of readings within 2 sigma of the moved surface; below, nothing is moved."""
+    """Smallest share of readings within 2 sigma of the moved surface; below, nothing is moved. 0 asks
+    for no readings there."""
 
 
 def refine_translation(
@@ -120,12 +121,18 @@ def refine_translation(
             return None
         mean_shift = float((weights * shifts).sum() / weights.sum())
         total = total + _along_ray(middle + total, mean_shift)
-    shifts = shifts_in(box_xyxy)
-    if len(shifts) < config.min_points or float(np.linalg.norm(total)) > config.max_shift:
+    if float(np.linalg.norm(total)) > config.max_shift:
         return None
-    if float((np.abs(shifts) < 2 * config.sigma).mean()) < config.min_agreement:
+    if config.min_agreement > 0 and not _agrees(shifts_in(box_xyxy), config):
         return None
     return transform_from(T_camera_part[:3, :3], T_camera_part[:3, 3] + total)
+
+
+def _agrees(shifts: Shifts, config: TranslationConfig) -> bool:
+    """Whether enough readings are left on the moved surface."""
+    if len(shifts) < config.min_points:
+        return False
+    return float((np.abs(shifts) < 2 * config.sigma).mean()) >= config.min_agreement
 
 
 def weights_of(shifts: Shifts, scale: float, *, kind: Weighting) -> Scores:
