@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,17 @@ if TYPE_CHECKING:
     from asdfviz.datatypes import Assembly, FrameTruth, Run
     from asdfviz.evaluate.judgement import Judgement
     from asdfviz.methods.spec import MethodSpec
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MadeRun:
+    """One method with one kind of first pose on one sequence."""
+
+    run: Run
+    config: object
+    first_pose: str | None
+    """None: the method starts from no detector's poses."""
+    sequence: FolderSequence
 
 
 def known_assembly(sequence: FolderSequence, option: str) -> Assembly:

@@ -12,6 +12,7 @@ import tyro
 
 from asdfviz.cli.given_runs import given_runs
 from asdfviz.cli.judged_runs import (
+    MadeRun,
     give_table,
     judged,
     kept_run,
@@ -22,7 +23,7 @@ from asdfviz.cli.judged_runs import (
 from asdfviz.errors import InputError, WeightsError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from asdfviz.data.folder_sequence import FolderSequence
     from asdfviz.datatypes import Run
@@ -43,9 +44,9 @@ TABLE1 = ("table1",)
 class Tables:
     """Make a table of the paper, its figures beside ours.
 
-    table1 lists the test sets. table4 is methods on the sets of Table 1, with first poses from
-    keypoints and, where crop weights are, from hypotheses. gbot is Table 5: all methods on
-    GBOT-style test sets. Runs that this version made there already are taken; results of a method of
+    table1 lists the test sets. table4 is methods on the sets of Table 1, gbot is Table 5: all methods
+    on GBOT-style test sets. What starts from a detector has a row with first poses from keypoints and,
+    where crop weights are, one with hypotheses. Runs that this version made there already are taken; results of a method of
     your own are further rows, as in asdfviz tables gbot --data testsets --runs mine.csv
 
     Example: asdfviz tables gbot --data testsets --out table5.md
@@ -90,24 +91,14 @@ class Tables:
     def _table4(self, layout: Layout) -> str:
         from asdfviz.evaluate.paper_table4 import METHODS, table4
         from asdfviz.methods.registry import find_method
-        from asdfviz.methods.variants import first_poses
 
         specs = [find_method(name) for name in self.methods or METHODS]
         sequences = [self._open(f) for f in condition_folders(self.data, names=TABLE1)]
         given = given_runs(self.runs, sequences, taken=[spec.name for spec in specs])
-        sets: list[JudgedSet] = []
-        for spec in specs:
-            for sequence in sequences:
-                assembly = known_assembly(sequence, "--models")
-                config: Any = knowing_no_loss(spec)
-                for kind in first_poses(config, assembly) or [None]:
-                    chosen = config
-                    if kind is not None:
-                        chosen = dataclasses.replace(config, first_pose=kind)
-                    name = f"table4-{spec.name}" + ("" if kind is None else f"-{kind}")
-                    run = self._run(spec, sequence, chosen, name)
-                    if run is not None:
-                        sets.append(judged_set(judged(run, sequence, option="--models"), kind))
+        sets = [
+            judged_set(judged(one.run, one.sequence, option="--models"), one.first_pose)
+            for one in self._runs(specs, sequences)
+        ]
         sets += [judged_set(one.found, one.run.config.get("first_pose")) for one in given]
         return table4(sets, layout=layout)
 
@@ -119,18 +110,35 @@ class Tables:
         sequences = [self._open(f) for f in condition_folders(self.data, names=CONDITIONS)]
         given = given_runs(self.runs, sequences, taken=[spec.name for spec in specs])
         runs: list[JudgedRun] = []
-        for spec in specs:
-            config = knowing_no_loss(spec)
-            for sequence in sequences:
-                run = self._run(spec, sequence, config, f"table5-{spec.name}")
-                if run is None:
-                    continue
-                found = judged(run, sequence, option="--models")
-                told = without_lost(run, config)
-                kept = found if told is run else judged(told, sequence, option="--models")
-                runs.append(judged_run(found, kept, sequence))
-        runs += [judged_run(one.found, one.found, one.sequence) for one in given]
+        for one in self._runs(specs, sequences):
+            found = judged(one.run, one.sequence, option="--models")
+            told = without_lost(one.run, one.config)
+            kept = found if told is one.run else judged(told, one.sequence, option="--models")
+            runs.append(judged_run(found, kept, one.first_pose, one.sequence))
+        for one in given:
+            kind = one.run.config.get("first_pose")
+            runs.append(judged_run(one.found, one.found, kind, one.sequence))
         return table5(runs, layout=layout)
+
+    def _runs(
+        self, specs: Sequence[MethodSpec], sequences: Sequence[FolderSequence]
+    ) -> Iterator[MadeRun]:
+        """Every method on every sequence, with each kind of first pose that it can start from there."""
+        from asdfviz.methods.variants import first_poses
+
+        table = "table4" if self.table == "table4" else "table5"
+        for spec in specs:
+            config: Any = knowing_no_loss(spec)
+            for sequence in sequences:
+                kinds = first_poses(config, known_assembly(sequence, "--models"))
+                for kind in kinds or [None]:
+                    chosen, name = config, f"{table}-{spec.name}"
+                    if kind is not None:
+                        chosen = dataclasses.replace(config, first_pose=kind)
+                        name = f"{name}-{kind}"
+                    run = self._run(spec, sequence, chosen, name)
+                    if run is not None:
+                        yield MadeRun(run, chosen, kind, sequence)
 
     def _open(self, folder: Path) -> FolderSequence:
         from asdfviz.data.assembly import load_assembly
@@ -181,13 +189,16 @@ def judged_set(found: Judgement, first_pose: object) -> JudgedSet:
     )
 
 
-def judged_run(found: Judgement, kept: Judgement, sequence: FolderSequence) -> JudgedRun:
+def judged_run(
+    found: Judgement, kept: Judgement, first_pose: object, sequence: FolderSequence
+) -> JudgedRun:
     """A judged run as Table 5 takes it; `kept` is the same without the poses that it says are lost."""
     from asdfviz.evaluate.evaluate import protocol_report
     from asdfviz.evaluate.paper_table5 import JudgedRun
 
     return JudgedRun(
         found.run.method,
+        str(first_pose or "-"),
         f"{found.assembly.name}/{Path(sequence.path).name}",
         found.run.initial,
         protocol_report(found, protocol="gbot"),
@@ -237,7 +248,8 @@ NOTE = (
     "strict: a missing pose is a miss. Methods whose start is 'truth' were handed the true poses "
     "of the first frame, as in the paper, and are not judged on it; those trackers give the poses "
     "of lost parts too, as published, but run with our settings and follow fast and hidden parts, "
-    "which the published ones do not (`asdfviz run --published`)."
+    "which the published ones do not (`asdfviz run --published`). Keypoints are the paper's kind of "
+    "first pose in our steps; `--runs` has rows for what `run --method asdf --published` wrote."
 )
 
 
@@ -245,7 +257,8 @@ NOTE_TABLE1 = "paper: the ASDF paper's own test sets; ours are built alike and a
 NOTE_TABLE4 = (
     "paper: the ASDF paper's own figures, on its own test sets; of its baseline, the mean. gbot: "
     "ours by its rules, F1 counted as the paper's. strict: a missing pose is a miss. A method whose first pose is "
-    "'truth' was handed the true poses of the first frame and is not judged on it."
+    "'truth' was handed the true poses of the first frame and is not judged on it. Keypoints are the "
+    "paper's kind of first pose in our steps; `--runs` has rows for what `run --method asdf --published` wrote."
 )
 
 

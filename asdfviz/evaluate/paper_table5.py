@@ -63,9 +63,14 @@ STRICT_TWINS = _exchanged(STRICT_COLUMNS)
 
 @dataclass(frozen=True, slots=True)
 class JudgedRun:
-    """One method on one sequence, by both protocols; the reports are those of `evaluate_run`."""
+    """One method, with one kind of first pose, on one sequence, by both protocols.
+
+    The reports are those of `evaluate_run`.
+    """
 
     method: str
+    first_pose: str
+    """"-": it starts from no detector's poses."""
     sequence: str
     initial: str
     """Whether it started from the truth of the first frame."""
@@ -76,19 +81,23 @@ class JudgedRun:
 
 
 def table5(runs: Sequence[JudgedRun], *, layout: Layout = "markdown") -> str:
-    """Lay out the mean of every method over its sequences, the paper's figures first.
+    """Lay out the mean of every method and first pose over its sequences, the paper's figures first.
 
     CSV holds every single sequence as well.
     """
-    methods = sorted({run.method for run in runs}, key=_place)
-    rows = [_mean_row(method, [r for r in runs if r.method == method]) for method in methods]
+    kinds = dict.fromkeys((run.method, run.first_pose) for run in runs)
+    rows = [
+        _mean_row([r for r in runs if (r.method, r.first_pose) == kind])
+        for kind in sorted(kinds, key=lambda kind: _place(kind[0]))
+    ]
     if layout == "csv":
-        rows += [_row(run.method, run.sequence, [run]) for run in runs]
-    return laid_out(HEADINGS, rows, texts=3, layout=layout)
+        rows += [_row(run.sequence, [run]) for run in runs]
+    return laid_out(HEADINGS, rows, texts=4, layout=layout)
 
 
 HEADINGS = (
     "Method",
+    "First pose",
     "Start",
     "Sequences",
     *(f"paper {title}" for title, _ in GBOT_COLUMNS),
@@ -104,11 +113,12 @@ def _place(method: str) -> tuple[int, str]:
     return (METHODS.index(method) if method in METHODS else len(METHODS), method)
 
 
-def _mean_row(method: str, runs: Sequence[JudgedRun]) -> list[str]:
-    return _row(method, str(len(runs)), runs)
+def _mean_row(runs: Sequence[JudgedRun]) -> list[str]:
+    return _row(str(len(runs)), runs)
 
 
-def _row(method: str, sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
+def _row(sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
+    method, first_pose = runs[0].method, runs[0].first_pose
     paper = PAPER.get(method)
     theirs = (None,) * 3 if paper is None else (paper.add_s, paper.e_t_mm, paper.e_r_deg)
     gbot = [mean(r.gbot["mean"].get(key) for r in runs) for _, key in (*GBOT_COLUMNS, *GBOT_TWINS)]
@@ -119,6 +129,7 @@ def _row(method: str, sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
     ms = mean(r.strict["runtime_ms"].get("total_median") for r in runs)
     return [
         method if paper is None else paper.title,
+        first_pose,
         start_told(run.initial for run in runs),
         sequences + frames_lacking([run.strict for run in runs]),
         *map(number, (*theirs, *gbot, *kept, *strict, ms)),

@@ -11,7 +11,13 @@ from asdfviz.evaluate.protocols import TWINS
 
 
 def judged(
-    method: str, sequence: str, *, gbot: float, strict: float | None, ms: float = 10.0
+    method: str,
+    sequence: str,
+    *,
+    gbot: float,
+    strict: float | None,
+    ms: float = 10.0,
+    first_pose: str = "-",
 ) -> JudgedRun:
     def report(value: float | None) -> dict[str, Any]:
         keys = ("add_s_10cm", "add_s_01d", "e_t_mm", "e_r_deg", "e_r_sym_deg")
@@ -21,7 +27,8 @@ def judged(
         return {"mean": means, "runtime_ms": {"total_median": ms}}
 
     initial = "none" if method.startswith("asdf") else "first_frame_truth"
-    return JudgedRun(method, sequence, initial, report(gbot), report(gbot + 5), report(strict))
+    reports = (report(gbot), report(gbot + 5), report(strict))
+    return JudgedRun(method, first_pose, sequence, initial, *reports)
 
 
 RUNS = [
@@ -59,7 +66,24 @@ def test_the_layouts_hold_the_same_cells() -> None:
     assert len(markdown) == 2 + 3
     latex = table5(RUNS, layout="latex")
     assert latex.count(r"\\") == 1 + 3
-    assert r"asdf\_track & none & 1" in latex
+    assert r"asdf\_track & - & none & 1" in latex
+
+
+def test_each_kind_of_first_pose_has_a_row_beside_the_papers_figures() -> None:
+    runs = [
+        judged("asdf_track", "clamp/hand", gbot=90.0, strict=80.0, first_pose="keypoints"),
+        judged("asdf", "clamp/hand", gbot=60.0, strict=50.0, first_pose="keypoints"),
+        judged("asdf", "clamp/hand", gbot=70.0, strict=60.0, first_pose="hypotheses"),
+        judged("asdf", "vise/hand", gbot=80.0, strict=70.0, first_pose="keypoints"),
+    ]
+    rows = rows_of(table5(runs, layout="csv"))[:3]
+    assert [(row["Method"], row["First pose"], row["Sequences"]) for row in rows] == [
+        ("ASDF", "keypoints", "2"),
+        ("ASDF", "hypotheses", "1"),
+        ("asdf_track", "keypoints", "1"),
+    ]
+    assert [row["gbot ADD(S)"] for row in rows] == ["70.0", "70.0", "90.0"]
+    assert [row["paper ADD(S)"] for row in rows] == ["95.8", "95.8", "-"]
 
 
 @pytest.mark.parametrize("method", PAPER)
