@@ -1,8 +1,8 @@
 """YOLOv8-pose with PnP: the paper's baseline. Poses from keypoints, the state from its box alone.
 
 With crop weights, first poses come from crops instead, in which depth has a say where there is some, and
-the crop network names what the detector finds, or misses at first; the paper's own are `--first-pose
-keypoints`.
+the crop network names what the detector finds, or misses at first. `--first-pose keypoints` has
+the paper's kind, and `--published` is the paper to the letter.
 """
 
 from __future__ import annotations
