@@ -16,7 +16,7 @@ from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, turn_about
 from asdfviz.state.twins import twin_groups
 
-SURFACE_POINTS, PROBES = 40_000, 500
+SURFACE_POINTS, PROBES, FIRST_PROBES = 40_000, 500, 50
 MISFIT = 0.015
 """As a share of the diameter: what keeps nearer than this to the surface is the same to a camera."""
 OF_SURFACE = 99.0
@@ -112,7 +112,7 @@ def own_turns(part: Part) -> tuple[Turn, ...]:
 
         def fits(angle: float, axis: Vector = axis) -> bool:
             turned = apply(turn_about(axis, middle, angle), probes)
-            return _misfit(surface, turned) < MISFIT * part.diameter
+            return _lies_on(surface, turned, MISFIT * part.diameter)
 
         if all(fits(angle) for angle in FREE_TURNS):
             found.append(Turn(axis, 0))
@@ -132,8 +132,14 @@ def _axes(mesh: Mesh, middle: Vector) -> list[Vector]:
     return axes
 
 
-def _misfit(surface: NearestPoints, points: Points) -> float:
-    return float(np.percentile(surface.query(points)[0], OF_SURFACE))
+def _lies_on(surface: NearestPoints, points: Points, limit: float) -> bool:
+    """Whether OF_SURFACE percent of the points are nearer to a surface than a limit, metres."""
+    allowed = len(points) - 1 - int(OF_SURFACE / 100.0 * (len(points) - 1))
+    # Most turns put so many points far off that the first few of them tell.
+    few = points[:FIRST_PROBES]
+    if np.count_nonzero(surface.query(few)[0] >= limit) > allowed:
+        return False
+    return bool(np.percentile(surface.query(points)[0], OF_SURFACE) < limit)
 
 
 def _told(turn: Turn) -> str:
