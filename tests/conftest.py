@@ -20,6 +20,9 @@ FIRST = (
     "test_sequence_physics.py",
     "test_browser_reload.py",
     "test_kit.py",
+    "test_training.py",
+    "test_crop_training.py",
+    "test_fresh.py",
 )
 """Begun first, in this order: one process compiles the tracker's loops for all while others do what
 needs none, and none waits at the end for files with minutes of work in few tests."""
