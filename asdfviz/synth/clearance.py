@@ -23,7 +23,7 @@ from asdfviz.synth.grasping import backed, scaled
 from asdfviz.synth.hands import hand_mesh
 from asdfviz.synth.layout import Outfit
 from asdfviz.synth.motion import blend, moved
-from asdfviz.synth.penetration import Solid, depth
+from asdfviz.synth.penetration import Solid, depth, out_of_reach
 from asdfviz.synth.ways import Body, deepest
 
 ALLOWED = 0.0042
@@ -162,13 +162,11 @@ def _deepest(moment: Moment, solids: Mapping[str, Solid], outfit: Outfit) -> flo
     radii = patches.radii * outfit.size
     most = 0.0
     for name, T in moment.T_world_part.items():
-        T_part_world, interior = inverse(T), solids[name].interior
-        at_part = apply(T_part_world, middles)
-        beyond = np.maximum(np.maximum(interior.low - at_part, at_part - interior.high), 0.0)
-        near = np.nonzero(((beyond * beyond).sum(axis=1) <= radii * radii)[patches.of])[0]
-        if len(near):
-            found = depth(apply(T_part_world, world[near]), solids[name], least=max(most, ALLOWED))
-            most = max(most, found)
+        T_part_world, solid = inverse(T), solids[name]
+        near = ~out_of_reach(apply(T_part_world, middles), radii, solid)[patches.of]
+        if near.any():
+            inner = apply(T_part_world, world[near])
+            most = max(most, depth(inner, solid, least=max(most, ALLOWED)))
     return most
 
 

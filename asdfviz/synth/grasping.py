@@ -193,8 +193,8 @@ def _in_others(
     step: int,
 ) -> float:
     away = hand.away[::step]
-    middle = (away.min(axis=0) + away.max(axis=0)) / 2
-    radius = float(np.linalg.norm(away - middle, axis=1).max())
+    middle = (away.min(axis=0) + away.max(axis=0))[None] / 2
+    radius = np.linalg.norm(away - middle, axis=1).max(keepdims=True)
     for hold in holds:
         T = hold.T_world_part @ T_part_hand
         low = min(float((p @ T[2, :3]).min()) for p in (away, hand.outline)) + float(T[2, 3])
@@ -203,7 +203,7 @@ def _in_others(
             if bad >= limit:
                 return bad
             T_other_hand = inverse(other.T) @ T
-            if not out_of_reach(apply(T_other_hand, middle[None])[0], radius, other.solid):
+            if not out_of_reach(apply(T_other_hand, middle), radius, other.solid)[0]:
                 inner = apply(T_other_hand, away)
                 bad = max(bad, _too_deep(inner, other.solid, bad, limit))
     return bad

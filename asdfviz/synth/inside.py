@@ -141,17 +141,6 @@ def expand(counts: Int64[np.ndarray, "n"]) -> tuple[np.ndarray, np.ndarray]:
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
-def inside(points: Points, interior: Interior) -> Bool[np.ndarray, "n"]:
-    """Whether points (in the mesh's frame) lie inside it."""
-    found = np.zeros(len(points), dtype=bool)
-    place, doubted = in_cells(points, interior)
-    found[place[~doubted]] = True
-    asked = place[doubted]
-    if len(asked):
-        found[asked] = _by_rays(points[asked], interior.columns)
-    return found
-
-
 def in_cells(
     points: Points, interior: Interior
 ) -> tuple[Int64[np.ndarray, "k"], Bool[np.ndarray, "k"]]:
@@ -164,6 +153,16 @@ def in_cells(
     label = cells.labels[i, j, k]
     possible = label != _OUTSIDE
     return near[possible], label[possible] == _MIXED
+
+
+def settled(
+    points: Points, doubted: Bool[np.ndarray, "n"], interior: Interior
+) -> Bool[np.ndarray, "n"]:
+    """Whether points that `in_cells` named lie inside: rays are asked of those that it doubted alone."""
+    within = ~doubted
+    if doubted.any():
+        within[doubted] = _by_rays(points[doubted], interior.columns)
+    return within
 
 
 def _by_rays(points: Points, columns: tuple[Columns, ...]) -> Bool[np.ndarray, "n"]:

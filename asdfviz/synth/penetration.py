@@ -8,13 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 
 from asdfviz.datatypes import Mesh
 from asdfviz.geometry.sampling import surface_points
 from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse
-from asdfviz.synth.inside import Interior, all_axes, in_cells, inside, interior_of
+from asdfviz.synth.inside import Interior, all_axes, in_cells, interior_of, settled
 
 _SAMPLES = 1500
 _CHUNK = 200_000
@@ -162,10 +162,13 @@ def _to_triangles(points: Points, solid: Solid, near: Int64[np.ndarray, "k"]) ->
     return np.sqrt(np.maximum(nearest.min(axis=1), 0.0))
 
 
-def out_of_reach(middle: Vector, radius: float, solid: Solid) -> bool:
-    """Whether a ball (in the solid's frame) cannot reach its bounding box."""
-    beyond = np.maximum(np.maximum(solid.low - middle, middle - solid.high), 0.0)
-    return float(beyond @ beyond) > radius * radius
+def out_of_reach(
+    middles: Points, radii: Float64[np.ndarray, "n"], solid: Solid
+) -> Bool[np.ndarray, "n"]:
+    """Which balls (in the solid's frame) cannot reach the bounding box of its faces."""
+    low, high = solid.interior.low, solid.interior.high
+    beyond = np.maximum(np.maximum(low - middles, middles - high), 0.0)
+    return (beyond * beyond).sum(axis=1) > radii * radii
 
 
 def depth(
@@ -185,17 +188,17 @@ def depth(
         least: a depth up to this may be told as any other up to this.
         enough: from this depth on none that is deeper is looked for.
     """
-    possible, _ = in_cells(points, solid.interior)
+    possible, doubted = in_cells(points, solid.interior)
     if not len(possible):
         return 0.0
     near = points[possible]
     if least > 0:
-        doubted = _bounds(near, solid) > least
-        if not doubted.any():
+        may_count = _bounds(near, solid) > least
+        if not may_count.any():
             return 0.0
         if most is None or len(near) < most:
-            near = near[doubted]
-    within = near[inside(near, solid.interior)]
+            near, doubted = near[may_count], doubted[may_count]
+    within = near[settled(near, doubted, solid.interior)]
     if most is not None:
         within = within[:: len(within) // most + 1]
     return _deepest(within, solid, least, enough) if len(within) else 0.0
