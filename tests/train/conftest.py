@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from asdfviz.datatypes import Assembly, Mesh, Part, State
 from asdfviz.geometry.sampling import diameter, farthest_points, surface_points
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import apply, rotation_about, transform_from
+from asdfviz.train.config import TrainConfig
 
 K = np.array([[230.0, 0, 160], [0, 230, 90], [0, 0, 1]])
 WIDTH, HEIGHT = 320, 180
@@ -143,3 +145,14 @@ def scene(tmp_path_factory: pytest.TempPathFactory, assembly: Assembly) -> Path:
 @pytest.fixture
 def new_scene(tmp_path: Path, assembly: Assembly) -> Callable[[int], Path]:
     return lambda count: write_scene(tmp_path / "new_scene", assembly, count=count, seed=1)
+
+
+@pytest.fixture
+def new_config(scene: Path, tmp_path: Path) -> Callable[..., TrainConfig]:
+    """Of a small run on the scene, with what else is given."""
+
+    def config(**given: Any) -> TrainConfig:
+        folder = tmp_path / "run"
+        return TrainConfig(("toy",), (scene,), folder, keypoint_width=64, **given)
+
+    return config

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -45,17 +45,13 @@ def test_the_score_is_that_of_pose_errors(
 
 
 def test_a_run_of_before_judges_its_best_anew(
-    scene: Path, assembly: Assembly, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene: Path,
+    assembly: Assembly,
+    new_config: Callable[..., TrainConfig],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    config = TrainConfig(
-        assemblies=("toy",),
-        data=(scene,),
-        validation=(scene,),
-        output=tmp_path / "run",
-        image_size=64,
-        stages=(Stage(1.0, 64, 64, 2, 0.5),),
-        keypoint_width=64,
-    )
+    stages = (Stage(1.0, 64, 64, 2, 0.5),)
+    config = new_config(validation=(scene,), image_size=64, stages=stages)
     scores: Iterator[float] = iter((0.9, 0.2, 0.3))
     monkeypatch.setattr(
         "asdfviz.train.session.validate", lambda *_, **__: Validation(next(scores), ())

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
@@ -14,17 +14,9 @@ from asdfviz.train.session import Session
 
 
 @pytest.fixture
-def config(scene: Path, tmp_path: Path) -> TrainConfig:
-    return TrainConfig(
-        assemblies=("toy",),
-        data=(scene,),
-        output=tmp_path / "run",
-        steps=10,
-        closing=0.2,
-        image_size=64,
-        stages=(Stage(0.5, 32, 32, 2, 1.0), Stage(0.5, 64, 64, 2, 0.5)),
-        keypoint_width=64,
-    )
+def config(new_config: Callable[..., TrainConfig]) -> TrainConfig:
+    stages = (Stage(0.5, 32, 32, 2, 1.0), Stage(0.5, 64, 64, 2, 0.5))
+    return new_config(steps=10, closing=0.2, image_size=64, stages=stages)
 
 
 def test_a_run_ends_on_whole_frames(config: TrainConfig, assembly: Assembly) -> None:

@@ -4,7 +4,7 @@ import csv
 import dataclasses
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,17 +39,9 @@ from asdfviz.train.world import World
 
 
 @pytest.fixture
-def config(scene: Path, tmp_path: Path) -> TrainConfig:
-    return TrainConfig(
-        assemblies=("toy",),
-        data=(scene,),
-        output=tmp_path / "run",
-        steps=6,
-        image_size=320,
-        stages=(Stage(0.5, 96, 96, 2, 1.0), Stage(0.5, 160, 96, 2, 0.5)),
-        warmup_steps=2,
-        keypoint_width=64,
-    )
+def config(new_config: Callable[..., TrainConfig]) -> TrainConfig:
+    stages = (Stage(0.5, 96, 96, 2, 1.0), Stage(0.5, 160, 96, 2, 0.5))
+    return new_config(steps=6, image_size=320, stages=stages, warmup_steps=2)
 
 
 def weights_of(result: TrainResult) -> dict[str, torch.Tensor]:
