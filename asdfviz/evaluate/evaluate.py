@@ -219,7 +219,7 @@ def _state_figures(
 
 
 def _state_details(states: Sequence[StateRecord], assembly: Assembly) -> dict[str, Any]:
-    """What does not fit in single figures: frames whose state is known, confusion, transitions, calibration curve."""
+    """What is no figure of merit: frames with a known state, confusion, transitions, calibration curve."""
     followed, _ = true_transitions(states)
     return {
         "frames": len(states),

@@ -182,9 +182,10 @@ def check_alike(assembly: Assembly) -> Iterator[Finding]:
     """Look for states that put the same parts in the same places."""
     kinds = {name: names[0] for names in twin_groups(assembly) for name in names}
     for a, b in combinations(assembly.states, 2):
-        turned = _base_turned(a, assembly), _base_turned(b, assembly)
-        if any(_places_alike(one, b, assembly, kinds) for one in turned[0]) or any(
-            _places_alike(one, a, assembly, kinds) for one in turned[1]
+        if any(
+            _places_alike(turned, other, assembly, kinds)
+            for one, other in ((a, b), (b, a))
+            for turned in _base_turned(one, assembly)
         ):
             yield Finding(
                 "same_states",

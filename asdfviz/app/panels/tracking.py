@@ -17,9 +17,10 @@ BUTTONS: tuple[tuple[Direction, str, str, str], ...] = (
 
 def content(snap: Snapshot) -> str:
     """The section as HTML."""
+    at_work = progress(snap)
+    if at_work:
+        return at_work
     job = snap.workspace.carrying
-    if job is not None and job.is_active:
-        return progress(snap)
     where = " in the range" if snap.view.range_here else ""
     buttons = "".join(
         button(
