@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -217,6 +219,6 @@ def test_without_a_weight_the_frame_before_says_nothing() -> None:
         ({"neighbour": 1.7}, "neighbour is 1.7"),
     ],
 )
-def test_weights_that_are_none_are_refused(options: dict[str, float], named: str) -> None:
+def test_weights_that_are_none_are_refused(options: dict[str, Any], named: str) -> None:
     with pytest.raises(MethodError, match=named):
         FusionConfig(**options)
