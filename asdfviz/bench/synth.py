@@ -49,6 +49,7 @@ def measure_synth(
     *,
     images: int,
     workers: int = 1,
+    device: str = "cpu",
     progress: Callable[[int, int], None] | None = None,
 ) -> list[SynthSpeed]:
     """Make `images` images of every kind and size in every process, and time them.
@@ -60,6 +61,7 @@ def measure_synth(
         assembly: parts and states to show.
         images: timed images of each kind and size, in each process.
         workers: processes at work at the same time, which share the cores; 1 is this process alone.
+        device: where torch renders.
         progress: called with kinds and sizes done and in all.
 
     Raises:
@@ -71,7 +73,7 @@ def measure_synth(
     found: list[SynthSpeed] = []
     for place, (kind, width, height) in enumerate(jobs):
         with tempfile.TemporaryDirectory() as folder:
-            work = _Timed(assembly, images, kind, width, height, Path(folder))
+            work = _Timed(assembly, images, kind, width, height, Path(folder), device)
             do_all(work, range(workers), crew=Crew(workers))
             found.append(work.speed(workers))
         if progress is not None:
@@ -89,6 +91,7 @@ class _Timed:
     width: int
     height: int
     folder: Path
+    device: str
 
     @property
     def token(self) -> str:
@@ -136,8 +139,10 @@ class _Timed:
     def _scenes(self, number: int) -> Callable[[int, Stop], int]:
         folder, config = self.folder / str(number), SceneConfig(self.width, self.height)
         # One image begins the folder.
-        generate_images(self.assembly, count=1, seed=5, folder=folder, config=config)
-        piece = ImageWork(self.assembly, 6, folder, config).open()
+        generate_images(
+            self.assembly, count=1, seed=5, folder=folder, config=config, device=self.device
+        )
+        piece = ImageWork(self.assembly, 6, folder, config, device=self.device).open()
 
         def make(image: int, stop: Stop) -> int:
             piece(1 + image, stop)
@@ -147,7 +152,7 @@ class _Timed:
 
     def _packs(self) -> Callable[[int, Stop], int]:
         config = PackConfig(width=self.width, height=self.height)
-        assets = load_assets(self.assembly)
+        assets = load_assets(self.assembly, device=self.device)
 
         def make(image: int, _: Stop) -> int:
             rng = np.random.default_rng([6, image])

@@ -146,6 +146,8 @@ class BenchSynth:
     """Timed images of each kind and size, in every process."""
     workers: int = 1
     """Processes that share the cores, as in `synth images`; 1 is one process with all of them."""
+    device: str = "cpu"
+    """Where torch renders: cpu or cuda."""
     json: bool = False
     """Print JSON."""
 
@@ -153,12 +155,15 @@ class BenchSynth:
         """Print images a second by kind and size, and the machine's load."""
         from asdfviz.bench.synth import measure_synth, speed_table
         from asdfviz.data.assembly import load_assembly
+        from asdfviz.detector.device import require_device
 
+        require_device(self.device)
         with progress_bar("bench synth") as report:
             speeds = measure_synth(
                 load_assembly(self.assembly),
                 images=self.images,
                 workers=self.workers,
+                device=self.device,
                 progress=lambda done, total: report(done, total, ""),
             )
         print(json.dumps([vars(s) for s in speeds], indent=2) if self.json else speed_table(speeds))

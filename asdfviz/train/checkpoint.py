@@ -14,6 +14,7 @@ from typing import Any, cast
 
 import torch
 from torch import Tensor, nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.datatypes import Assembly
@@ -39,11 +40,16 @@ class Average:
         """Take in the weights after a step."""
         self.updates += 1
         keep = min(self._decay, (1 + self.updates) / (10 + self.updates))
+        mine: list[Tensor] = []
+        theirs: list[Tensor] = []
         for name, value in network.state_dict().items():
             if value.is_floating_point():
-                self.state[name].lerp_(value, 1 - keep)
+                mine.append(self.state[name])
+                theirs.append(value)
             else:
                 self.state[name].copy_(value)
+        # All at once: one after the other they are hundreds of small steps of a GPU.
+        get_ema_multi_avg_fn(keep)(mine, theirs, self.updates)
 
 
 @dataclass(slots=True, eq=False)

@@ -40,6 +40,26 @@ class Stacked:
     rays: Float64[np.ndarray, "m 3 3"]
     """Rotation of the part as seen along the ray to it: what its picture shows, wherever it is;
     zeros for states."""
+    middles: Float32[np.ndarray, "m 2"]
+    """Of the outlines' boxes, pixels."""
+    radii: Float32[np.ndarray, "m"]
+    """How far the outlines reach from there, pixels."""
+
+    def those(self, places: Int64[np.ndarray, "k"]) -> Stacked:
+        """Of some of the objects, in this order."""
+        ends = np.append(self.starts[1:], len(self.outlines))
+        spans = [slice(a, b) for a, b in zip(self.starts[places], ends[places], strict=True)]
+        counts = ends[places] - self.starts[places]
+        return Stacked(
+            labels=self.labels[places],
+            is_state=self.is_state[places],
+            outlines=np.concatenate([self.outlines[:0], *(self.outlines[s] for s in spans)]),
+            starts=counts.cumsum() - counts,
+            keypoints=self.keypoints[places],
+            rays=self.rays[places],
+            middles=self.middles[places],
+            radii=self.radii[places],
+        )
 
     @classmethod
     def of(cls, objects: Sequence[LabelledObject]) -> Stacked:
@@ -48,6 +68,11 @@ class Stacked:
         flat = np.concatenate([np.zeros((0, 2), np.float32), *(o.outline for o in objects)])
         keypoints = np.array([o.keypoints for o in objects], np.float32)
         rays = np.array([_along_ray(o) for o in objects])
+        middles = [(o.outline.min(0) + o.outline.max(0)) / 2 for o in objects]
+        reaches = [
+            np.linalg.norm(o.outline - middle, axis=1).max()
+            for o, middle in zip(objects, middles, strict=True)
+        ]
         return cls(
             labels=np.array([o.label for o in objects], np.int64),
             is_state=np.array([o.part is None for o in objects], bool),
@@ -55,6 +80,8 @@ class Stacked:
             starts=counts.cumsum() - counts,
             keypoints=keypoints.reshape(-1, KEYPOINTS, 3),
             rays=rays.reshape(-1, 3, 3),
+            middles=np.array(middles, np.float32).reshape(-1, 2),
+            radii=np.array(reaches, np.float32),
         )
 
 

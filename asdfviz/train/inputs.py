@@ -10,7 +10,8 @@ import torch
 from asdfviz.datatypes import Assembly
 from asdfviz.train.config import TrainConfig
 from asdfviz.train.dataset import LabelledImage
-from asdfviz.train.fresh import Feeding, FreshConfig, fed
+from asdfviz.train.feeding import Feeding, fed
+from asdfviz.train.fresh import FreshConfig
 from asdfviz.train.loader import Batch, Recipe, batches
 from asdfviz.train.packing import Packer
 from asdfviz.train.world import World
@@ -57,6 +58,7 @@ def input_stream(
             image_size=config.image_size,
             side=size,
             augment=config.augment,
+            cut_on=world.device if torch.device(world.device).type != "cpu" else None,
         )
         with fed(job, recipe, first=first) as stream:
             yield stream

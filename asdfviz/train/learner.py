@@ -21,6 +21,8 @@ def new_learner(config: TrainConfig, *, classes: int, device: str) -> tuple[Netw
     torch.manual_seed(config.seed)  # pyright: ignore[reportUnknownMemberType] - untyped in torch
     width = config.keypoint_width or None
     network = Network(config.scale, classes=classes, keypoint_width=width)
+    # Inputs of a stage have one size: what cuDNN finds fastest for the first is so for all.
+    torch.backends.cudnn.benchmark = True
     hint_width = cast(nn.Conv2d, cast(nn.Sequential, network.head.cv4[0])[2]).in_channels
     hint = RotationHint(classes=classes, width=hint_width, levels=len(network.strides))
     network = network.to(device)

@@ -16,9 +16,11 @@ from torch import Tensor
 
 from asdfviz.datatypes import KEYPOINTS
 from asdfviz.detector.assigner import Targets
-from asdfviz.train.augment import Sample
+from asdfviz.train.augment import Marks
 from asdfviz.train.config import Stage
+from asdfviz.train.device_cut import PatchTable
 from asdfviz.train.packing import Packer
+from asdfviz.train.patches import InputPlan, cut_input
 
 AHEAD = 2
 """Batches made ahead of the step that needs them."""
@@ -52,41 +54,74 @@ class Recipe:
     """Share of the full camera roll, 0 to 1."""
 
 
-def collate(samples: Sequence[Sample]) -> Batch:
-    """Stack samples of one size, labels padded to the longest list."""
-    most = max(1, *(len(s.labels) for s in samples))
-    count = len(samples)
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchPlan:
+    """A batch before it has pixels."""
+
+    patches: PatchTable
+    targets: Targets
+    rotations: Float[Tensor, "b m 3 3"]
+
+    def labelled(self, images: UInt8[Tensor, "b h w 3"]) -> Batch:
+        """The batch of these pixels."""
+        return Batch(images, self.targets, self.rotations)
+
+
+def make_batch(packer: Packer, recipe: Recipe, *, seed: int, step: int) -> Batch:
+    """Make the batch of a step; nothing but the arguments decides what is in it."""
+    inputs = _draw(packer, recipe, seed=seed, step=step)
+    pixels = np.stack([cut_input(packer.images, plan).rgb for plan in inputs])
+    return Batch(torch.as_tensor(pixels), *_collated([plan.marks for plan in inputs]))
+
+
+def plan_batch(
+    packer: Packer, recipe: Recipe, *, seed: int, step: int, keys: Sequence[int]
+) -> BatchPlan:
+    """Plan the batch that `make_batch` makes.
+
+    Args:
+        packer: draws the inputs.
+        recipe: what the batch is made of.
+        seed: of the run.
+        step: its number.
+        keys: of the packer's pictures, where the pixels are cut.
+    """
+    inputs = _draw(packer, recipe, seed=seed, step=step)
+    marks = _collated([plan.marks for plan in inputs])
+    return BatchPlan(PatchTable.of(inputs, keys), *marks)
+
+
+def _draw(packer: Packer, recipe: Recipe, *, seed: int, step: int) -> list[InputPlan]:
+    stage = recipe.stage
+    inputs: list[InputPlan] = []
+    for place in range(stage.batch):
+        rng = np.random.default_rng((seed, step, place))
+        draw = packer.packed if rng.random() < stage.packed else packer.frame
+        inputs.append(draw(rng, width=stage.width, height=stage.height, spread=recipe.spread))
+    return inputs
+
+
+def _collated(marks: Sequence[Marks]) -> tuple[Targets, Float[Tensor, "b m 3 3"]]:
+    """Labels and rotations of a batch, padded to the longest list."""
+    most = max(1, *(len(m.labels) for m in marks))
+    count = len(marks)
     labels = np.zeros((count, most), np.int64)
     boxes = np.zeros((count, most, 4), np.float32)
     keypoints = np.zeros((count, most, KEYPOINTS, 3), np.float32)
     rotations = np.zeros((count, most, 3, 3), np.float32)
     present = np.zeros((count, most), bool)
-    for i, sample in enumerate(samples):
-        n = len(sample.labels)
-        labels[i, :n], boxes[i, :n] = sample.labels, sample.boxes
-        keypoints[i, :n], rotations[i, :n] = sample.keypoints, sample.rotations
+    for i, each in enumerate(marks):
+        n = len(each.labels)
+        labels[i, :n], boxes[i, :n] = each.labels, each.boxes
+        keypoints[i, :n], rotations[i, :n] = each.keypoints, each.rotations
         present[i, :n] = True
-    return Batch(
-        images=torch.as_tensor(np.stack([s.rgb for s in samples])),
-        targets=Targets(
-            labels=torch.as_tensor(labels),
-            boxes=torch.as_tensor(boxes),
-            keypoints=torch.as_tensor(keypoints),
-            present=torch.as_tensor(present),
-        ),
-        rotations=torch.as_tensor(rotations),
+    targets = Targets(
+        labels=torch.as_tensor(labels),
+        boxes=torch.as_tensor(boxes),
+        keypoints=torch.as_tensor(keypoints),
+        present=torch.as_tensor(present),
     )
-
-
-def make_batch(packer: Packer, recipe: Recipe, *, seed: int, step: int) -> Batch:
-    """Make the batch of a step; nothing but the arguments decides what is in it."""
-    stage = recipe.stage
-    samples: list[Sample] = []
-    for place in range(stage.batch):
-        rng = np.random.default_rng((seed, step, place))
-        draw = packer.packed if rng.random() < stage.packed else packer.frame
-        samples.append(draw(rng, width=stage.width, height=stage.height, spread=recipe.spread))
-    return collate(samples)
+    return targets, torch.as_tensor(rotations)
 
 
 @contextmanager

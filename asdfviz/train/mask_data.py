@@ -27,9 +27,10 @@ from asdfviz.detector.assigner import Targets
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.shapes import Intrinsics, Rgb
 from asdfviz.pose.labels import SMALLEST_VISIBLE, LabelledObject, Labeller
-from asdfviz.train.augment import Labels, change_colors, roll, similarity, view
+from asdfviz.train.augment import Labels, marks_in, roll, similarity
 from asdfviz.train.dataset import LabelledImage, shown_subject, subjects_of
 from asdfviz.train.packing import AugmentConfig
+from asdfviz.train.patches import Patch, cut_patch, draw_colors
 
 MASKS = "mask_visib"
 MOST_OBJECTS = 255
@@ -175,10 +176,12 @@ def draw(
     zoom = width / max(size) * math.exp(rng.uniform(-farthest, farthest))
     H = similarity(middle, (window - 1) / 2 + shift, zoom) @ H_roll
     r, g, b = (int(c) for c in rng.integers(0, 256, 3))
-    seen = view(picture, H, width=width, height=height, angle=angle, fill=(r, g, b))
+    colors = draw_colors(rng, config.colors)
+    patch = Patch(0, H, 0, 0, width, height, (r, g, b), colors)
+    seen = marks_in(picture, H, width=width, height=height, angle=angle)
     owners = cv2.warpAffine(image.owners, H[:2], (width, height), flags=cv2.INTER_NEAREST)
     return MaskSample(
-        rgb=change_colors(seen.rgb, rng, config.colors),
+        rgb=cut_patch(picture.rgb, patch),
         labels=image.labels[seen.labels],
         boxes=seen.boxes,
         places=(seen.labels + 1).astype(np.uint8),

@@ -12,18 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
-from asdfviz.train.augment import (
-    ColorConfig,
-    Sample,
-    change_colors,
-    move_points,
-    roll,
-    similarity,
-    view,
-)
+from asdfviz.train.augment import Marks, marks_in, move_points, roll, similarity
 from asdfviz.train.dataset import LabelledImage
+from asdfviz.train.patches import ColorConfig, InputPlan, Patch, draw_colors
 
 TILES = {64: 0.15, 96: 0.45, 128: 0.25, 192: 0.15}
 """Heights of tiles in pixels and how often they are drawn."""
@@ -48,7 +41,7 @@ class AugmentConfig:
 
 
 class Packer:
-    """Draws training inputs from a set of pictures."""
+    """Plans training inputs from a set of pictures."""
 
     def __init__(
         self, images: Sequence[LabelledImage], *, side: int, config: AugmentConfig
@@ -60,7 +53,7 @@ class Packer:
             side: longer side of every picture at zoom 1, input pixels: as a detector shows them.
             config: how much to change.
         """
-        self._images = images
+        self.images = images
         self._side = side
         self._config = config
         parts: dict[int, list[tuple[int, int]]] = {}
@@ -72,7 +65,9 @@ class Packer:
         self._part_pools = [parts[label] for label in sorted(parts)]
         self._state_pools = [states[label] for label in sorted(states)]
 
-    def frame(self, rng: np.random.Generator, *, width: int, height: int, spread: float) -> Sample:
+    def frame(
+        self, rng: np.random.Generator, *, width: int, height: int, spread: float
+    ) -> InputPlan:
         """Return one whole frame, rolled, zoomed and shifted.
 
         Args:
@@ -81,7 +76,8 @@ class Packer:
             height: of the input, pixels.
             spread: share of the full roll to use, 0 to 1.
         """
-        image = self._images[int(rng.integers(len(self._images)))]
+        index = int(rng.integers(len(self.images)))
+        image = self.images[index]
         angle = self._angle(rng, spread)
         H_roll = roll(image.K, angle)
         size = np.array([image.rgb.shape[1], image.rgb.shape[0]], float)
@@ -90,19 +86,19 @@ class Packer:
         shift = rng.uniform(-self._config.shift, self._config.shift, 2) * window
         zoom = self._scale(image) * self._zoom(rng)
         H = similarity(middle, (window - 1) / 2 + shift, zoom) @ H_roll
-        sample = view(image, H, width=width, height=height, angle=angle, fill=_color(rng))
-        return _recolored(sample, rng, self._config.colors)
+        patch, marks = self._patch(rng, index, H, (0, 0, width, height), angle)
+        return InputPlan(width, height, (patch,), marks)
 
-    def packed(self, rng: np.random.Generator, *, width: int, height: int, spread: float) -> Sample:
+    def packed(
+        self, rng: np.random.Generator, *, width: int, height: int, spread: float
+    ) -> InputPlan:
         """Return an input full of tiles; arguments as for `frame`."""
         tiles = sorted(_tiles(rng, width, height), key=lambda t: t[2] * t[3], reverse=True)
         picks = [self._pick(rng) for _ in tiles]
         picks.sort(key=self._size, reverse=True)
-        samples = [
-            self._tile(rng, pick, tile_w, tile_h, spread)
-            for pick, (_, _, tile_w, tile_h) in zip(picks, tiles, strict=True)
-        ]
-        return _joined(samples, tiles, width, height)
+        drawn = [self._tile(rng, pick, t, spread) for pick, t in zip(picks, tiles, strict=True)]
+        marks = Marks.joined([m for _, m in drawn], [(x, y) for x, y, _, _ in tiles])
+        return InputPlan(width, height, tuple(patch for patch, _ in drawn), marks)
 
     def _pick(self, rng: np.random.Generator) -> tuple[int, int]:
         is_state = bool(self._state_pools) and rng.random() < self._config.states
@@ -111,7 +107,7 @@ class Packer:
         return pool[int(rng.integers(len(pool)))]
 
     def _size(self, pick: tuple[int, int]) -> float:
-        image = self._images[pick[0]]
+        image = self.images[pick[0]]
         return _extent(image.objects[pick[1]].outline) * self._scale(image)
 
     def _scale(self, image: LabelledImage) -> float:
@@ -122,11 +118,11 @@ class Packer:
         self,
         rng: np.random.Generator,
         pick: tuple[int, int],
-        width: int,
-        height: int,
+        window: tuple[int, int, int, int],
         spread: float,
-    ) -> Sample:
-        image = self._images[pick[0]]
+    ) -> tuple[Patch, Marks]:
+        _, _, width, height = window
+        image = self.images[pick[0]]
         angle = self._angle(rng, spread)
         H_roll = roll(image.K, angle)
         outline = move_points(H_roll, image.objects[pick[1]].outline)
@@ -139,8 +135,21 @@ class Packer:
         free = np.array([width, height], float)
         target = (free - 1) / 2 + rng.uniform(-self._config.center, self._config.center, 2) * free
         H = similarity(middle, target, zoom) @ H_roll
-        sample = view(image, H, width=width, height=height, angle=angle, fill=_color(rng))
-        return _recolored(sample, rng, self._config.colors)
+        return self._patch(rng, pick[0], H, window, angle)
+
+    def _patch(
+        self,
+        rng: np.random.Generator,
+        index: int,
+        H: Float64[np.ndarray, "3 3"],
+        window: tuple[int, int, int, int],
+        angle: float,
+    ) -> tuple[Patch, Marks]:
+        x, y, width, height = window
+        r, g, b = (int(c) for c in rng.integers(0, 256, 3))
+        colors = draw_colors(rng, self._config.colors)
+        marks = marks_in(self.images[index], H, width=width, height=height, angle=angle)
+        return Patch(index, H, x, y, width, height, (r, g, b), colors), marks
 
     def _angle(self, rng: np.random.Generator, spread: float) -> float:
         limit = math.radians(self._config.roll_deg) * spread
@@ -153,21 +162,6 @@ class Packer:
 
 def _extent(outline: Float32[np.ndarray, "h 2"]) -> float:
     return float((outline.max(0) - outline.min(0)).max())
-
-
-def _color(rng: np.random.Generator) -> tuple[int, int, int]:
-    r, g, b = (int(c) for c in rng.integers(0, 256, 3))
-    return r, g, b
-
-
-def _recolored(sample: Sample, rng: np.random.Generator, config: ColorConfig) -> Sample:
-    return Sample(
-        rgb=change_colors(sample.rgb, rng, config),
-        labels=sample.labels,
-        boxes=sample.boxes,
-        keypoints=sample.keypoints,
-        rotations=sample.rotations,
-    )
 
 
 def _tiles(rng: np.random.Generator, width: int, height: int) -> list[tuple[int, int, int, int]]:
@@ -186,24 +180,3 @@ def _tiles(rng: np.random.Generator, width: int, height: int) -> list[tuple[int,
             tiles.append((int(x0), y, int(x1 - x0), tall))
         y += tall
     return tiles
-
-
-def _joined(
-    samples: list[Sample], tiles: list[tuple[int, int, int, int]], width: int, height: int
-) -> Sample:
-    rgb = np.zeros((height, width, 3), np.uint8)
-    boxes: list[np.ndarray] = []
-    keypoints: list[np.ndarray] = []
-    for sample, (x, y, w, h) in zip(samples, tiles, strict=True):
-        rgb[y : y + h, x : x + w] = sample.rgb
-        boxes.append(sample.boxes + np.array([x, y, x, y], np.float32))
-        moved = sample.keypoints.copy()
-        moved[:, :, :2] += np.array([x, y], np.float32) * (moved[:, :, 2:] > 0)
-        keypoints.append(moved)
-    return Sample(
-        rgb=rgb,
-        labels=np.concatenate([s.labels for s in samples]),
-        boxes=np.concatenate(boxes),
-        keypoints=np.concatenate(keypoints),
-        rotations=np.concatenate([s.rotations for s in samples]),
-    )

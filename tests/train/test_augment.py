@@ -5,19 +5,21 @@ import pytest
 
 from asdfviz.geometry.transforms import rotation_about
 from asdfviz.pose.labels import LabelledObject
-from asdfviz.train.augment import (
-    ColorConfig,
-    Sample,
-    change_colors,
-    move_points,
-    roll,
-    similarity,
-    view,
-)
+from asdfviz.train.augment import Sample, marks_in, move_points, roll, similarity
 from asdfviz.train.dataset import LabelledImage
 from asdfviz.train.packing import AugmentConfig, Packer
+from asdfviz.train.patches import (
+    ColorChange,
+    ColorConfig,
+    Patch,
+    change_colors,
+    cut_input,
+    cut_patch,
+    draw_colors,
+)
 
 DOT = np.array([41.0, 22.0])
+AS_IT_IS = ColorChange(1.0, (1.0, 1.0, 1.0), 1.0, 0.0, 0.0, 0)
 K_TILTED = np.array([[80.0, 0, 47], [0, 90, 31], [0, 0, 1]])
 
 
@@ -59,11 +61,11 @@ def test_the_label_stays_on_the_dot(angle_deg: float, zoom: float) -> None:
     H_roll = roll(image.K, angle)
     middle = move_points(H_roll, DOT[None].astype(np.float32))[0].astype(float)
     H = similarity(middle, np.array([50.3, 40.8]), zoom) @ H_roll
-    sample = view(image, H, width=112, height=96, angle=angle, fill=(0, 0, 0))
-    np.testing.assert_allclose(
-        sample.keypoints[0, :, :2], np.tile([50.8, 41.3], (17, 1)), atol=1e-3
-    )
-    np.testing.assert_allclose(bright_spot(sample), sample.keypoints[0, 0, :2], atol=0.1)
+    marks = marks_in(image, H, width=112, height=96, angle=angle)
+    patch = Patch(0, H, 0, 0, 112, 96, (0, 0, 0), AS_IT_IS)
+    np.testing.assert_allclose(marks.keypoints[0, :, :2], np.tile([50.8, 41.3], (17, 1)), atol=1e-3)
+    spot = bright_spot(Sample(cut_patch(image.rgb, patch), marks))
+    np.testing.assert_allclose(spot, marks.keypoints[0, 0, :2], atol=0.1)
 
 
 def test_a_roll_is_a_turned_camera() -> None:
@@ -79,31 +81,31 @@ def test_a_roll_is_a_turned_camera() -> None:
 
 def test_boxes_follow_the_outline_and_are_clipped() -> None:
     image = dotted()
-    whole = view(image, np.eye(3), width=96, height=64, angle=0.0, fill=(0, 0, 0))
+    whole = marks_in(image, np.eye(3), width=96, height=64, angle=0.0)
     np.testing.assert_allclose(whole.boxes, [[32.5, 16.5, 50.5, 28.5]])
     shifted = similarity(np.array([35.0, 22.0]), np.array([0.0, 22.0]), 1.0)
-    cut = view(image, shifted, width=96, height=64, angle=0.0, fill=(0, 0, 0))
+    cut = marks_in(image, shifted, width=96, height=64, angle=0.0)
     np.testing.assert_allclose(cut.boxes, [[0, 16.5, 15.5, 28.5]])
     far = similarity(np.array([47.0, 22.0]), np.array([0.0, 22.0]), 1.0)
-    assert len(view(image, far, width=96, height=64, angle=0.0, fill=(0, 0, 0)).labels) == 0
-    state = view(dotted(part=None), shifted, width=96, height=64, angle=0.0, fill=(0, 0, 0))
+    assert len(marks_in(image, far, width=96, height=64, angle=0.0).labels) == 0
+    state = marks_in(dotted(part=None), shifted, width=96, height=64, angle=0.0)
     assert len(state.labels) == 1
     half = similarity(np.array([39.0, 22.0]), np.array([0.0, 22.0]), 1.0)
-    assert len(view(dotted(), half, width=96, height=64, angle=0.0, fill=(0, 0, 0)).labels) == 1
-    gone = view(dotted(part=None), half, width=96, height=64, angle=0.0, fill=(0, 0, 0))
+    assert len(marks_in(dotted(), half, width=96, height=64, angle=0.0).labels) == 1
+    gone = marks_in(dotted(part=None), half, width=96, height=64, angle=0.0)
     assert len(gone.labels) == 0
 
 
 def test_keypoints_outside_count_as_hidden() -> None:
     H = similarity(DOT, np.array([-3.0, 20.0]), 1.0)
-    sample = view(dotted(), H, width=96, height=64, angle=0.0, fill=(0, 0, 0), smallest_inside=0.05)
+    sample = marks_in(dotted(), H, width=96, height=64, angle=0.0, smallest_inside=0.05)
     assert (sample.keypoints[0, :, 2] == 1).all()
 
 
 def test_the_ray_rotation_turns_with_the_roll() -> None:
     image = dotted()
-    straight = view(image, np.eye(3), width=96, height=64, angle=0.0, fill=(0, 0, 0))
-    rolled = view(image, roll(image.K, 0.3), width=96, height=64, angle=0.3, fill=(0, 0, 0))
+    straight = marks_in(image, np.eye(3), width=96, height=64, angle=0.0)
+    rolled = marks_in(image, roll(image.K, 0.3), width=96, height=64, angle=0.3)
     R = rotation_about(np.array([0.0, 0.0, 1.0]), 0.3)
     np.testing.assert_allclose(rolled.rotations[0], R @ straight.rotations[0], atol=1e-6)
     assert np.linalg.det(straight.rotations[0]) == pytest.approx(1.0, abs=1e-5)
@@ -112,13 +114,13 @@ def test_the_ray_rotation_turns_with_the_roll() -> None:
 def test_colours_change_but_stay_a_picture() -> None:
     rng = np.random.default_rng(3)
     rgb = rng.integers(0, 255, (40, 60, 3), dtype=np.uint8)
-    versions = [change_colors(rgb, rng, ColorConfig()) for _ in range(8)]
+    versions = [change_colors(rgb, draw_colors(rng, ColorConfig())) for _ in range(8)]
     assert all(v.shape == rgb.shape and v.dtype == np.uint8 for v in versions)
     assert len({v.tobytes() for v in versions}) == 8
     calm = ColorConfig(
         **dict.fromkeys(("gain", "gamma", "balance", "saturation", "blur", "noise"), 0.0)
     )
-    assert int(np.abs(change_colors(rgb, rng, calm).astype(int) - rgb).max()) <= 1
+    assert int(np.abs(change_colors(rgb, draw_colors(rng, calm)).astype(int) - rgb).max()) <= 1
 
 
 QUIET = AugmentConfig(
@@ -134,9 +136,10 @@ def test_tiles_keep_every_label_on_its_dot(seed: int) -> None:
     image = dotted()
     dark = LabelledImage(image.name, "toy", image.rgb, image.K, image.objects)
     packer = Packer([dark], side=96, config=QUIET)
-    sample = packer.packed(np.random.default_rng(seed), width=320, height=192, spread=1.0)
-    assert len(sample.labels) >= 4
-    for box, keypoints in zip(sample.boxes, sample.keypoints, strict=True):
+    plan = packer.packed(np.random.default_rng(seed), width=320, height=192, spread=1.0)
+    sample, marks = cut_input(packer.images, plan), plan.marks
+    assert len(marks.labels) >= 4
+    for box, keypoints in zip(marks.boxes, marks.keypoints, strict=True):
         point = keypoints[0, :2]
         near = np.array([*(point - 5), *(point + 5)])
         # Grey fill around a tile may be brighter than the dot: look only where the dot must be.
@@ -149,7 +152,7 @@ def test_tiles_keep_every_label_on_its_dot(seed: int) -> None:
 def test_packing_fills_the_input_with_objects() -> None:
     packer = Packer([dotted()], side=96, config=AugmentConfig())
     counts = [
-        len(packer.packed(np.random.default_rng(s), width=640, height=384, spread=1.0).labels)
+        len(packer.packed(np.random.default_rng(s), width=640, height=384, spread=1.0).marks.labels)
         for s in range(6)
     ]
     assert min(counts) >= 6
@@ -160,8 +163,9 @@ def test_the_same_seed_draws_the_same_input() -> None:
     packer = Packer([dotted()], side=96, config=AugmentConfig())
     for draw in (packer.packed, packer.frame):
         a, b = (draw(np.random.default_rng(5), width=320, height=192, spread=0.5) for _ in range(2))
-        np.testing.assert_array_equal(a.rgb, b.rgb)
-        np.testing.assert_array_equal(a.keypoints, b.keypoints)
+        first, second = (cut_input(packer.images, plan).rgb for plan in (a, b))
+        np.testing.assert_array_equal(first, second)
+        np.testing.assert_array_equal(a.marks.keypoints, b.marks.keypoints)
 
 
 def test_states_get_tiles_of_their_own() -> None:
@@ -169,6 +173,6 @@ def test_states_get_tiles_of_their_own() -> None:
     both = [part, LabelledImage("state", "toy", state.rgb, state.K, state.objects)]
     for share, seen in ((0.0, False), (1.0, True)):
         packer = Packer(both, side=96, config=AugmentConfig(states=share))
-        sample = packer.packed(np.random.default_rng(0), width=320, height=192, spread=1.0)
-        assert len(sample.labels) > 0
-        assert bool((sample.keypoints[:, 0, 2] == 0).all()) is seen
+        marks = packer.packed(np.random.default_rng(0), width=320, height=192, spread=1.0).marks
+        assert len(marks.labels) > 0
+        assert bool((marks.keypoints[:, 0, 2] == 0).all()) is seen

@@ -9,14 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.errors import AsdfvizError, SequenceError
 from asdfviz.synth.assets import Assets
-from asdfviz.train import fresh
+from asdfviz.train import feeding, fresh
 from asdfviz.train.config import Stage
-from asdfviz.train.fresh import Feeder, Feeding, FreshConfig, Painter, fed, feed
-from asdfviz.train.loader import Recipe
+from asdfviz.train.device_cut import PicturePool
+from asdfviz.train.feeding import Feeder, Feeding, fed, feed
+from asdfviz.train.fresh import FreshConfig, Painter
+from asdfviz.train.loader import Batch, Recipe
+from asdfviz.train.packing import AugmentConfig
+from asdfviz.train.patches import ColorConfig
 
 SMALL = FreshConfig(kept=4, draws=3, width=128, height=96)
 RECIPE = Recipe(stage=Stage(1.0, 96, 64, 2, 0.5), spread=1.0)
@@ -52,9 +57,54 @@ def test_each_picture_is_drawn_from_so_often_in_the_mean() -> None:
         while feeder.wants_pictures:
             feeder.paint()
             painted += 1
-        assert feeder.batch(step, RECIPE).images.shape == (2, 64, 96, 3)
+        batch = feeder.batch(step, RECIPE)
+        assert isinstance(batch, Batch)
+        assert batch.images.shape == (2, 64, 96, 3)
     # Four are there to begin with; the last of eight batches of two comes after 14 inputs.
     assert painted == 5
+
+
+def test_a_batch_that_is_cut_where_the_training_is_is_the_one_of_its_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every picture is renewed here; what a plan names is there when it comes."""
+    quiet = AugmentConfig(colors=ColorConfig(noise=0.0))
+    small = FreshConfig(kept=2, draws=2, width=128, height=96)
+    made = Feeder(job(fresh=small, augment=quiet), 0)
+    told: queue.Queue[object] = queue.Queue()
+    planning = Feeder(job(fresh=small, augment=quiet, cut_on="cpu"), 0)
+    pool = PicturePool("cpu")
+    for step in range(5):
+        while planning.wants_pictures:
+            told.put(planning.paint())
+        told.put(planning.batch(step, RECIPE))
+        while made.wants_pictures:
+            made.paint()
+        monkeypatch.setattr(feeding, "RENEW_EVERY", 1)
+        wanted = made.batch(step, RECIPE)
+        found = feeding._next_of(_Told(told), [], pool)
+        assert isinstance(wanted, Batch)
+        assert torch.equal(found.targets.boxes, wanted.targets.boxes)
+        assert torch.equal(found.rotations, wanted.rotations)
+        assert (found.images.float() - wanted.images.float()).abs().mean() < 0.5
+    assert len(pool._places) == 2
+
+
+class _Told:
+    """A queue of this process."""
+
+    def __init__(self, told: queue.Queue[object]) -> None:
+        self._told = told
+
+    def get(self, timeout: float) -> object:
+        return self._told.get_nowait()
+
+
+def test_processes_feed_a_training_that_cuts_its_inputs() -> None:
+    with fed(job(cut_on="cpu", processes=2), lambda _: RECIPE, first=0) as stream:
+        batches = [next(stream) for _ in range(6)]
+    assert {tuple(batch.images.shape) for batch in batches} == {(2, 64, 96, 3)}
+    assert len({batch.images.numpy().tobytes() for batch in batches}) == 6
 
 
 def test_what_ends_a_process_ends_the_training(tmp_path: Path) -> None:
@@ -66,8 +116,8 @@ def test_what_ends_a_process_ends_the_training(tmp_path: Path) -> None:
 
 
 def test_a_process_that_is_killed_ends_the_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fresh, "PATIENCE_S", 0.05)
-    monkeypatch.setattr(fresh, "feed", _killed)
+    monkeypatch.setattr(feeding, "PATIENCE_S", 0.05)
+    monkeypatch.setattr(feeding, "feed", _killed)
     with (
         fed(job(), lambda _: RECIPE, first=0) as stream,
         pytest.raises(AsdfvizError, match=r"exit code 3\): with fewer loaders"),
@@ -85,7 +135,7 @@ class _Gone:
 def test_what_a_killed_process_left_in_the_queue_does_not_hide_it() -> None:
     ended = multiprocessing.get_context("spawn").Process()  # never begun is not alive, too
     with pytest.raises(AsdfvizError, match="with fewer loaders"):
-        fresh._next_of(_Gone(), [ended])
+        feeding._next_of(_Gone(), [ended])
 
 
 def _killed(*_: object) -> None:
@@ -97,7 +147,7 @@ def test_a_failing_renderer_tells_why(monkeypatch: pytest.MonkeyPatch) -> None:
         raise ValueError(f"picture {number} cannot be drawn")
 
     monkeypatch.setattr(Painter, "draw", fail)
-    monkeypatch.setattr(fresh, "LINGERS_S", 0.0)
+    monkeypatch.setattr(feeding, "LINGERS_S", 0.0)
     told: queue.Queue[Exception] = queue.Queue()
     feed(job(first=7), 0, queue.Queue(), told)
     error = told.get()
@@ -107,7 +157,7 @@ def test_a_failing_renderer_tells_why(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_an_error_that_cannot_travel_is_told_in_words() -> None:
     error = ValueError("odd", lambda: None)
-    assert str(fresh._sendable(error)).startswith("ValueError: ('odd', ")
+    assert str(feeding._sendable(error)).startswith("ValueError: ('odd', ")
 
 
 def test_every_process_shows_every_assembly(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from asdfviz.detector.network import Network
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import InputError, SequenceError, WeightsError
 from asdfviz.pose.labels import LabelledObject
-from asdfviz.train.augment import view
+from asdfviz.train.augment import marks_in
 from asdfviz.train.checkpoint import (
     begin_from,
     keep_average,
@@ -288,7 +288,7 @@ def test_objects_at_the_border_are_judged_as_they_are_taught(
     )
     K = np.array([[600.0, 0, 320], [0, 600, 180], [0, 0, 1]])
     image = LabelledImage("border", "toy", np.zeros((360, 640, 3), np.uint8), K, items)
-    taught = view(image, np.eye(3), width=640, height=360, angle=0.0, fill=(0, 0, 0)).boxes - 0.5
+    taught = marks_in(image, np.eye(3), width=640, height=360, angle=0.0).boxes - 0.5
     assert len(taught) == 2
     boxes = [*taught, np.array([609.5, 99.5, 639.5, 199.5])]
     found = tuple(
