@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from asdfviz.errors import RunError, some
+from asdfviz.errors import RunError, counted, some
 
 COLUMNS = ("scene_id", "im_id", "obj_id", "score", "R", "t", "time")
 """BOP's header; GBOT's columns mean the same."""
@@ -59,9 +59,19 @@ def _lines(path: Path) -> list[list[str]]:
     for number, cells in enumerate(lines, start=1):
         if len(cells) != len(COLUMNS):
             raise RunError(
-                f"{path} line {number}: {len(cells)} columns, expected {', '.join(COLUMNS)}"
+                f"{path} line {number}: {counted(len(cells), 'column')}, expected "
+                f"{', '.join(COLUMNS)}{_other_separator(cells)}"
             )
     return lines
+
+
+def _other_separator(cells: list[str]) -> str:
+    """What parts a line's columns where commas do not, as spreadsheets of some languages write them."""
+    text = ",".join(cells)
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(text.split(mark)) == len(COLUMNS):
+            return f"; its columns stand between {name}: put commas there, and points in decimals"
+    return ""
 
 
 def _is_numeric(cell: str) -> bool:

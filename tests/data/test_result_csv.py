@@ -89,7 +89,10 @@ def test_a_scene_is_picked_from_many(read: Read) -> None:
     [
         ("", r"is empty"),
         (f"{HEADER}\n", r"normal\.csv has a header, but no rows with results"),
-        ("a,3,base\n", r"line 1: 3 columns"),
+        ("a,3,base\n", r"line 1: 3 columns, expected scene_id, im_id, .*, time$"),
+        (f"{HEADER}\n1;3;2;0.5;{EYE};0 0 1;1\n", r"line 2: 1 column, .* between semicolons: put "),
+        (f"1;3;2;0,5;{EYE};0 0 1,5;0,1\n", r"line 1: 4 columns, .* between semicolons: .* points"),
+        (HEADER.replace(",", "\t"), r"line 1: 1 column, .* between tabs: put commas there"),
         (f"a,x,base,-1,{EYE},0 0 1,1\n", r"line 1: the frame is 'x'"),
         ("a,3,base,-1,1 2,0 0 1,1\n", r"line 1: R is '1 2', expected 9"),
         (f"a,3,base,-1,{EYE},0 0 1,1\na,4,base,-1", r"line 2: 4 columns"),
