@@ -153,13 +153,14 @@ def _read_yaml(file: Path) -> Mapping[str, Any]:
 
 def _parse_part(name: str, fields: Fields, file: Path, unit: str, place: int) -> Part:
     fields.only(*PART_KEYS)
-    unit = fields.choice("unit", tuple(METRES_PER_UNIT), default=unit)
-    mesh = read_mesh(file.parent / fields.text("mesh"), unit=unit, part=name)
+    own_unit = fields.choice("unit", tuple(METRES_PER_UNIT), default=unit)
+    mesh = read_mesh(file.parent / fields.text("mesh"), unit=own_unit, part=name)
     size = diameter(mesh.vertices)
     if not 1e-3 < size < 3.0:
+        is_own = "unit" in fields.content
         raise AssemblyError(
             f"{fields.where}: the mesh is {size:.4g} m across, which no part of an assembly is; "
-            f"'unit' says {unit}: should it be {'m' if size <= 1e-3 else 'mm'}?"
+            f"{_unit_advice(fields.text('mesh'), own_unit, is_own=is_own, is_small=size <= 1e-3)}"
         )
     color = fields.numbers("color", 3, default=FALLBACK_COLORS[place % len(FALLBACK_COLORS)])
     if color.min() < 0 or color.max() > 255 or (color % 1).any():
@@ -171,11 +172,23 @@ def _parse_part(name: str, fields: Fields, file: Path, unit: str, place: int) ->
         name=name,
         mesh=mesh,
         keypoints=_keypoints(fields, file, mesh),
-        symmetries=_symmetries(fields, METRES_PER_UNIT[unit]),
+        symmetries=_symmetries(fields, METRES_PER_UNIT[own_unit]),
         diameter=size,
         color=color.astype(np.uint8),
         detector_class=fields.text("detector_class", default=name),
         obj_id=fields.integer("obj_id", default=place + 1),
+    )
+
+
+def _unit_advice(mesh: str, unit: str, *, is_own: bool, is_small: bool) -> str:
+    """What to write instead of a unit that makes a mesh too small or too large."""
+    likely = "m" if is_small else "mm"
+    if is_own:
+        return f"its own 'unit' says {unit}: should it be {likely}?"
+    return (
+        f"the assembly's 'unit' says {unit}: if this mesh alone is in {likely} (glTF and GLB are in m "
+        f"by definition), give the part a unit of its own, {{mesh: {mesh}, unit: {likely}}}; if all "
+        f"are, should the assembly's be {likely}?"
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 import yaml
 
 from asdfviz.data.assembly import find_assembly, load_assembly
@@ -179,7 +180,11 @@ BROKEN = [
         change("parts", "pin", "mesh", to="nut.ply"), "nut.ply does not exist", id="mesh file"
     ),
     pytest.param(change("parts", "pin", "mesh", to="."), "is a folder", id="mesh folder"),
-    pytest.param(change("parts", "pin", "unit", to="m"), "should it be mm", id="mesh in m"),
+    pytest.param(
+        change("parts", "pin", "unit", to="m"),
+        "its own 'unit' says m: should it be mm",
+        id="mesh in m",
+    ),
     pytest.param(change("parts", "pin", "color", to=[1, 2]), "'color' must be 3", id="color"),
     pytest.param(
         change("parts", "pin", "color", to=[0, 300, 0]), "from 0 to 255", id="color range"
@@ -274,6 +279,24 @@ BROKEN = [
         change("transitions", to=[["plate"]]), "a transition is \\[from, to\\]", id="half"
     ),
 ]
+
+
+def test_a_mesh_in_metres_among_millimetres_needs_a_unit_of_its_own(
+    write: Callable[[dict[str, Any]], Path],
+) -> None:
+    content = copy.deepcopy(GOOD)
+    content["parts"]["knob"] = {"mesh": "knob.glb"}
+    file = write(content)
+    small = tetrahedron(0.03)
+    exported: Any = trimesh.Trimesh(small.vertices, small.faces)
+    exported.export(file.with_name("knob.glb"))
+    with pytest.raises(
+        AssemblyError, match=r"part 'knob'.*the assembly's 'unit' says mm"
+    ) as caught:
+        load_assembly(file)
+    assert "give the part a unit of its own, {mesh: knob.glb, unit: m}" in str(caught.value)
+    content["parts"]["knob"]["unit"] = "m"
+    assert load_assembly(write(content)).parts["knob"].diameter == pytest.approx(0.03 * 2**0.5)
 
 
 @pytest.mark.parametrize(("damage", "message"), BROKEN)
