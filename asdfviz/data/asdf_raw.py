@@ -18,7 +18,7 @@ import numpy as np
 
 from asdfviz.data.asdf_states import NO_BOX, state_truth
 from asdfviz.data.folder_sequence import SceneReaders
-from asdfviz.data.images import RawDepth, kind_of, read_stored
+from asdfviz.data.images import ImageKindError, RawDepth, kind_of, read_stored
 from asdfviz.data.json_files import Json, read_json
 from asdfviz.data.scene_files import SceneFiles, numbered_files
 from asdfviz.data.truth import STATES, StateTruth, read_truth
@@ -72,8 +72,8 @@ def read_raw_color(path: Path) -> Rgb:
     """
     image = read_stored(path)
     if image.dtype != np.uint8 or image.ndim != 3:
-        raise SequenceError(
-            f"{path} is {kind_of(image)}; colour must be an 8-bit PNG with 3 channels"
+        raise ImageKindError(
+            path, f"is {kind_of(image)}; colour must be an 8-bit PNG with 3 channels"
         )
     return cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
 
@@ -86,9 +86,10 @@ def read_raw_millimetres(path: Path) -> RawDepth:
     """
     image = read_stored(path)
     if image.dtype != np.uint16 or (image.ndim == 3 and image.shape[2] != 3):
-        raise SequenceError(
-            f"{path} is {kind_of(image)}; depth must be a 16-bit PNG with 1 channel (or 3 equal "
-            "ones), in millimetres"
+        raise ImageKindError(
+            path,
+            f"is {kind_of(image)}; depth must be a 16-bit PNG with 1 channel (or 3 equal ones), in "
+            "millimetres",
         )
     return np.ascontiguousarray(image if image.ndim == 2 else image[..., 0])
 

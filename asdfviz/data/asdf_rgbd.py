@@ -22,7 +22,7 @@ import yaml
 
 from asdfviz.data.asdf_states import NO_BOX, STATE_LABEL, state_truth
 from asdfviz.data.folder_sequence import SceneReaders
-from asdfviz.data.images import RawDepth, kind_of, read_stored
+from asdfviz.data.images import ImageKindError, RawDepth, kind_of, read_stored
 from asdfviz.data.scene_files import SceneFiles, numbered_files
 from asdfviz.data.truth import STATES, StateTruth, read_states
 from asdfviz.data.yaml_fields import load_yaml
@@ -145,9 +145,9 @@ def _names_in(path: Path) -> tuple[str, ...]:
 def _four_channels(path: Path) -> np.ndarray:
     image = read_stored(path)
     if image.dtype != np.uint16 or image.ndim != 3 or image.shape[2] != 4:
-        raise SequenceError(
-            f"{path} is {kind_of(image)}; expected a 16-bit PNG with 4 channels "
-            "(blue, green, red, depth)"
+        raise ImageKindError(
+            path,
+            f"is {kind_of(image)}; expected a 16-bit PNG with 4 channels (blue, green, red, depth)",
         )
     return image
 

@@ -9,15 +9,14 @@ import cv2
 import numpy as np
 from jaxtyping import UInt16
 
+from asdfviz.data.image_files import has_end, image_kind
 from asdfviz.errors import SequenceError, counted
 from asdfviz.geometry.shapes import Depth, Distortion, Intrinsics, Rgb
 
 RawDepth: TypeAlias = UInt16[np.ndarray, "h w"]
 
-_PNG_START, _PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"
-_JPEG_START, _JPEG_END = b"\xff\xd8", b"\xff\xd9"
-# Some cameras append a thumbnail or padding behind the end marker.
-_TAIL = 4096
+READ_KINDS = ("PNG", "JPEG")
+"""Kinds of images that are decoded, by their first bytes."""
 
 
 def read_rgb(path: Path) -> Rgb:
@@ -46,6 +45,11 @@ def kind_of(image: np.ndarray) -> str:
     return f"{image.dtype.itemsize * 8} bit with {counted(channels, 'channel')}"
 
 
+def told_kind(kind: str) -> str:
+    """What is told of a file of another kind than is read, as TIFF."""
+    return f"a {kind} file, whatever its name says: save it as PNG (another name alone changes nothing)"
+
+
 def read_raw_depth(path: Path) -> RawDepth:
     """Read a 16-bit depth image in the file's own unit.
 
@@ -54,11 +58,19 @@ def read_raw_depth(path: Path) -> RawDepth:
     """
     image = read_stored(path)
     if image.dtype != np.uint16 or image.ndim != 2:
-        raise SequenceError(
-            f"{path} is {kind_of(image)}; depth must be "
-            "a 16-bit PNG with one channel (an 8-bit copy has lost its depth)"
+        raise ImageKindError(
+            path,
+            f"is {kind_of(image)}; depth must be a 16-bit PNG with one channel: "
+            f"{_depth_advice(image)}",
         )
     return image
+
+
+def _depth_advice(image: np.ndarray) -> str:
+    """How to come by such depth, by what is there instead."""
+    if image.dtype == np.uint16:
+        return "if its channels are equal, save one of them alone"
+    return "8 bits have lost it, so record it anew or convert it again from what was recorded"
 
 
 def metric_depth(raw: RawDepth, depth_scale: float) -> Depth:
@@ -79,6 +91,20 @@ def check_size(image: np.ndarray, size_wh: tuple[int, int], path: Path) -> None:
             "scale the image or give the intrinsics of this size",
             color_wh=(width, height) if image.ndim == 3 else None,
         )
+
+
+class ImageKindError(SequenceError):
+    """An image is of another file format, bit depth or number of channels than is read."""
+
+    def __init__(self, path: Path, fault: str) -> None:
+        """Say which image it is.
+
+        Args:
+            path: the file.
+            fault: what it is, and what would be right; the same for all that are so.
+        """
+        super().__init__(f"{path} {fault}")
+        self.fault = fault
 
 
 class ImageSizeError(SequenceError):
@@ -113,18 +139,13 @@ def _decode(path: Path, flags: int) -> np.ndarray:
         raise SequenceError(f"{path} does not exist") from error
     except OSError as error:
         raise SequenceError(f"{path} cannot be read: {error}") from error
+    kind = image_kind(data)
+    if kind is not None and kind not in READ_KINDS:
+        raise ImageKindError(path, f"is {told_kind(kind)}")
     # OpenCV fills what a cut file lacks with grey or garbage instead of failing.
-    if not _is_whole(data):
+    if kind is None or not has_end(data, kind):
         raise SequenceError(f"{path} is truncated or no PNG or JPEG image ({len(data)} bytes)")
     image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     if image is None:
         raise SequenceError(f"{path} is corrupt: it cannot be decoded as an image")
     return image
-
-
-def _is_whole(data: bytes) -> bool:
-    if data.startswith(_PNG_START):
-        return _PNG_END in data[-_TAIL:]
-    if data.startswith(_JPEG_START):
-        return _JPEG_END in data[-_TAIL:]
-    return False

@@ -77,7 +77,7 @@ def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> H
         findings += check_intrinsics(source.camera)
     else:
         findings.append(size_finding(source.camera, images_wh))
-    findings += check_unread(unread, source)
+    findings += check_unread(unread, source, len(places))
     findings += check_numbering(source.frame_indices)
     if isinstance(source, FolderSequence):
         findings += check_partners(source)

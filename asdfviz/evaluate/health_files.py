@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Iterator
 from collections.abc import Sequence as Rows
@@ -12,7 +11,8 @@ from pathlib import Path
 from PIL import Image
 
 from asdfviz.data.folder_sequence import FolderSequence
-from asdfviz.data.images import ImageSizeError
+from asdfviz.data.image_files import kind_and_end
+from asdfviz.data.images import READ_KINDS, ImageKindError, ImageSizeError, told_kind
 from asdfviz.data.scene_objects import objects_beside
 from asdfviz.data.sequences import shows_drawn_copies
 from asdfviz.datatypes import Sequence
@@ -22,8 +22,6 @@ from asdfviz.evaluate.numbering import usual_step
 
 NAMED = 6
 """Missing frames that are named, of however many."""
-TAIL = 1024
-"""Bytes in which an image's end stands; some cameras write a few more behind it."""
 
 
 def check_numbering(indices: Rows[int]) -> Iterator[Finding]:
@@ -114,41 +112,63 @@ def _size_wh(image: Path) -> tuple[int, int] | None:
         return None
 
 
-def check_unread(unread: Rows[SequenceError], sequence: Sequence) -> Iterator[Finding]:
-    """Name the images that are broken.
+def check_unread(
+    unread: Rows[SequenceError], sequence: Sequence, looked_at: int
+) -> Iterator[Finding]:
+    """Name the images that are broken, or of a kind that is not read.
 
     Args:
         unread: why frames that were looked at could not be read.
-        sequence: whose every image lacks its last bytes where a copy or a recording was cut off.
+        sequence: whose every image is of another kind than its name says, or lacks its last bytes
+            where a copy or a recording was cut off.
+        looked_at: how many frames were looked at.
     """
-    cut = _cut_off(sequence) if isinstance(sequence, FolderSequence) else []
+    cut, foreign = _by_ends(sequence) if isinstance(sequence, FolderSequence) else ([], {})
     if cut:
-        names = some(f"{file.parent.name}/{file.name}" for file in cut)
-        yield Finding(
-            "broken_images",
-            "error",
-            f"{counted(len(cut), 'image')} cut off before the end: {names}. Copy them again, or take them out.",
-            float(len(cut)),
+        told = f"{_told(cut)} cut off before the end: {_names(cut)}. Copy them again, or take them out."
+        yield _broken(told, len(cut))
+    for kind, images in foreign.items():
+        yield _broken(
+            f"{_told(images)} not read: {_names(images)}. Each is {told_kind(kind)}.", len(images)
         )
-    named = tuple(f"{file} " for file in cut)
+    named = tuple(f"{file} " for file in chain(cut, *foreign.values()))
+    of_a_kind: dict[str, list[SequenceError]] = {}
     for error in unread:
-        if not isinstance(error, ImageSizeError) and not str(error).startswith(named):
-            yield Finding("broken_images", "error", f"{error}. Copy it again, or take it out.")
+        if isinstance(error, ImageKindError):
+            of_a_kind.setdefault(error.fault, []).append(error)
+        elif not isinstance(error, ImageSizeError) and not str(error).startswith(named):
+            yield _broken(f"{error}. Copy it again, or take it out.")
+    for errors in of_a_kind.values():
+        if not str(errors[0]).startswith(named):
+            count = len(errors)
+            yield _broken(
+                f"Not read in {count} of {looked_at} frames looked at: {errors[0]}.", count
+            )
 
 
-def _cut_off(sequence: FolderSequence) -> list[Path]:
-    files = dict.fromkeys([*sequence.files.rgb.values(), *sequence.files.depth.values()])
-    return [file for file in files if not _is_whole(file)]
+def _broken(message: str, count: int | None = None) -> Finding:
+    return Finding("broken_images", "error", message, None if count is None else float(count))
 
 
-def _is_whole(image: Path) -> bool:
-    try:
-        with image.open("rb") as file:
-            file.seek(-min(image.stat().st_size, TAIL), os.SEEK_END)
-            tail = file.read()
-    except OSError:
-        return False
-    return (b"IEND" if image.suffix.lower() == ".png" else b"\xff\xd9") in tail
+def _told(images: Rows[Path]) -> str:
+    return counted(len(images), "image")
+
+
+def _names(images: Rows[Path]) -> str:
+    return some(f"{image.parent.name}/{image.name}" for image in images)
+
+
+def _by_ends(sequence: FolderSequence) -> tuple[list[Path], dict[str, list[Path]]]:
+    """By first and last bytes: the images that were cut off, and by kind those of none that is read."""
+    cut: list[Path] = []
+    foreign: dict[str, list[Path]] = {}
+    for image in dict.fromkeys([*sequence.files.rgb.values(), *sequence.files.depth.values()]):
+        kind, is_ended = kind_and_end(image)
+        if kind is not None and kind not in READ_KINDS:
+            foreign.setdefault(kind, []).append(image)
+        elif not is_ended:
+            cut.append(image)
+    return cut, foreign
 
 
 def check_assembly(sequence: FolderSequence) -> Iterator[Finding]:

@@ -464,6 +464,39 @@ def test_images_that_were_cut_off_are_named_wherever_they_are(folder: Path) -> N
     )
 
 
+def test_a_file_of_another_kind_than_its_name_says_is_not_called_cut_off(folder: Path) -> None:
+    for number in (1, 4):
+        bitmap = cv2.imencode(".bmp", np.zeros((HEIGHT, WIDTH, 3), np.uint8))[1].tobytes()
+        (folder / "rgb" / f"{number:06d}.png").write_bytes(bitmap)
+    jpeg = cv2.imencode(".jpg", np.zeros((HEIGHT, WIDTH, 3), np.uint8))[1].tobytes()
+    (folder / "rgb" / "000005.png").write_bytes(jpeg + bytes(2000))  # is read all the same
+    (finding,) = found(check_sequence(open_sequence(folder)), "broken_images")
+    assert (finding.severity, finding.value) == ("error", 2.0)
+    assert finding.message == (
+        "2 images not read: rgb/000001.png, rgb/000004.png. Each is a BMP file, whatever its name "
+        "says: save it as PNG (another name alone changes nothing)."
+    )
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (np.zeros((HEIGHT, WIDTH), np.uint8), "8 bit with 1 channel; .*: 8 bits have lost it"),
+        (np.zeros((HEIGHT, WIDTH, 3), np.uint16), "16 bit with 3 channels; .* equal, save one of"),
+    ],
+)
+def test_depth_of_a_wrong_kind_is_told_once_with_its_own_remedy(
+    folder: Path, image: np.ndarray, words: str
+) -> None:
+    for file in sorted((folder / "depth").iterdir())[1:]:
+        cv2.imwrite(str(file), image)
+    (finding,) = found(check_sequence(open_sequence(folder)), "broken_images")
+    assert finding.value == 4.0
+    assert finding.message.startswith(f"Not read in 4 of 5 frames looked at: {folder}/depth/000001")
+    assert re.search(words, finding.message)
+    assert "again, or take it out" not in finding.message
+
+
 def test_intrinsics_that_change_within_a_sequence_are_named(folder: Path) -> None:
     assert not found(check_sequence(open_sequence(folder)), "several_cameras")
     (folder / "camera.json").unlink()
