@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from asdfviz.data.scene_files import pictures_in
+from asdfviz.data.scene_files import depth_files, pictures_in
 from asdfviz.datatypes import Assembly
 
 _ROOMS = ("rgb", "depth")
@@ -33,6 +33,9 @@ def sequence_sha256(folder: Path) -> str:
     """SHA-256 over names and contents of a scene's images and JSON files; results beside them do not count."""
     rooms = _ROOMS if (folder / "rgb").is_dir() else _AUTHORS_ROOMS
     images = [path for room in rooms for path in pictures_in(folder / room)]
+    depth = depth_files(folder / "depth")[0].values() if "depth" in rooms else ()
+    known = set(images)
+    images += [path for path in depth if path not in known]
     images += sorted(path for path in (folder / "labels").glob("[!.]*.txt") if "labels" in rooms)
     digest = hashlib.sha256()
     notes = sorted(path for path in folder.glob("[!.]*.json") if path.is_file())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import TypeAlias
 
@@ -17,6 +18,8 @@ RawDepth: TypeAlias = UInt16[np.ndarray, "h w"]
 
 READ_KINDS = ("PNG", "JPEG")
 """Kinds of images that are decoded, by their first bytes."""
+DEPTH_KINDS = (*READ_KINDS, "TIFF", "NPY")
+"""Those of depth, whose bits all of them but JPEG keep."""
 
 
 def read_rgb(path: Path) -> Rgb:
@@ -41,8 +44,11 @@ def read_stored(path: Path) -> np.ndarray:
 
 def kind_of(image: np.ndarray) -> str:
     """Bit depth and channels in words, for messages."""
+    if image.ndim not in (2, 3):
+        return f"an array of shape {image.shape}"
     channels = 1 if image.ndim == 2 else image.shape[2]
-    return f"{image.dtype.itemsize * 8} bit with {counted(channels, 'channel')}"
+    number = " float" if image.dtype.kind == "f" else ""
+    return f"{image.dtype.itemsize * 8} bit{number} with {counted(channels, 'channel')}"
 
 
 def told_kind(kind: str) -> str:
@@ -51,26 +57,34 @@ def told_kind(kind: str) -> str:
 
 
 def read_raw_depth(path: Path) -> RawDepth:
-    """Read a 16-bit depth image in the file's own unit.
+    """Read a 16-bit depth image (PNG, TIFF or NumPy's NPY) in the file's own unit.
 
     Raises:
         SequenceError: the file is missing, truncated, not 16 bit or not of one channel.
     """
-    image = read_stored(path)
-    if image.dtype != np.uint16 or image.ndim != 2:
+    image = _decode(path, cv2.IMREAD_UNCHANGED, DEPTH_KINDS)
+    if image.ndim == 3 and image.shape[2] == 1:
+        image = image[..., 0]
+    if image.dtype.kind != "u" or image.dtype.itemsize != 2 or image.ndim != 2:
         raise ImageKindError(
             path,
-            f"is {kind_of(image)}; depth must be a 16-bit PNG with one channel: "
+            f"is {kind_of(image)}; depth must be a PNG, TIFF or NPY of 16 bit with one channel: "
             f"{_depth_advice(image)}",
         )
-    return image
+    return np.ascontiguousarray(image, dtype=np.uint16)
 
 
 def _depth_advice(image: np.ndarray) -> str:
     """How to come by such depth, by what is there instead."""
-    if image.dtype == np.uint16:
+    if image.dtype.itemsize == 1:
+        return "8 bits have lost it, so record it anew or convert it again from what was recorded"
+    if image.dtype.kind == "f":
+        return (
+            "of metres, save np.nan_to_num(1000 * depth).round().astype(np.uint16), which is in mm"
+        )
+    if image.ndim == 3:
         return "if its channels are equal, save one of them alone"
-    return "8 bits have lost it, so record it anew or convert it again from what was recorded"
+    return "save it as np.uint16"
 
 
 def metric_depth(raw: RawDepth, depth_scale: float) -> Depth:
@@ -132,7 +146,7 @@ class Undistorter:
         return cv2.remap(rgb, *self._maps, cv2.INTER_LINEAR).astype(np.uint8, copy=False)
 
 
-def _decode(path: Path, flags: int) -> np.ndarray:
+def _decode(path: Path, flags: int, kinds: tuple[str, ...] = READ_KINDS) -> np.ndarray:
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
@@ -140,12 +154,20 @@ def _decode(path: Path, flags: int) -> np.ndarray:
     except OSError as error:
         raise SequenceError(f"{path} cannot be read: {error}") from error
     kind = image_kind(data)
-    if kind is not None and kind not in READ_KINDS:
+    if kind is not None and kind not in kinds:
         raise ImageKindError(path, f"is {told_kind(kind)}")
     # OpenCV fills what a cut file lacks with grey or garbage instead of failing.
     if kind is None or not has_end(data, kind):
         raise SequenceError(f"{path} is truncated or no PNG or JPEG image ({len(data)} bytes)")
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    image = _array(data) if kind == "NPY" else cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     if image is None:
         raise SequenceError(f"{path} is corrupt: it cannot be decoded as an image")
     return image
+
+
+def _array(data: bytes) -> np.ndarray | None:
+    """The array of an NPY file; None where it is cut off or holds Python objects."""
+    try:
+        return np.load(BytesIO(data), allow_pickle=False)
+    except (ValueError, EOFError):
+        return None

@@ -8,7 +8,8 @@ from pathlib import Path
 from asdfviz.errors import SequenceError
 
 RGB_SUFFIXES = (".png", ".jpg", ".jpeg")
-DEPTH_SUFFIXES = (".png",)
+DEPTH_SUFFIXES = ((".png",), (".tif", ".tiff"), (".npy",))
+"""Of depth in several kinds of files the first counts: the others are copies of it."""
 COLOUR_FOLDERS = ("rgb", "Images", "images")
 """Where formats keep colour: ours and BOP's, the ASDF authors' renderings, their training export."""
 
@@ -34,7 +35,7 @@ class SceneFiles:
 
 
 def find_scene_files(folder: Path) -> SceneFiles:
-    """List rgb/NNNNNN.{png,jpg,jpeg} and depth/NNNNNN.png.
+    """List rgb/NNNNNN.{png,jpg,jpeg} and depth/NNNNNN.png, or .tif, .tiff or .npy where there is no PNG.
 
     Raises:
         SequenceError: there is no scene here, it has no frames, or two images share a number.
@@ -51,18 +52,32 @@ def find_scene_files(folder: Path) -> SceneFiles:
         raise SequenceError(
             f"{folder / 'rgb'} holds no frames; name them 000000.png (or .jpg), 000001.png ..."
         )
-    depth, odd_depth = numbered_files(folder / "depth", DEPTH_SUFFIXES)
+    depth, odd_depth = depth_files(folder / "depth")
     return SceneFiles(rgb=rgb, depth=depth, ignored=(*odd_rgb, *odd_depth))
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """The images of a folder by name, whatever else lies there; none where there is no folder."""
-    suffixes = {*RGB_SUFFIXES, *DEPTH_SUFFIXES}
+    """The PNGs and JPEGs of a folder by name, whatever else lies there; none where there is no folder."""
     return [
         path
         for path in sorted(folder.glob("*.*"))
-        if path.suffix.lower() in suffixes and not path.name.startswith(".") and path.is_file()
+        if path.suffix.lower() in RGB_SUFFIXES and not path.name.startswith(".") and path.is_file()
     ]
+
+
+def depth_files(folder: Path) -> tuple[dict[int, Path], tuple[str, ...]]:
+    """List a folder's depth images by the number in their names, rising, and those whose names are none.
+
+    Raises:
+        SequenceError: the folder is a file, or two files of one kind share a number.
+    """
+    ignored: list[str] = []
+    for suffixes in DEPTH_SUFFIXES:
+        numbered, odd = numbered_files(folder, suffixes)
+        ignored += odd
+        if numbered:
+            return numbered, tuple(ignored)
+    return {}, tuple(ignored)
 
 
 def numbered_files(

@@ -1,6 +1,6 @@
 """Opens a scene folder as a sequence, recognised by what lies in it.
 
-    folder   rgb/NNNNNN.{png,jpg,jpeg}, depth/NNNNNN.png (uint16), camera.json
+    folder   rgb/NNNNNN.{png,jpg,jpeg}, depth/NNNNNN.{png,tif,tiff,npy} (uint16), camera.json
     bop      the same images, scene_camera.json, scene_gt.json with numbers as obj_id
     gbot     the same images, scene_camera.json, scene_gt.json with names as obj_id
     asdf     Images/, depth_images/, state_seg_maps/: the ASDF authors' raw renderings, one camera

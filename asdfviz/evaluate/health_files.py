@@ -8,11 +8,12 @@ from collections.abc import Sequence as Rows
 from itertools import chain, islice, pairwise
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.image_files import kind_and_end
-from asdfviz.data.images import READ_KINDS, ImageKindError, ImageSizeError, told_kind
+from asdfviz.data.images import DEPTH_KINDS, READ_KINDS, ImageKindError, ImageSizeError, told_kind
 from asdfviz.data.scene_objects import objects_beside
 from asdfviz.data.sequences import shows_drawn_copies
 from asdfviz.datatypes import Sequence
@@ -106,9 +107,12 @@ def check_image_sizes(sequence: FolderSequence) -> Iterator[Finding]:
 def _size_wh(image: Path) -> tuple[int, int] | None:
     """Width and height that a file begins with; None where it cannot be told."""
     try:
+        if image.suffix.lower() == ".npy":
+            height, width = np.load(image, mmap_mode="r").shape[:2]
+            return width, height
         with Image.open(image) as opened:
             return opened.size
-    except OSError:
+    except (OSError, ValueError, EOFError):
         return None
 
 
@@ -162,9 +166,13 @@ def _by_ends(sequence: FolderSequence) -> tuple[list[Path], dict[str, list[Path]
     """By first and last bytes: the images that were cut off, and by kind those of none that is read."""
     cut: list[Path] = []
     foreign: dict[str, list[Path]] = {}
-    for image in dict.fromkeys([*sequence.files.rgb.values(), *sequence.files.depth.values()]):
+    files, as_depth = sequence.files, DEPTH_KINDS if sequence.has_plain_files else READ_KINDS
+    read = dict.fromkeys(files.depth.values(), as_depth) | dict.fromkeys(
+        files.rgb.values(), READ_KINDS
+    )
+    for image in dict.fromkeys([*files.rgb.values(), *files.depth.values()]):
         kind, is_ended = kind_and_end(image)
-        if kind is not None and kind not in READ_KINDS:
+        if kind is not None and kind not in read[image]:
             foreign.setdefault(kind, []).append(image)
         elif not is_ended:
             cut.append(image)

@@ -20,6 +20,8 @@ from asdfviz.data.assembly_writer import write_assembly
 from asdfviz.data.atomic import write_bytes, write_text
 from asdfviz.data.encoding import encoded
 from asdfviz.data.folder_sequence import FolderSequence
+from asdfviz.data.image_files import image_kind
+from asdfviz.data.images import read_raw_depth
 from asdfviz.data.json_files import read_json
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.resources import MODEL, bundled_assemblies, way_to_assembly
@@ -197,7 +199,7 @@ def _write_images(source: Sequence, frame: Frame, folder: Path) -> tuple[Camera,
     else:
         _write_rgb(frame, folder)
     depth = source.files.depth.get(index)
-    _write_depth(folder, index, None if depth is None else _bytes_of(depth))
+    _write_depth(folder, index, None if depth is None else _as_png(depth))
     return source.camera_of(index), source.depth_scale(index)
 
 
@@ -235,6 +237,12 @@ def _write_depth(folder: Path, index: int, data: bytes | None) -> None:
         file.unlink(missing_ok=True)
     else:
         write_bytes(file, data)
+
+
+def _as_png(depth: Path) -> bytes:
+    """A depth image as it lies on disk, or as a PNG of the same values where it is in another kind of file."""
+    data = _bytes_of(depth)
+    return data if image_kind(data) == "PNG" else encoded(read_raw_depth(depth))
 
 
 def _bytes_of(path: Path) -> bytes:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from asdfviz.data.assembly_writer import write_assembly
+from asdfviz.data.hashes import sequence_sha256
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import SequenceError
@@ -284,6 +285,82 @@ def test_a_broken_image_is_refused_when_it_is_read(
     with pytest.raises(SequenceError, match=message):
         sequence[0]
     assert sequence[1].index == 4
+
+
+def write_npy(path: Path, array: np.ndarray) -> None:
+    np.save(path, array)
+
+
+def write_tiff(path: Path, array: np.ndarray) -> None:
+    assert cv2.imwrite(str(path), array)
+
+
+WRITERS = [(".npy", write_npy), (".tiff", write_tiff), (".tif", write_tiff)]
+
+
+@pytest.mark.parametrize(("suffix", "write"), WRITERS)
+def test_depth_of_16_bit_is_read_from_tiff_and_npy(
+    write_scene: WriteScene, suffix: str, write: Callable[[Path, np.ndarray], None]
+) -> None:
+    scene = write_scene("gbot")
+    hashed = sequence_sha256(scene.folder)
+    for index, raw in scene.raw_depth.items():
+        file = scene.folder / "depth" / f"{index:06d}{suffix}"
+        write(file, raw)
+        # Beside a PNG it counts as a copy.
+        assert sequence_sha256(scene.folder) == hashed
+        file.with_suffix(".png").unlink()
+        hashed = sequence_sha256(scene.folder)
+    sequence = open_sequence(scene.folder)
+    assert list(sequence.files.depth) == list(scene.raw_depth)
+    for place, raw in enumerate(scene.raw_depth.values()):
+        depth = sequence[place].depth
+        assert depth is not None
+        np.testing.assert_allclose(depth, raw * np.float32(0.5e-3))
+    file = next(iter(sequence.files.depth.values()))
+    write(file, np.full((64, 96), 7, np.uint16))
+    assert sequence_sha256(scene.folder) != hashed
+    # Whatever it is called, its bytes tell what it is.
+    file.rename(file.with_suffix(".png"))
+    assert open_sequence(scene.folder)[0].depth is not None
+
+
+@pytest.mark.parametrize(
+    ("array", "message"),
+    [
+        (
+            np.zeros((64, 96), np.float32),
+            r"32 bit float with 1 channel; .* save np\.nan_to_num\(1000",
+        ),
+        (np.zeros((64, 96), np.int32), r"32 bit with 1 channel; .* save it as np\.uint16"),
+        (np.zeros(64, np.uint16), r"an array of shape \(64,\); .* 16 bit with one channel"),
+        (np.zeros((32, 48), ">u2"), r"is 48 x 32 pixels, but the camera is 96 x 64"),
+        (np.zeros((64, 96), object), r"is corrupt"),
+    ],
+)
+def test_an_array_that_is_no_depth_is_refused(
+    write_scene: WriteScene, array: np.ndarray, message: str
+) -> None:
+    scene = write_scene("folder")
+    for file in (scene.folder / "depth").iterdir():
+        np.save(file.with_suffix(".npy"), array)
+        file.unlink()
+    with pytest.raises(SequenceError, match=message):
+        open_sequence(scene.folder)[0]
+
+
+@pytest.mark.parametrize(("suffix", "write"), WRITERS)
+def test_a_cut_tiff_or_npy_is_refused(
+    write_scene: WriteScene, suffix: str, write: Callable[[Path, np.ndarray], None]
+) -> None:
+    scene = write_scene("folder")
+    for index, raw in scene.raw_depth.items():
+        file = scene.folder / "depth" / f"{index:06d}{suffix}"
+        write(file, raw)
+        truncate(file)
+        file.with_suffix(".png").unlink()
+    with pytest.raises(SequenceError, match="is corrupt"):
+        open_sequence(scene.folder)[0]
 
 
 def test_a_truncated_jpeg_is_refused(write_scene: WriteScene) -> None:

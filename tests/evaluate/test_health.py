@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from memory_sequence import MemorySequence
 
+from asdfviz.data.images import read_stored
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Mesh, Part, State
@@ -476,6 +477,29 @@ def test_a_file_of_another_kind_than_its_name_says_is_not_called_cut_off(folder:
         "2 images not read: rgb/000001.png, rgb/000004.png. Each is a BMP file, whatever its name "
         "says: save it as PNG (another name alone changes nothing)."
     )
+
+
+def test_depth_in_npy_is_looked_over_as_depth_in_png(folder: Path) -> None:
+    before = check_sequence(open_sequence(folder)).findings
+    for file in (folder / "depth").iterdir():
+        np.save(file.with_suffix(".npy"), read_stored(file))
+        file.unlink()
+    assert check_sequence(open_sequence(folder)).findings == before
+    np.save(folder / "depth" / "000004.npy", np.zeros((HEIGHT // 2, WIDTH // 2), np.uint16))
+    finding = only(check_sequence(open_sequence(folder)), "size_mismatch")
+    assert "depth images not 640 x 480 as the others: depth/000004.npy (320 x 240)" in (
+        finding.message
+    )
+
+
+def test_a_float_tiff_called_png_is_told_as_what_it_is(folder: Path) -> None:
+    for file in (folder / "depth").iterdir():
+        metres = cv2.imencode(".tiff", np.full((HEIGHT, WIDTH), 0.8, np.float32))[1]
+        file.write_bytes(metres.tobytes())
+    (finding,) = found(check_sequence(open_sequence(folder)), "broken_images")
+    assert "000.png is 32 bit float with 1 channel; depth must be a PNG, TIFF" in finding.message
+    assert "Not read in 5 of 5 frames looked at" in finding.message
+    assert "np.nan_to_num(1000 * depth).round().astype(np.uint16)" in finding.message
 
 
 @pytest.mark.parametrize(

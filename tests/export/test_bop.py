@@ -129,6 +129,24 @@ def test_an_exported_folder_exports_again_byte_by_byte(
     assert open_sequence(tmp_path / "two").fps == 30.0
 
 
+@pytest.mark.parametrize("suffix", [".npy", ".tiff"])
+def test_depth_of_other_files_is_exported_as_png_with_the_same_values(
+    memory: Sequence, tmp_path: Path, suffix: str
+) -> None:
+    export_bop(memory, {}, tmp_path / "one")
+    for file in (tmp_path / "one" / "depth").iterdir():
+        raw = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        assert raw is not None
+        np.save(file.with_suffix(".npy"), raw)
+        cv2.imwrite(str(file.with_suffix(".tiff")), raw)
+        file.unlink()
+        file.with_suffix({".npy": ".tiff", ".tiff": ".npy"}[suffix]).unlink()
+    export_bop(open_sequence(tmp_path / "one"), {}, tmp_path / "two")
+    assert {file.suffix for file in (tmp_path / "two" / "depth").iterdir()} == {".png"}
+    again = open_sequence(tmp_path / "two")
+    assert_same_frames([again[place] for place in range(len(again))], memory)
+
+
 def test_images_whose_lens_was_undone_are_written_undistorted(
     memory: Sequence, assembly: Assembly, tmp_path: Path
 ) -> None:
