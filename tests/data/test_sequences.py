@@ -172,6 +172,26 @@ def no_frames(folder: Path) -> None:
         image.rename(image.with_name(f"view_{image.name}"))
 
 
+def bitmaps(folder: Path) -> None:
+    for image in (folder / "rgb").iterdir():
+        image.rename(image.with_suffix(".bmp"))
+
+
+def in_color(folder: Path) -> None:
+    (folder / "rgb").rename(folder / "color")
+
+
+def depth_as(change: Callable[[Path], Path]) -> Callable[[Path], None]:
+    """Gives every depth image another name."""
+
+    def damage(folder: Path) -> None:
+        for image in sorted((folder / "depth").iterdir()):
+            image.rename(change(image))
+        (folder / "depth" / "times.txt").write_text("0")
+
+    return damage
+
+
 def twin(folder: Path) -> None:
     shutil.copy(folder / "rgb" / "000003.png", folder / "rgb" / "3.jpg")
 
@@ -185,7 +205,32 @@ CAMERA = {"fx": 90.0, "fy": 91.0, "cx": 47.0, "cy": 31.0, "width": 96, "height":
     [
         ("folder", drop("rgb"), r"no folder rgb/"),
         ("folder", as_file("depth"), r"depth is a file; it must be a folder"),
-        ("folder", no_frames, r"holds no frames; name them 000000\.png"),
+        (
+            "folder",
+            no_frames,
+            r"holds no frames, but 3 images whose names are no numbers, as view_000003\.png; name them 000000\.png",
+        ),
+        (
+            "folder",
+            bitmaps,
+            r"but 3 bmp files, of a kind that is not read; save them as 000000\.png",
+        ),
+        ("folder", in_color, r"no folder rgb/; a scene holds .*; is it color/\? Call it rgb$"),
+        (
+            "folder",
+            depth_as(lambda image: image.with_suffix(".exr")),
+            r"depth holds no depth that can be used, but 3 exr files, .*; save it as 16-bit PNG .* or take",
+        ),
+        (
+            "folder",
+            depth_as(lambda image: image.with_name(f"depth_{image.name}")),
+            r"but 3 images whose names are no numbers, as depth_000003\.png",
+        ),
+        (
+            "folder",
+            depth_as(lambda image: image.with_name(f"1{image.name[1:]}")),
+            r"none of 3 depth images has the number of a colour image \(depth 100003, .*colour 3, 4",
+        ),
         ("folder", twin, r"000003\.png and 3\.jpg are both frame 3"),
         ("folder", drop("camera.json"), r"no camera file; add camera\.json"),
         ("folder", put("camera.json", "{"), r"camera\.json is not valid JSON.*line 1"),
@@ -285,6 +330,15 @@ def test_a_broken_image_is_refused_when_it_is_read(
     with pytest.raises(SequenceError, match=message):
         sequence[0]
     assert sequence[1].index == 4
+
+
+def test_a_folder_for_depth_may_be_empty_but_for_notes(write_scene: WriteScene) -> None:
+    scene = write_scene("folder")
+    for image in (scene.folder / "depth").iterdir():
+        image.unlink()
+    (scene.folder / "depth" / "times.txt").write_text("0")
+    (scene.folder / "depth" / ".hidden.exr").write_text("")
+    assert open_sequence(scene.folder)[0].depth is None
 
 
 def write_npy(path: Path, array: np.ndarray) -> None:
