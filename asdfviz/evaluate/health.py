@@ -28,6 +28,7 @@ from asdfviz.evaluate.health_depth import (
     FARTHEST,
     NEAREST,
     check_distance,
+    check_far,
     check_missing_depth,
     median_depth,
 )
@@ -143,6 +144,7 @@ def _check_frames(source: Sequence, frames: dict[int, Frame], tell: Progress) ->
     if not unit:
         yield from _check_shift(images, tell)
     if source.assembly is None:
+        yield from check_far(images)
         return
     distance = median_depth(images)
     is_plausible = distance is not None and NEAREST <= distance <= FARTHEST

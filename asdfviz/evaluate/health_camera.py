@@ -16,6 +16,8 @@ NARROWEST_DEG, WIDEST_DEG = 20.0, 130.0
 """Horizontal field of view of RGB-D cameras, degrees (Kinect's wide mode has 120)."""
 SQUARE = 0.1
 """Largest difference of fx and fy, as a share."""
+LIKELY_DISTANCE = (0.2, 3.0)
+"""Metres within which a table-top scene lies."""
 OFF_CENTER = 0.15
 """Largest distance of the principal point from the image's centre, as a share of its size."""
 NEAR_CENTER = 0.06
@@ -192,12 +194,27 @@ def check_part_sizes(
                 "mesh_unit",
                 "error",
                 f"The largest part, {largest}, is {1e3 * sizes[largest]:.3g} mm across, {share:.2g} "
-                f"times the {1e3 * seen:.0f} mm that the camera sees there: a mesh in the wrong "
-                "unit. Set 'unit' in assembly.yaml to the mesh file's unit.",
+                f"times the {1e3 * seen:.0f} mm that the camera sees there: "
+                f"{_wrong_unit(distance, share)}",
                 share,
             )
             return
     yield from check_relative_sizes(assembly)
+
+
+def _wrong_unit(distance: float, share: float) -> str:
+    """Which unit is wrong where a part is too small or large for what is seen at a distance (metres)."""
+    mesh = "Set 'unit' in assembly.yaml to the mesh file's unit."
+    near, far = LIKELY_DISTANCE
+    for factor in (0.1, 10.0):
+        is_likely = near <= distance * factor <= far and SMALLEST_SHARE <= share / factor <= 2.0
+        if is_likely and not near <= distance <= far:
+            return (
+                f"depth or mesh is in a wrong unit. If the table is about {distance * factor:.2g} m "
+                f"away, not {distance:.2g} m, multiply depth_scale (millimetres per unit) by "
+                f"{factor:g}. If not: {mesh[0].lower()}{mesh[1:]}"
+            )
+    return f"a mesh in the wrong unit. {mesh}"
 
 
 def check_relative_sizes(assembly: Assembly) -> Iterator[Finding]:

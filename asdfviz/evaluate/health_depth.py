@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 
 from asdfviz.datatypes import Frame
+from asdfviz.evaluate.health_camera import LIKELY_DISTANCE
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.geometry.shapes import Depth, Mask
 
 NEAREST, FARTHEST = 0.1, 10.0
 """Metres. RGB-D cameras measure neither nearer nor, at a table, farther."""
-LIKELY = (0.2, 3.0)
-"""Metres within which a table-top scene lies; used to guess the right unit."""
 MANY_HOLES = 0.1
 """Share within the depth camera's view; an Azure Kinect leaves 3 % on a table with dark parts."""
 WIDE_RIM = 0.55
@@ -39,7 +38,7 @@ def check_distance(frames: Rows[Frame]) -> Iterator[Finding]:
     if median is None or NEAREST <= median <= FARTHEST:
         return
     factors = (1e-3, 1e-2, 1e-1, 0.125, 0.2, 0.25, 1e1, 1e2, 1e3)
-    fitting = [f for f in factors if LIKELY[0] <= median * f <= LIKELY[1]]
+    fitting = [f for f in factors if LIKELY_DISTANCE[0] <= median * f <= LIKELY_DISTANCE[1]]
     advice = (
         f"Multiply depth_scale (millimetres per unit) by {fitting[-1]:g}."
         if fitting
@@ -52,6 +51,19 @@ def check_distance(frames: Rows[Frame]) -> Iterator[Finding]:
         f"is wrong. {advice}",
         median,
     )
+
+
+def check_far(frames: Rows[Frame]) -> Iterator[Finding]:
+    """Say so where the scene is farther than a table, as ten times too far; parts of a known size tell more."""
+    median = median_depth(frames)
+    if median is not None and LIKELY_DISTANCE[1] < median <= FARTHEST:
+        yield Finding(
+            "depth_unit",
+            "info",
+            f"The median depth is {median:.3g} m, far for a table. If the scene is nearer, set "
+            f"depth_scale (millimetres per unit): with a tenth of it, it is {median / 10:.2g} m.",
+            median,
+        )
 
 
 def check_missing_depth(frames: Rows[Frame]) -> Iterator[Finding]:

@@ -332,6 +332,21 @@ def test_a_mesh_in_the_wrong_unit_is_named(
     assert not found(report, "depth_unit")
 
 
+def test_depth_in_tenths_of_millimetres_is_not_put_down_to_the_mesh_alone(make: Make) -> None:
+    report = check_sequence(make(scaled_depth(10.0), assembly=make_assembly()))
+    message = only(report, "mesh_unit").message
+    assert "depth or mesh is in a wrong unit. If the table is about 0.8 m away, not 8 m" in message
+    assert "multiply depth_scale (millimetres per unit) by 0.1. If not: set 'unit'" in message
+    # Without an assembly nothing tells which it is, but that it is far for a table.
+    far = only(check_sequence(make(scaled_depth(10.0))), "depth_unit")
+    assert (far.severity, far.value) == ("info", pytest.approx(8.0, rel=0.03))
+    assert "with a tenth of it, it is 0.8 m" in far.message
+    # At a table's distance it is the mesh.
+    small = make_assembly(dict.fromkeys(SIZES, 0.1))
+    message = only(check_sequence(make(assembly=small)), "mesh_unit").message
+    assert "depth" not in message
+
+
 @pytest.mark.parametrize(("metres", "said"), [(0.0000125, True), (0.0125, False), (0.0, False)])
 def test_offsets_of_states_in_metres_are_named(make: Make, metres: float, said: bool) -> None:
     boxes = make_assembly()
