@@ -19,7 +19,7 @@ from asdfviz.data.sequences import shows_drawn_copies
 from asdfviz.datatypes import Sequence
 from asdfviz.errors import SequenceError, counted, some
 from asdfviz.evaluate.health_report import Finding
-from asdfviz.evaluate.numbering import usual_step
+from asdfviz.evaluate.numbering import clock_rise, usual_step
 
 NAMED = 6
 """Missing frames that are named, of however many."""
@@ -27,7 +27,10 @@ NAMED = 6
 
 def check_numbering(indices: Rows[int]) -> Iterator[Finding]:
     """Look for gaps in rising frame numbers; numbers that rise by a fixed step have none, which is told."""
-    step = usual_step(indices)
+    step, tick = usual_step(indices), clock_rise(indices)
+    if tick is not None:
+        yield from _check_times(indices, tick)
+        return
     if step is None:
         return
     rises = [b - a for a, b in pairwise(indices)]
@@ -50,6 +53,28 @@ def check_numbering(indices: Rows[int]) -> Iterator[Finding]:
             "warning",
             f"{counted(count, 'missing frame')} between {indices[0]} and {indices[-1]}: "
             f"{some(first, most=NAMED, count=count)}. Copy them again, or know that time jumps there.",
+            float(count),
+        )
+
+
+def _check_times(indices: Rows[int], tick: int) -> Iterator[Finding]:
+    """Look for gaps in frame numbers that are times, usually a `tick` apart."""
+    yield Finding(
+        "frame_step",
+        "info",
+        f"frame numbers look like times, about {tick} apart. They serve as names alone: depth, truth and "
+        "results must have the very same ones, and frames per second are those of sequence.json.",
+        float(tick),
+    )
+    lacking = {a: (2 * (b - a) + tick) // (2 * tick) - 1 for a, b in pairwise(indices)}
+    before = [index for index, count in lacking.items() if count > 0]
+    if before:
+        count = sum(lacking[index] for index in before)
+        yield Finding(
+            "missing_frames",
+            "warning",
+            f"About {counted(count, 'missing frame')} by their times, after {some(before)}. "
+            "Copy them again, or know that time jumps there.",
             float(count),
         )
 

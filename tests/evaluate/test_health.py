@@ -560,6 +560,26 @@ def test_numbers_that_rise_by_a_step_have_no_gap_but_the_step_is_told(folder: Pa
     assert (step.severity, step.value) == ("info", 10.0)
 
 
+@pytest.mark.parametrize("start", [0, 1_700_000_000_000])
+def test_numbers_that_are_times_are_told_as_such(start: int) -> None:
+    """Milliseconds at 30 frames a second; three frames are missing after the tenth."""
+    times = [start + round(1000 * i / 30) for i in range(30)]
+    (told,) = check_numbering(times)
+    assert (told.kind, told.severity, told.value) == ("frame_step", "info", 33.0)
+    assert "look like times, about 33 apart" in told.message
+    _, gap = check_numbering(times[:10] + times[13:])
+    assert (gap.kind, gap.value) == ("missing_frames", 3.0)
+    assert f"About 3 missing frames by their times, after {times[9]}." in gap.message
+
+
+def test_even_steps_are_times_where_no_recording_is_as_long() -> None:
+    (told,) = check_numbering([1_700_000_000 + 40 * i for i in range(9)])
+    assert "look like times, about 40 apart" in told.message
+    (told,) = check_numbering([40 * i for i in range(9)])
+    assert "steps of 40" in told.message
+    assert not list(check_numbering([1_700_000_000]))
+
+
 @pytest.mark.parametrize("kind", ["rgb", "depth"])
 def test_sizes_that_differ_are_a_finding_not_an_error(folder: Path, kind: str) -> None:
     channels = {"rgb": (np.uint8, 3), "depth": (np.uint16, 1)}[kind]
