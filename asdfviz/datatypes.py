@@ -237,6 +237,8 @@ class FrameTruth:
     """Name of the error state while `is_error`; None where nobody said which."""
     lists_parts: bool = False
     """Whether a part without a pose is not there even where no part has one, as by `[]` in scene_gt.json."""
+    unchecked: tuple[str, ...] = ()
+    """Parts without a pose that may be there all the same, as nobody looked: no pose of them is wrong."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

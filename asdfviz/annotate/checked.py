@@ -51,7 +51,7 @@ def checked_truth(
     Args:
         store: the corrections.
         truth: theirs, by frame number, over the run's.
-        assembly: the states that may occur.
+        assembly: the parts and states that may occur.
     """
     touched: dict[int, set[str]] = {}
     for frame, part in store.said():
@@ -70,7 +70,8 @@ def checked_truth(
         poses += guessed if says_poses else 0
         if says_poses or index in labels:
             visible = {n: share for n, share in frame.visible.items() if n in mine}
-            kept[index] = replace(frame, T_camera_part=mine, visible=visible)
+            others = tuple(n for n in assembly.parts if n not in touched.get(index, ()))
+            kept[index] = replace(frame, T_camera_part=mine, visible=visible, unchecked=others)
     return Checked(kept, left_out, poses)
 
 

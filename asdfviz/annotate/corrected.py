@@ -29,7 +29,8 @@ def corrected_truth(
     """Return poses and states by frame number: the base, where nothing was corrected.
 
     Only frames that the base or an edit knows are in it. Visible shares are kept of parts that were
-    not moved, unless one that was may hide them.
+    not moved, unless one that was may hide them. A part without a pose is unchecked, unless it was taken
+    away or the base knows it not there.
 
     Args:
         store: the corrections.
@@ -108,6 +109,8 @@ def run_of_seed(folder: str, sequence: Sequence) -> Path:
 def truth_from_run(run: Run, assembly: Assembly) -> dict[int, FrameTruth]:
     """Take a run's poses and most probable states as if they were true, to be corrected.
 
+    A part that it did not find may be there all the same, so it is unchecked.
+
     Raises:
         AnnotationError: the run has another number of states than the assembly.
     """
@@ -124,7 +127,10 @@ def truth_from_run(run: Run, assembly: Assembly) -> dict[int, FrameTruth]:
                     f"{len(assembly.states)}"
                 )
             label = label_of(assembly.states[prediction.state.index])
-        found[index] = _with_label(FrameTruth(index, poses, None), label, assembly)
+        missed = tuple(name for name in assembly.parts if name not in poses)
+        found[index] = _with_label(
+            FrameTruth(index, poses, None, unchecked=missed), label, assembly
+        )
     return found
 
 
@@ -141,8 +147,20 @@ def _corrected_frame(
         if edit.T_camera_part is not None:
             poses[part] = edit.T_camera_part
     in_order = {name: poses[name] for name in (*assembly.parts, *poses) if name in poses}
-    frame = replace(base, T_camera_part=in_order, visible=shares.of(base, in_order))
+    frame = replace(
+        base,
+        T_camera_part=in_order,
+        visible=shares.of(base, in_order),
+        unchecked=tuple(name for name in _unchecked_of(base, assembly) if name not in edits),
+    )
     return _with_label(frame, label, assembly)
+
+
+def _unchecked_of(base: FrameTruth, assembly: Assembly) -> tuple[str, ...]:
+    """Nothing and a state alone say of no part that it is not there."""
+    if base.T_camera_part or base.lists_parts:
+        return base.unchecked
+    return tuple(assembly.parts)
 
 
 def _with_label(frame: FrameTruth, label: StateLabel | None, assembly: Assembly) -> FrameTruth:

@@ -160,7 +160,6 @@ def _judged(
         assembly=workspace.assembly,
         truth=truth,
         views=views_of(workspace.frames.source),
-        is_complete=workspace.has_truth,
     )
     name = workspace.frames.name
     return {

@@ -7,7 +7,7 @@
     asdf-rgbd  images/ (16-bit colour and depth in one), labels/: the ASDF authors' training export
 
 camera.json may accompany any of them (size, `distortion`), as may states.json (the truth of the
-states) and sequence.json ({"assembly": name or relative path, "fps": 30}; "assembly_path" may tell
+states), unchecked.json (by frame, parts without a pose that may be there) and sequence.json ({"assembly": name or relative path, "fps": 30}; "assembly_path" may tell
 where the one of that name lies, from the folder, and model/ there may hold a copy of it).
 """
 

@@ -1,17 +1,21 @@
-"""The truth of a scene folder: poses (scene_gt.json), visibility (scene_gt_info.json), states (states.json)."""
+"""The truth of a scene folder: poses (scene_gt.json), visibility (scene_gt_info.json), states (states.json),
+and the parts without a pose that may be there all the same (unchecked.json).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from asdfviz.data.cameras import frame_number
 from asdfviz.data.json_files import Json, read_json
 from asdfviz.data.scene_objects import SceneObject, assign_parts, read_scene_objects
 from asdfviz.datatypes import Assembly, FrameTruth, State
 from asdfviz.errors import SequenceError
 
 STATES = "states.json"
+UNCHECKED = "unchecked.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,14 +35,19 @@ def read_truth(folder: Path, assembly: Assembly) -> dict[int, FrameTruth]:
     part says that none is there; a frame that has no entry says nothing of it.
 
     Raises:
-        SequenceError: a file is broken, a pose is not rigid, a state or part is unknown.
+        SequenceError: a file is broken, a pose is not rigid, a state or part is unknown, or a part
+            has a pose and is unchecked.
     """
     objects = read_scene_objects(folder)
     states = read_states(folder, assembly)
-    return {
+    truth = {
         index: _frame_truth(index, objects.get(index), states.get(index), assembly)
         for index in sorted({*objects, *states})
     }
+    for index, parts in _read_unchecked(folder, assembly).items():
+        if index in truth:
+            truth[index] = _with_unchecked(truth[index], parts, folder)
+    return truth
 
 
 def fitting_errors(truth: FrameTruth, assembly: Assembly) -> tuple[State, ...]:
@@ -81,7 +90,7 @@ def _parse_state(entry: Json, assembly: Assembly) -> StateTruth:
     return StateTruth(
         state=_state_index(entry, assembly),
         is_error=None if is_error is None else is_error.boolean(),
-        attached=None if attached is None else _parse_attached(attached, assembly.parts),
+        attached=None if attached is None else _parse_parts(attached, assembly.parts),
         error=name.text() if name is not None and is_error is not None and is_error.value else None,
     )
 
@@ -100,13 +109,34 @@ def _state_index(entry: Json, assembly: Assembly) -> int | None:
     return state
 
 
-def _parse_attached(field: Json, parts: Iterable[str]) -> tuple[str, ...]:
+def _parse_parts(field: Json, parts: Iterable[str]) -> tuple[str, ...]:
     known = tuple(parts)
     names = tuple(entry.text() for entry in field.entries())
     for name in names:
         if name not in known:
             raise SequenceError(f"{field.where}: no part '{name}'; parts: {', '.join(known)}")
     return names
+
+
+def _read_unchecked(folder: Path, assembly: Assembly) -> dict[int, tuple[str, ...]]:
+    """Names of the parts by frame number; empty where the file is missing, as all is checked then."""
+    file = folder / UNCHECKED
+    if not file.is_file():
+        return {}
+    return {
+        frame_number(key, field.where): _parse_parts(field, assembly.parts)
+        for key, field in read_json(file, error=SequenceError).items().items()
+    }
+
+
+def _with_unchecked(truth: FrameTruth, parts: tuple[str, ...], folder: Path) -> FrameTruth:
+    for name in parts:
+        if name in truth.T_camera_part:
+            raise SequenceError(
+                f"{folder / UNCHECKED}: frame {truth.frame_index} names '{name}', which has a pose in "
+                "scene_gt.json: take one of them away"
+            )
+    return replace(truth, unchecked=parts)
 
 
 def _frame_truth(

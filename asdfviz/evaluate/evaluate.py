@@ -90,7 +90,6 @@ def evaluate_run(
     protocol: ProtocolName = "strict",
     sequence_name: str | None = None,
     views: Views | None = None,
-    is_complete: bool = True,
 ) -> dict[str, Any]:
     """Return all figures of a run; shares in percent, mm, degrees and ms, None where undefined.
 
@@ -104,8 +103,6 @@ def evaluate_run(
         sequence_name: name in the report; None for the last part of the run's path.
         views: cameras and measured depth: for `bop`, which renders the truth without it, and for
             what hides parts whose shares the truth lacks.
-        is_complete: whether a part without a true pose in a frame is not there; else nobody said,
-            as where people corrected a few parts, and a pose for it is not wrong.
 
     Raises:
         RunError: the run does not fit the assembly or holds a pose that is none.
@@ -113,7 +110,7 @@ def evaluate_run(
     """
     if views is None and camera is not None:
         views = _views_by(camera)
-    found = judge(run, assembly=assembly, truth=truth, views=views, is_complete=is_complete)
+    found = judge(run, assembly=assembly, truth=truth, views=views)
     report = protocol_report(found, protocol=protocol, sequence_name=sequence_name)
     if protocol == "bop":
         if views is None:

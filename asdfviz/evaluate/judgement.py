@@ -53,7 +53,6 @@ def judge(
     assembly: Assembly,
     truth: Mapping[int, FrameTruth],
     views: Views | None = None,
-    is_complete: bool = True,
 ) -> Judgement:
     """Compare every pose and state of a run with the truth.
 
@@ -66,7 +65,6 @@ def judge(
         assembly: what it was about.
         truth: by frame number.
         views: needed only where the truth lacks visible shares, to render them.
-        is_complete: whether a part without a true pose is not there; else a pose for it is not wrong.
 
     Raises:
         RunError: the run does not fit the assembly or holds a pose that is none.
@@ -86,7 +84,6 @@ def judge(
             frames,
             assembly=assembly,
             visible=visible_shares(frames, assembly=assembly, views=views),
-            is_complete=is_complete,
         ),
         states=state_records(frames, predictions, assembly) if has_states else (),
         offline=() if offline is None else state_records(frames, offline, assembly),

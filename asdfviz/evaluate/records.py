@@ -84,16 +84,14 @@ def compare_poses(
     *,
     assembly: Assembly,
     visible: Mapping[int, Mapping[str, float]],
-    is_complete: bool = True,
 ) -> Comparison:
-    """Compare every pose of the frames in `truth`.
+    """Compare every pose of the frames in `truth`, but for those of parts that are unchecked there.
 
     Args:
         predictions: by frame number; a frame may be missing, which misses all its parts.
         truth: the frames that count.
         assembly: its parts are compared; objects that it does not know are left aside.
         visible: visible share by frame number and part, for every part of the truth.
-        is_complete: whether a part without a true pose is not there; else a pose for it is not wrong.
     """
     models = {name: error_model(part) for name, part in assembly.parts.items()}
     groups = [names for names in twin_groups(assembly) if len(names) > 1]
@@ -106,7 +104,7 @@ def compare_poses(
         poses: Mapping[str, PoseEstimate] = {} if prediction is None else prediction.poses
         given, measured = _given_to_twins(poses, frame, groups, models)
         # A frame whose state alone is known says nothing about which parts are there.
-        if is_complete and (frame.T_camera_part or frame.lists_parts):
+        if frame.T_camera_part or frame.lists_parts:
             _note_absent(extra, poses, frame)
             _note_absent(extra_after, given, frame)
         for name, model in models.items():
@@ -140,7 +138,7 @@ def _given_to_twins(
 
 def _note_absent(found: Mapping[str, list[int]], poses: Iterable[str], frame: FrameTruth) -> None:
     for name in poses:
-        if name not in frame.T_camera_part:
+        if name not in frame.T_camera_part and name not in frame.unchecked:
             found[name].append(frame.frame_index)
 
 

@@ -2,6 +2,7 @@
 
     rgb/NNNNNN.*  depth/NNNNNN.png  camera.json  scene_camera.json  scene_gt.json
     scene_gt_info.json  states.json  models_info.json  sequence.json
+    unchecked.json    parts without a pose that may be there all the same, as nobody looked
     model/assembly.yaml  model/parts/*.ply    of an assembly that does not ship with the program
 
 `data.sequences.open_sequence` reads it back: poses and states are equal to what was written.
@@ -26,6 +27,8 @@ from asdfviz.data.json_files import read_json
 from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.resources import MODEL, bundled_assemblies, way_to_assembly
 from asdfviz.data.scene_files import RGB_SUFFIXES
+from asdfviz.data.scene_objects import SCENE_GT_INFO
+from asdfviz.data.truth import UNCHECKED
 from asdfviz.datatypes import Assembly, Camera, Frame, FrameTruth, Sequence
 from asdfviz.errors import SequenceError
 from asdfviz.export.bop_content import (
@@ -36,6 +39,7 @@ from asdfviz.export.bop_content import (
     scene_gt,
     scene_gt_info,
     states,
+    unchecked,
 )
 from asdfviz.export.gaps import says_what_is_there
 from asdfviz.export.readable import readable_frames
@@ -98,19 +102,20 @@ def export_bop(
     parts = {part for _, part in gone} if source.assembly is None else source.assembly.parts
     posed = {i: t for i, t in known.items() if says_what_is_there(t, parts, gone)}
     _write_json(folder / "scene_gt.json", {str(i): gt[str(i)] for i in sorted(posed)})
-    _write_info(posed, folder)
+    _write_or_remove(folder / SCENE_GT_INFO, scene_gt_info(posed))
+    _write_or_remove(folder / UNCHECKED, unchecked(posed) or None)
     _write_json(folder / "states.json", states(known, source.assembly))
     if source.assembly is not None:
         _write_json(folder / "models_info.json", models_info(source.assembly, ids))
     return left_out
 
 
-def _write_info(posed: Mapping[int, FrameTruth], folder: Path) -> None:
-    info, file = scene_gt_info(posed), folder / "scene_gt_info.json"
-    if info is None:
+def _write_or_remove(file: Path, content: object | None) -> None:
+    """Write what there is to say; where there is nothing, nothing may be left of an earlier export."""
+    if content is None:
         file.unlink(missing_ok=True)
     else:
-        _write_json(file, info)
+        _write_json(file, content)
 
 
 def remove_others(folder: Path, kept: Collection[str]) -> None:

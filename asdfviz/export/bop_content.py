@@ -91,6 +91,15 @@ def scene_gt_info(truth: Mapping[int, FrameTruth]) -> dict[str, object] | None:
     }
 
 
+def unchecked(truth: Mapping[int, FrameTruth]) -> dict[str, list[str]]:
+    """unchecked.json: by frame, names of the parts without a pose that may be there all the same."""
+    return {
+        str(index): list(of_frame.unchecked)
+        for index, of_frame in sorted(truth.items())
+        if of_frame.unchecked
+    }
+
+
 def states(truth: Mapping[int, FrameTruth], assembly: Assembly | None) -> list[dict[str, object]]:
     """states.json: an entry for every frame whose state is known, with the name that synth gives it."""
     entries: list[dict[str, object]] = []

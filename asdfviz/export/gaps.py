@@ -1,5 +1,5 @@
 """Which poses an export lacks, which nobody would find out from its files: where there are some, no pose
-reads as "not there", and a frame without any is passed over.
+reads as "not there" unless the part is unchecked, and a frame without any is passed over.
 """
 
 from __future__ import annotations
@@ -52,15 +52,22 @@ def told_gaps(
         gone: frame numbers and parts that a person said are not there.
     """
     said = [i for i in frames if i in truth and says_what_is_there(truth[i], parts, gone)]
-    counts = Counter(
-        part for i in said for part in lacking(i, truth[i].T_camera_part, parts, gone=gone)
-    )
+    missed = [
+        (part, truth[i])
+        for i in said
+        for part in lacking(i, truth[i].T_camera_part, parts, gone=gone)
+    ]
+    unchecked = Counter(part for part, frame in missed if part in frame.unchecked)
+    absent = Counter(part for part, frame in missed if part not in frame.unchecked)
     notes: list[str] = []
     if without := len(frames) - len(said):
         notes.append(f"no pose, and so no truth, in {without} of {counted(len(frames), 'frame')}")
-    if counts:
-        told = [
-            f"{p} in {counts[p]} of {counted(len(said), 'frame')}" for p in parts if p in counts
-        ]
-        notes.append(f"without a pose, so exported as not there: {some(told, most=_MOST)}")
+    kinds = (
+        ("and not taken away, so exported as unchecked", unchecked),
+        ("so exported as not there", absent),
+    )
+    for how, counts in kinds:
+        told = [f"{p} in {counts[p]} of {counted(len(said), 'frame')}" for p in counts]
+        if told:
+            notes.append(f"without a pose, {how}: {some(told, most=_MOST)}")
     return "; ".join(notes)

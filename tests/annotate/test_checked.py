@@ -29,6 +29,10 @@ def test_poses_that_nobody_touched_are_guesses(store: AnnotationStore, boxes: As
     told = {frame: set(found.truth[frame].T_camera_part) for frame in found.truth}
     assert told == {5: {"lid"}, 6: {"base"}}
     assert all(frame.state is frame.attached is None for frame in found.truth.values())
+    assert {i: frame.unchecked for i, frame in found.truth.items()} == {
+        5: ("base", "pin"),
+        6: ("lid", "pin"),
+    }
     assert (found.frames, found.poses) == (3, 2)
     assert found.told == (
         "3 frames left out in which nobody checked a pose; "
@@ -44,6 +48,7 @@ def test_a_frame_whose_parts_are_all_taken_away_says_so(
     found = checked_truth(store, {5: FrameTruth(5, {}, None)}, boxes)
     assert found == Checked({5: found.truth[5]})
     assert found.truth[5].T_camera_part == {}
+    assert found.truth[5].unchecked == ("pin",)
 
 
 def test_a_state_that_was_set_brings_no_poses(store: AnnotationStore, boxes: Assembly) -> None:

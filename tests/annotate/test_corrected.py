@@ -184,6 +184,32 @@ def test_a_run_as_base(store: AnnotationStore, boxes: Assembly) -> None:
         corrected_truth(store, run)
 
 
+@pytest.mark.parametrize(
+    ("base", "unchecked"),
+    [
+        pytest.param(None, ("base",), id="nothing"),
+        pytest.param(FrameTruth(1, {}, 2), ("base",), id="a state alone"),
+        pytest.param(FrameTruth(1, {}, None, lists_parts=True), (), id="none is there"),
+        pytest.param(FrameTruth(1, {"base": pose(0)}, 2), (), id="poses"),
+        pytest.param(
+            FrameTruth(1, {"pin": pose(0)}, 2, unchecked=("base", "lid")), ("base",), id="some"
+        ),
+        pytest.param(make_run({1: {"pin": pose(0)}}, {}), ("base",), id="a run"),
+    ],
+)
+def test_what_neither_the_base_nor_an_edit_tells_is_unchecked(
+    store: AnnotationStore,
+    boxes: Assembly,
+    base: FrameTruth | Run | None,
+    unchecked: tuple[str, ...],
+) -> None:
+    store.set_pose(1, "lid", pose(1))
+    store.remove_pose(1, "pin")
+    truth = {} if base is None else {1: base} if isinstance(base, FrameTruth) else base
+    found = corrected_truth(store, truth, assembly=boxes)
+    assert found[1].unchecked == unchecked
+
+
 def test_a_run_of_another_assembly(boxes: Assembly) -> None:
     run = Run("asdf", {}, "/c", "/b", "0", (FramePrediction(0, {}, StateEstimate(np.ones(2) / 2)),))
     with pytest.raises(AnnotationError, match="2 states, boxes has 4"):

@@ -28,8 +28,10 @@ from asdfviz.app.truths import drawn_truth, exported_truth
 from asdfviz.app.view import TRUTH, View, centre_of
 from asdfviz.app.workspace import Workspace
 from asdfviz.data.run_files import load_run, save_run
+from asdfviz.data.sequences import read_folder_truth
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate, Run
 from asdfviz.errors import MethodError, SequenceError
+from asdfviz.evaluate.evaluate import evaluate_run
 from asdfviz.evaluate.health import HealthReport
 from asdfviz.methods.spec import MethodSpec
 
@@ -207,6 +209,30 @@ def test_judging(with_run: Workspace) -> None:
     first, second = (one.record.frame_index for one in worst)
     assert abs(first - second) >= 5
     assert [one.add_s_mm for one in worst] == pytest.approx([2.0, 2.0])
+
+
+def test_corrections_judge_alike_here_and_exported(
+    clamp: Assembly, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    export_folder = tmp_path_factory.mktemp("exports") / "tiny"
+    store = AnnotationStore(tmp_path / "a.db", sequence_name="tiny", assembly_name=clamp.name)
+    sequence = TinySequence(clamp, tmp_path, with_truth=False)
+    bare = Workspace(
+        sequence, clamp, store=store, runs_folder=tmp_path / "runs", export_folder=export_folder
+    )
+    run = make_run(clamp)
+    bare.put_run(run, "first")
+    store.set_pose(101, "jaw", pose_of(1))
+    store.remove_pose(101, "bolt")
+    start_judging(bare).join(60)
+    start_export(bare, None).join(60)
+    bare.close()
+    assert bare.reports is not None
+    exported = read_folder_truth(export_folder, clamp)
+    again = evaluate_run(run, assembly=clamp, truth=exported, camera=sequence.camera)
+    for report in (*bare.reports, again):
+        wrong = {name: part["false_positives"] for name, part in report["parts"].items()}
+        assert wrong == {name: int(name == "bolt") for name in clamp.parts}
 
 
 def test_the_annotation_row_tells_verdicts(with_run: Workspace) -> None:

@@ -86,6 +86,17 @@ def test_an_entry_without_parts_says_that_none_is_there(
     assert [truth[i].lists_parts for i in (3, 4, 7)] == [False, True, True]
 
 
+def test_parts_that_nobody_checked_are_told(write_scene: WriteScene, tiny: Assembly) -> None:
+    scene = write_scene("bop")
+    gt = scene.read("scene_gt.json")
+    del gt["4"][2]
+    scene.write("scene_gt.json", gt)
+    scene.write("scene_gt_info.json", {})
+    scene.write("unchecked.json", {"000004": ["jaw"], "6": ["jaw"]})
+    truth = read_truth(scene.folder, tiny)
+    assert {i: frame.unchecked for i, frame in truth.items()} == {3: (), 4: ("jaw",), 7: ()}
+
+
 def test_a_state_may_be_unknown(write_scene: WriteScene, tiny: Assembly) -> None:
     scene = write_scene("gbot")
     scene.write("states.json", [{"frame": 4, "state": None, "is_error": None, "attached": []}])
@@ -153,6 +164,10 @@ def edit_info(content: object) -> Callable[[Any], None]:
     return lambda scene: scene.write("scene_gt_info.json", content)
 
 
+def edit_unchecked(content: object) -> Callable[[Any], None]:
+    return lambda scene: scene.write("unchecked.json", content)
+
+
 STATE = {"frame": 3, "state": 0, "is_error": False, "attached": ["base"]}
 
 
@@ -175,6 +190,9 @@ STATE = {"frame": 3, "state": 0, "is_error": False, "attached": ["base"]}
         (edit_states([{**STATE, "is_error": 1}]), r"'is_error': expected true or false"),
         (edit_states([{**STATE, "attached": ["nut"]}]), r"no part 'nut'; parts: base, jaw"),
         (edit_states([STATE, STATE]), r"frame 3 has a second entry"),
+        (edit_unchecked({"4": ["nut"]}), r"unchecked.*'4'.*no part 'nut'; parts: base, jaw"),
+        (edit_unchecked({"four": []}), r"unchecked.*four"),
+        (edit_unchecked({"4": ["jaw"]}), r"unchecked\.json: frame 4 names 'jaw', which has a pose"),
     ],
 )
 def test_broken_truth_is_refused_with_its_place(

@@ -289,6 +289,17 @@ def test_a_frame_that_was_given_does_not_count(
     assert report["mean"]["e_t_mm"] == pytest.approx(15)
 
 
+def test_a_pose_of_an_unchecked_part_is_not_wrong(
+    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+) -> None:
+    truth = {i: make_truth(i, {"plate": placed()}) for i in range(2)}
+    truth[0] = replace(truth[0], unchecked=("rod",))
+    run = make_run([make_prediction(i, dict.fromkeys(assembly.parts, placed())) for i in range(2)])
+    parts = evaluate_run(run, assembly=assembly, truth=truth)["parts"]
+    found = {name: figures["false_positives"] for name, figures in parts.items()}
+    assert found == {"plate": 0, "rod": 1, "block": 2}
+
+
 def test_truth_of_states_alone_makes_no_false_positives(
     assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
 ) -> None:

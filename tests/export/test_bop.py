@@ -38,6 +38,7 @@ def assert_same_truth(read: Mapping[int, FrameTruth], written: Truth) -> None:
             expected.error,
         )
         assert dict(found.visible) == dict(expected.visible)
+        assert found.unchecked == expected.unchecked
         assert set(found.T_camera_part) == set(expected.T_camera_part)
         for name, T in expected.T_camera_part.items():
             T_found = found.T_camera_part[name]
@@ -79,6 +80,17 @@ def test_a_state_alone_does_not_say_that_no_part_is_there(
     assert {i: frame.state for i, frame in read.items()} == {first: 1, second: 1}
     export_bop(memory, read, tmp_path / "again")
     assert json.loads((tmp_path / "again" / "scene_gt.json").read_text()) == {str(second): []}
+
+
+def test_unchecked_parts_come_back_and_go_with_the_next_export(
+    memory: Sequence, truth: Truth, assembly: Assembly, tmp_path: Path
+) -> None:
+    partly = {**truth, 0: replace(truth[0], unchecked=("jaw",))}
+    export_bop(memory, partly, tmp_path / "out")
+    assert json.loads((tmp_path / "out" / "unchecked.json").read_text()) == {"0": ["jaw"]}
+    assert_same_truth(read_back(tmp_path / "out", assembly)[1], partly)
+    export_bop(memory, truth, tmp_path / "out")
+    assert not (tmp_path / "out" / "unchecked.json").exists()
 
 
 def test_what_is_exported_reads_back(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -35,6 +37,15 @@ def test_parts_without_poses_are_named(frames: tuple[str, ...], told: str) -> No
 
 def test_a_frame_lacks_what_nobody_said_is_not_there() -> None:
     assert lacking(5, {"a"}, ("a", "b", "c"), gone={(5, "b"), (6, "c")}) == ["c"]
+
+
+def test_unchecked_parts_are_not_exported_as_not_there() -> None:
+    truth = truth_of("ab", "a", "a")
+    truth[7] = replace(truth[7], unchecked=("b",))
+    assert told_gaps(truth, (5, 6, 7), ("a", "b")) == (
+        "without a pose, and not taken away, so exported as unchecked: b in 1 of 3 frames; "
+        "without a pose, so exported as not there: b in 1 of 3 frames"
+    )
 
 
 def test_what_is_said_not_to_be_there_is_not_missed() -> None:
