@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from asdfviz.datatypes import FrameTruth
 from asdfviz.errors import SequenceError
 from asdfviz.evaluate.evaluate import protocol_report
 from asdfviz.evaluate.inputs import Result, changed_inputs
@@ -80,6 +81,12 @@ def judged_run(
         shots=shots,
         notes=tuple(notes),
     )
+
+
+def judged_frames_of(runs: Sequence[JudgedRun]) -> list[FrameTruth]:
+    """The frames of a sequence, in order, that count for any of its runs: some may have been given the first."""
+    found = {frame.frame_index: frame for run in runs for frame in run.judgement.frames}
+    return [found[index] for index in sorted(found)]
 
 
 def frame_errors_mm(

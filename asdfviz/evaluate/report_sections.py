@@ -24,7 +24,7 @@ from asdfviz.evaluate.report_charts import (
     state_strip,
 )
 from asdfviz.evaluate.report_pictures import Shot
-from asdfviz.evaluate.report_runs import JudgedRun, frame_errors_mm
+from asdfviz.evaluate.report_runs import JudgedRun, frame_errors_mm, judged_frames_of
 from asdfviz.evaluate.report_style import DASHES, STYLE, escape
 from asdfviz.evaluate.report_tables import (
     PAPER,
@@ -49,7 +49,7 @@ def page(runs: Sequence[JudgedRun]) -> str:
     sequences = dict.fromkeys(run.result.run.sequence for run in runs)
     groups = [[run for run in runs if run.result.run.sequence == path] for path in sequences]
     names = ", ".join(dict.fromkeys(run.name for run in runs))
-    frames = sum(len(group[0].judgement.frames) for group in groups)
+    frames = sum(len(judged_frames_of(group)) for group in groups)
     links = "".join(
         f'<a href="#s{i}">{escape(group[0].sequence_name)}</a>' for i, group in enumerate(groups)
     )
@@ -137,12 +137,11 @@ def _sequence_section(runs: Sequence[JudgedRun], anchor: str) -> str:
 
 def _strips(runs: Sequence[JudgedRun]) -> str:
     """The truth, then each run with the error of its poses below it."""
-    first = runs[0]
-    assembly = first.judgement.assembly
-    frames = [frame.frame_index for frame in first.judgement.frames]
+    assembly, known = runs[0].judgement.assembly, judged_frames_of(runs)
+    frames = [frame.frame_index for frame in known]
     if not frames:
         return "<p>No frame with truth.</p>"
-    truth = [(frame.state, bool(frame.is_error)) for frame in first.judgement.frames]
+    truth = [(frame.state, bool(frame.is_error)) for frame in known]
     rows = [state_strip("truth", truth, frames, assembly)]
     has_poses = any(run.judgement.comparison.records for run in runs)
     for run in runs:

@@ -305,6 +305,23 @@ def test_the_page_says_what_was_given_the_first_frames_truth(
     assert "were handed" not in text
 
 
+def test_frames_are_those_of_all_runs_whichever_comes_first(
+    clamp: Assembly, scene: Path, tmp_path: Path
+) -> None:
+    given = replace(make_run_of(clamp, scene, "icg", 0.004), initial="first_frame_truth")
+    for run in (given, make_run_of(clamp, scene, "asdf", 0.004)):
+        save_run(run, tmp_path / run.method)
+    out = tmp_path / "report.html"
+    for order in (("icg", "asdf"), ("asdf", "icg")):
+        write_report([tmp_path / name for name in order], out, pictures=0)
+        page = out.read_text(encoding="utf-8")
+        assert f"{COUNT} frames with truth" in page
+        truth, *_ = re.findall(r'<b title="truth">.*?</div>', page)
+        assert "frames 0 to" in truth
+    write_report([tmp_path / "icg"], out, pictures=0)
+    assert f"{COUNT - 1} frames with truth" in out.read_text(encoding="utf-8")
+
+
 def test_truth_of_states_alone(runs: list[Path], tmp_path: Path) -> None:
     truth = tmp_path / "truth"
     truth.mkdir()
