@@ -133,8 +133,9 @@ class CarryJob(BackgroundJob):
             self._set(replace(self._begun, state="stopped"))
         else:
             told = f"{carry.label} tracked to {counted(count, 'frame')}"
-            end = replace(self._begun, state="done", done=count, message=lost, told=told)
-            self._set(replace(end, part=carry.part, version=self._workspace.store.version()))
+            end = replace(self._begun, state="done", done=count, lost=lost, told=told)
+            end = replace(end, part=carry.part, message=self._told_lost(lost))
+            self._set(replace(end, version=self._workspace.store.version()))
 
     def _fail(self, message: str) -> None:
         said = Message(f"{self._carry.label} could not be tracked", message, is_problem=True)
@@ -214,22 +215,29 @@ class CarryJob(BackgroundJob):
         }
         return sorted(k for k in tracked & tried if k[1] not in found.get(k[0], {}))
 
-    def _lost_in(self, found: Mapping[str, Mapping[int, CarriedPose]]) -> str:
-        """Where the selected part was not found, in words; empty if there is no such frame."""
+    def _lost_in(self, found: Mapping[str, Mapping[int, CarriedPose]]) -> tuple[int, ...]:
+        """The places at which the selected part was not found."""
         carry, indices = self._carry, self._workspace.indices
         by_hand = by_hand_of(self._workspace.store.said())
         begun = carry.keyframes[carry.part]
-        is_lost = [
-            not (place in begun or place in found.get(carry.part, {}))
-            and (indices[place], carry.part) not in by_hand
+        return tuple(
+            place
             for place in range(carry.first, carry.last + 1)
-        ]
+            if not (place in begun or place in found.get(carry.part, {}))
+            and (indices[place], carry.part) not in by_hand
+        )
+
+    def _told_lost(self, places: tuple[int, ...]) -> str:
+        """The same in words; empty if there is no such place."""
+        carry, indices = self._carry, self._workspace.indices
+        is_lost = [place in places for place in range(carry.first, carry.last + 1)]
         told = [
             range_in_words(indices[carry.first + start], indices[carry.first + end])
             for start, end, lost in stretches(is_lost)
             if lost
         ]
-        count = f"{sum(is_lost)} of {len(is_lost) - len(begun)} frames"
+        tried = len(is_lost) - len(carry.keyframes[carry.part])
+        count = f"{len(places)} of {tried} frames"
         return f"lost in {count}: {some(told, most=NAMED)}" if told else ""
 
     def _tell(self, done: int, total: int, *, preparing: bool) -> None:

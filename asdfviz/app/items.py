@@ -62,6 +62,8 @@ class JobStatus:
     message: str = ""
     part: str = ""
     """Of tracking: the part that was selected."""
+    lost: tuple[int, ...] = ()
+    """Of tracking: the places at which that part was not found."""
     version: int = 0
     """Of the annotation once it had ended: later it may no longer be as was told."""
     told: str = ""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +24,7 @@ from asdfviz.app.panels import tracking
 from asdfviz.app.snapshot import take
 from asdfviz.app.view import View
 from asdfviz.app.workspace import Workspace
-from asdfviz.datatypes import Assembly, Camera, Frame
+from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate, Run
 from asdfviz.errors import AnnotationError, MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_about, transform_from
@@ -189,7 +191,7 @@ def test_where_a_part_was_lost_is_told(opened: Open, otherwise: str) -> None:
     assert (status.state, status.done) == ("done", 4)
     assert status.message == f"lost in 3 of 7 frames: frames {FIRST + 5} to {FIRST + 7}"
     html = tracking.content(take(workspace, view, frame=None))
-    assert f"tracked to 4 frames, {status.message}" in html
+    assert f"tracked to 4 frames, {status.message}; Shift Page ↓ goes to frames without" in html
     # What was tracked there earlier is not left as if it were found; what is told goes with the next edit.
     assert "jaw" not in workspace.poses(6, None)
     other = take(workspace, View(place=2, selected="bolt"), frame=None)
@@ -199,6 +201,39 @@ def test_where_a_part_was_lost_is_told(opened: Open, otherwise: str) -> None:
     assert "tracked to" not in tracking.content(take(workspace, view, frame=None))
     workspace.store.redo()
     assert gap_beside(view, workspace, 1) == 5
+
+
+@pytest.mark.parametrize(
+    ("seen_by_run", "place", "told", "way"),
+    [
+        (range(COUNT), 2, ", where its pose is from asdf. Undo", 5),
+        (range(COUNT), 5, ", where its pose is from asdf. Undo", None),
+        (range(COUNT), 7, ", where its pose is from asdf. Undo", 5),
+        (range(7), 2, "; Shift Page ↓ goes to frames without a pose. Undo", 5),
+        (range(6), 7, "; Shift Page ↑ goes to frames without a pose. Undo", 5),
+        (range(7), 7, f"{FIRST + 7}. Undo", 5),
+    ],
+)
+def test_where_a_part_was_lost_can_be_gone_to(
+    opened: Open, seen_by_run: range, place: int, told: str, way: int | None
+) -> None:
+    workspace = opened(gone_from=5)
+    assembly = workspace.assembly
+    said = tuple(
+        FramePrediction(
+            FIRST + at, {"jaw": PoseEstimate("jaw", pose_of(assembly, at), 1.0, "pnp")}, None
+        )
+        for at in seen_by_run
+    )
+    workspace.put_run(Run("asdf", {}, "moving", assembly.path, "0", said), "first")
+    view = View(place=2, selected="jaw", tab="annotate", base="first")
+    status = tracked(workspace, plan(workspace, view, "forward"))
+    assert status.lost == (5, 6, 7)
+    html = tracking.content(take(workspace, replace(view, place=place), frame=None))
+    assert told in html
+    shown = re.search(r"Seek.{,30}?place.{,10}?(\d+)", html)
+    assert (None if shown is None else int(shown[1])) == way
+    assert ("to-lost" in html) == (way is not None)
 
 
 @pytest.mark.parametrize("with_depth", [True, False])

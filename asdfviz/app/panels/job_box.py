@@ -26,8 +26,8 @@ def running(job: JobStatus, doing: str, *, control: str, testid: str, pace: str 
     )
 
 
-def ended(job: JobStatus, words: Mapping[str, str], *, testid: str) -> str:
-    """The line as HTML; `words` holds plain text for the states that a job ends in."""
+def ended(job: JobStatus, words: Mapping[str, str], *, testid: str, control: str = "") -> str:
+    """The line as HTML; `words` holds plain text for the states that a job ends in, `control` a button."""
     kind = {"done": "ax-good", "failed": "ax-bad"}.get(job.state, "ax-note")
     kind = "ax-doubt" if job.state == "done" and job.message else kind
-    return f'<p class="{kind}" data-testid="{testid}">{text(words[job.state])}</p>'
+    return f'<p class="{kind}" data-testid="{testid}">{text(words[job.state])}{control}</p>'

@@ -68,10 +68,31 @@ def _end(job: JobStatus, snap: Snapshot) -> str:
         if not is_new or job.part != snap.view.selected:
             return ""
     sign = "!" if job.message or job.unsure else "✓"
-    lost = f", {job.message}; Shift Page ↓ goes to frames without a pose" if job.message else ""
+    lost = f", {job.message}{_what_is_there(job, snap)}" if job.message else ""
     words = {
         "done": f"{sign} {job.told}{lost}. Undo takes it back.",
         "stopped": f"{job.told} was cancelled; nothing was changed.",
         "failed": f"✕ {job.message}",
     }
-    return job_box.ended(job, words, testid="tracking-end")
+    return job_box.ended(job, words, testid="tracking-end", control=_to_lost(job, snap))
+
+
+def _what_is_there(job: JobStatus, snap: Snapshot) -> str:
+    """Whose pose stands where the part was lost, or the key that goes to where there is none."""
+    lane = snap.workspace.lane(snap.view.selected, snap.view.base)
+    if not any(lane.cells[place].is_gap for place in job.lost):
+        return f", where its pose is {lane.cells[job.lost[0]].say}"
+    for arrow, direction in (("↓", 1), ("↑", -1)):
+        if lane.gap(snap.view.place, direction) is not None:
+            return f"; Shift Page {arrow} goes to frames without a pose"
+    return ""
+
+
+def _to_lost(job: JobStatus, snap: Snapshot) -> str:
+    """A button to where the part was lost next, from the shown frame on and then from the first."""
+    begun = [place for place in job.lost if place - 1 not in job.lost]
+    place = next((at for at in begun if at > snap.view.place), next(iter(begun), None))
+    if place is None or place == snap.view.place:
+        return ""
+    title = f"Show frame {snap.workspace.indices[place]}, where {job.part} was lost"
+    return " " + button("Go there", act("Seek", place=place), title=title, testid="to-lost")
