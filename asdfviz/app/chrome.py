@@ -112,13 +112,13 @@ def keys_sheet() -> str:
 def _state_badge(snap: Snapshot) -> str:
     mark, who = snap.mark
     if mark is None:
-        return '<span class="ax-state" data-testid="state">state unknown</span>'
+        return '<span class="ax-state" data-testid="state"><span>state unknown</span></span>'
     count = len(snap.workspace.assembly.steps)
     color = theme.ERROR if mark.is_error else state_color(min(mark.state, count - 1), count)
     word = "error: " if mark.is_error else ""
     return (
-        f'<span class="ax-state" data-testid="state">{chip(color)}{word}{text(mark.name)}'
-        f"<small>{text(who)}</small></span>"
+        f'<span class="ax-state" data-testid="state" title="{text(f"{word}{mark.name}, {who}")}">'
+        f"<span>{chip(color)}{word}{text(mark.name)}</span><small>{text(who)}</small></span>"
     )
 
 
@@ -132,7 +132,7 @@ def _job(job: JobStatus | None) -> str:
     stop = button("Stop", act("StopRun"), title="Stop the method", testid="stop-top")
     return (
         f'<span class="ax-job" data-testid="job"><span class="ax-meter"><i style="width:{100 * share:.1f}%">'
-        f"</i></span>Running {text(job.method)}: {job.done}/{job.total}, {pace}</span>{stop}"
+        f"</i></span><span>Running {text(job.method)}: {job.done}/{job.total}, {pace}</span></span>{stop}"
     )
 
 

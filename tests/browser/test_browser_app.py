@@ -149,15 +149,24 @@ def test_meshes_lie_on_the_picture_to_half_a_pixel(
     assert np.linalg.norm(found - expected, axis=1).max() <= 0.5
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (1000, 900)])
-def test_no_control_covers_another(page: Page, size: tuple[int, int]) -> None:
+@pytest.mark.parametrize("last", ["11", "1999", "1234567"])
+@pytest.mark.parametrize("size", [(1600, 900), (1280, 800), (1000, 900)])
+def test_no_control_covers_another(page: Page, size: tuple[int, int], last: str) -> None:
     page.set_viewport_size({"width": size[0], "height": size[1]})
     boxes = page.evaluate(
-        """() => [document.querySelector('.ax-bottom'),
-                  ...document.querySelectorAll('.ax-controls .ax-btn, .ax-frame, .ax-opacity')].map(e => {
-            const b = e.getBoundingClientRect();
-            return [b.left, b.top, b.right, b.bottom];
-        })"""
+        """(last) => {
+            const numbers = [...document.querySelector('.ax-frame').children];
+            const before = numbers.map(e => e.textContent);
+            [last, ` / ${last}`].forEach((said, i) => { numbers[i].textContent = said; });
+            const boxes = [document.querySelector('.ax-bottom'),
+                ...document.querySelectorAll('.ax-controls .ax-btn, .ax-frame, .ax-opacity')].map(e => {
+                const b = e.getBoundingClientRect();
+                return [b.left, b.top, b.right, b.bottom];
+            });
+            before.forEach((said, i) => { numbers[i].textContent = said; });
+            return boxes;
+        }""",
+        last,
     )
     (left, _, right, _), *controls = boxes
     assert len(controls) > 10
@@ -167,6 +176,45 @@ def test_no_control_covers_another(page: Page, size: tuple[int, int]) -> None:
         for b in controls[:i]:
             apart = a[0] >= b[2] or b[0] >= a[2] or a[1] >= b[3] or b[1] >= a[3]
             assert apart, (a, b)
+
+
+@pytest.mark.parametrize(
+    ("width", "name", "is_whole", "tells_who"),
+    [
+        (1600, "jaw on", True, True),
+        (1280, "jaw on", True, True),
+        (1280, "clamping nut", True, False),
+        (1280, "clamping nut on the spindle", False, False),
+        (1000, "jaw on", True, False),
+        (800, "jaw on", True, False),
+    ],
+)
+def test_the_state_is_not_cut_in_a_letter_while_a_method_runs(
+    page: Page, width: int, name: str, *, is_whole: bool, tells_who: bool
+) -> None:
+    page.set_viewport_size({"width": width, "height": 800})
+    found = page.evaluate(
+        """(name) => {
+            const bar = document.querySelector('.ax-bar-main').cloneNode(true);
+            document.querySelector('.ax-top').prepend(bar);
+            document.querySelector('.ax-bar-main ~ .ax-bar-main').style.display = 'none';
+            bar.querySelector('.ax-name').textContent = 'sequence';
+            const state = bar.querySelector('.ax-state'), [said, who] = state.children;
+            said.lastChild.textContent = name;
+            who.textContent = 'annotation';
+            bar.querySelector('.ax-tools').insertAdjacentHTML('afterbegin', `<span class="ax-job">
+                <span class="ax-meter"></span><span>Running asdf_track: 1234/1999, 2525 ms a frame</span></span>
+                <span class="ax-btn">Stop</span>`);
+            const box = (e) => e.getBoundingClientRect(), inside = box(state).bottom > box(who).top + 4;
+            const all = [...bar.querySelectorAll('.ax-btn')].every((e) => box(e).right <= box(bar).right);
+            const told = [said.scrollWidth <= said.clientWidth, getComputedStyle(said).textOverflow, inside, all];
+            bar.remove();
+            document.querySelector('.ax-bar-main').style.display = '';
+            return told;
+        }""",
+        name,
+    )
+    assert found == [is_whole, "ellipsis", tells_who, True]
 
 
 @pytest.mark.parametrize("size", [(1600, 900), (1280, 800)])

@@ -16,7 +16,7 @@
     <section class="ax-bottom" aria-label="Timeline">
       <div class="ax-controls">
         <div class="ax-controls-main" data-slot="controls"></div>
-        <label class="ax-opacity" title="How solid the meshes are">Opacity
+        <label class="ax-opacity" title="How solid the meshes are"><span>Opacity</span>
           <input type="range" min="0.05" max="1" step="0.05" data-testid="opacity"></label>
       </div>
       <div class="tl" data-testid="timeline">
