@@ -128,7 +128,8 @@ class Export:
 
     unchecked: bool = False
     """Also poses that nobody set, tracked or verified, and states that nobody set, as the run has
-    them that corrections started from."""
+    them that corrections started from; in labels also frames in which nobody said of all parts whether
+    they are there: those without a pose are background then."""
 
     def __call__(self) -> None:
         """Export what the annotation holds."""
@@ -136,7 +137,7 @@ class Export:
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.sequences import open_sequence
         from asdfviz.export.bop import export_bop
-        from asdfviz.export.gaps import told_gaps
+        from asdfviz.export.gaps import told_gaps, told_label_gaps
         from asdfviz.export.readable import told_left_out
         from asdfviz.export.yolo import export_yolo
 
@@ -148,10 +149,14 @@ class Export:
         sequence = open_sequence(self.sequence, assembly=assembly, format=self.format)
         known = annotated(sequence, annotations=self.annotations, guesses=self.unchecked)
         with progress_bar("export") as report:
-            export = (
-                partial(export_bop, ids=self.ids)
+            with_depth = self.layout == "yolo-depth"
+            export, told = (
+                (partial(export_bop, ids=self.ids), told_gaps)
                 if self.layout == "bop"
-                else partial(export_yolo, with_depth=self.layout == "yolo-depth")
+                else (
+                    partial(export_yolo, with_depth=with_depth, unchecked=self.unchecked),
+                    partial(told_label_gaps, unchecked=self.unchecked),
+                )
             )
             left_out = export(
                 sequence,
@@ -165,6 +170,6 @@ class Export:
         if known.unchecked:
             print(f"note: {known.unchecked} (--unchecked exports all)", file=sys.stderr)
         parts = () if sequence.assembly is None else tuple(sequence.assembly.parts)
-        if gaps := told_gaps(known.truth, sequence.frame_indices, parts, gone=known.gone):
+        if gaps := told(known.truth, sequence.frame_indices, parts, gone=known.gone):
             print(f"note: {gaps}", file=sys.stderr)
         print(self.out)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 
 from asdfviz.datatypes import FrameTruth
 from asdfviz.errors import counted, some
@@ -34,6 +35,20 @@ def says_what_is_there(
     if frame.T_camera_part or frame.lists_parts or frame.state is None:
         return True
     return not lacking(frame.frame_index, (), parts, gone=gone)
+
+
+def unchecked_frames(
+    truth: Mapping[int, FrameTruth],
+    frames: Iterable[int],
+    parts: Collection[str],
+    gone: Collection[tuple[int, str]],
+) -> list[int]:
+    """The frames that tell which parts are there, but not of all."""
+    return [
+        i
+        for i in frames
+        if i in truth and truth[i].unchecked and says_what_is_there(truth[i], parts, gone)
+    ]
 
 
 def told_gaps(
@@ -71,3 +86,25 @@ def told_gaps(
         if told:
             notes.append(f"without a pose, {how}: {some(told, most=_MOST)}")
     return "; ".join(notes)
+
+
+def told_label_gaps(
+    truth: Mapping[int, FrameTruth],
+    frames: Collection[int],
+    parts: Collection[str],
+    *,
+    gone: Collection[tuple[int, str]] = (),
+    unchecked: bool = False,
+) -> str:
+    """As `told_gaps`, of labels for training, which cannot say that a part is unchecked; see `export_yolo`."""
+    left_out = [] if unchecked else unchecked_frames(truth, frames, parts, gone)
+    whole = {i: replace(known, unchecked=()) for i, known in truth.items() if i not in left_out}
+    names = [part for part in parts if any(part in truth[i].unchecked for i in left_out)]
+    notes = [told_gaps(whole, [i for i in frames if i not in left_out], parts, gone=gone)]
+    if left_out:
+        notes.insert(
+            0,
+            f"{counted(len(left_out), 'frame')} left out in which nobody said of "
+            f"{some(names, most=_MOST)} whether it is there (--unchecked: it is not)",
+        )
+    return "; ".join(note for note in notes if note)

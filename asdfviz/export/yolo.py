@@ -24,10 +24,10 @@ from asdfviz.data.prefetch import Prefetcher
 from asdfviz.data.scene_objects import SceneObject
 from asdfviz.data.truth import STATES, fitting_errors
 from asdfviz.datatypes import KEYPOINTS, Assembly, Frame, FrameTruth, Sequence, State
-from asdfviz.errors import SequenceError
+from asdfviz.errors import SequenceError, counted
 from asdfviz.export.bop import about_export, check_target, remove_others
 from asdfviz.export.bop_content import camera_content, states
-from asdfviz.export.gaps import says_what_is_there
+from asdfviz.export.gaps import says_what_is_there, unchecked_frames
 from asdfviz.export.readable import readable_frames
 from asdfviz.pose.labels import SMALLEST_VISIBLE, Group, Labeller, Subject
 from asdfviz.pose.yolo_rows import yolo_rows
@@ -41,9 +41,10 @@ def export_yolo(
     *,
     with_depth: bool = False,
     gone: Collection[tuple[int, str]] = (),
+    unchecked: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[int, str]:
-    """Write every frame that has truth of its parts, with its labels, into a folder.
+    """Write every frame that has truth of all its parts, with its labels, into a folder.
 
     Classes are the assembly's detector classes. Symmetric parts have the keypoints of their
     canonical pose, as in training. A frame whose images cannot be read is left out. An error has its
@@ -56,6 +57,7 @@ def export_yolo(
         folder: a new or empty folder, or an earlier export of this sequence.
         with_depth: write the ASDF authors' images with depth in the fourth channel.
         gone: frame numbers and parts that are not there, as a person said.
+        unchecked: also write frames with unchecked parts, which are background then.
         progress: called with frames done and frames in all.
 
     Returns:
@@ -69,13 +71,7 @@ def export_yolo(
     source = sequence.source if isinstance(sequence, Prefetcher) else sequence
     if source.assembly is None:
         raise SequenceError(f"{source.name} names no assembly, which gives the classes: name one")
-    places = [
-        place
-        for place, index in enumerate(source.frame_indices)
-        if index in truth and says_what_is_there(truth[index], source.assembly.parts, gone)
-    ]
-    if not places:
-        raise SequenceError(f"no frame of {source.name} has truth to make labels from")
+    places = _labelled_places(source, source.assembly, truth, gone, unchecked=unchecked)
     folder = folder.expanduser().resolve()
     check_target(folder, source)
     subject = Subject.of(source.assembly)
@@ -94,6 +90,34 @@ def export_yolo(
         remove_others(folder / room, {str(index) for index in kept})
     write_text(folder / STATES, json.dumps(states(kept, source.assembly), indent=1) + "\n")
     return left_out
+
+
+def _labelled_places(
+    source: Sequence,
+    assembly: Assembly,
+    truth: Mapping[int, FrameTruth],
+    gone: Collection[tuple[int, str]],
+    *,
+    unchecked: bool,
+) -> list[int]:
+    frames, parts = source.frame_indices, assembly.parts
+    doubtful = [] if unchecked else unchecked_frames(truth, frames, parts, gone)
+    places = [
+        place
+        for place, index in enumerate(frames)
+        if index in truth
+        and index not in doubtful
+        and says_what_is_there(truth[index], parts, gone)
+    ]
+    if places:
+        return places
+    why = (
+        f": in {counted(len(doubtful), 'frame')} nobody said of all parts whether they are there; place "
+        "them, take them away, or export unchecked ones, too"
+    )
+    raise SequenceError(
+        f"no frame of {source.name} has truth to make labels from{why if doubtful else ''}"
+    )
 
 
 def _write_about(source: Sequence, assembly: Assembly, folder: Path) -> None:

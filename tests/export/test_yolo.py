@@ -61,6 +61,18 @@ def test_a_frame_of_which_only_the_state_is_known_is_no_background(
     assert (tmp_path / "labels" / "000005.txt").read_text() == ""
 
 
+def test_an_unchecked_part_is_no_background(tmp_path: Path, sequence: Sequence) -> None:
+    known = truth()
+    base_only = {"base <1>": known[5].T_camera_part["base <1>"]}
+    known[5] = replace(known[5], T_camera_part=base_only, unchecked=("jaw",))
+    export_yolo(sequence, known, tmp_path)
+    assert [file.name for file in (tmp_path / "images").iterdir()] == ["000000.png"]
+    export_yolo(sequence, known, tmp_path, unchecked=True)
+    assert len(list((tmp_path / "images").iterdir())) == 2
+    with pytest.raises(SequenceError, match="in 1 frame nobody said of all parts"):
+        export_yolo(sequence, {5: known[5]}, tmp_path)
+
+
 def test_labels_hold_what_the_truth_says(
     tmp_path: Path, sequence: Sequence, classed: Assembly
 ) -> None:
