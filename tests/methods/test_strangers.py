@@ -81,3 +81,14 @@ def test_it_can_be_switched_off(assembly: Assembly, box_at: Callable) -> None:
 def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match="strangers"):
         StrangersConfig(**wrong)
+
+
+def test_the_part_may_come_to_where_it_lay(
+    assembly: Assembly, strangers: Strangers, box_at: Callable
+) -> None:
+    """A place that looked like the part is not held against the part once it is there."""
+    block, like = box_at("block", 20, score=0.8), box_at("block", 120, score=0.3)
+    found_in(strangers, assembly, [block, like], times=20)
+    assert "block" not in found_in(strangers, assembly, [replace(like, score=0.32)])
+    arrived = replace(like, score=0.5)
+    assert found_in(strangers, assembly, [arrived])["block"] is arrived
