@@ -57,7 +57,8 @@ class TrainConfig:
     """Run folder: checkpoints, log, curve, weights."""
     fresh: int = 0
     """Pictures rendered while training: the latest so many are drawn from beside `data`, which may
-    then be empty. 0 for none. Such a run does not repeat exactly."""
+    then be empty. 0 for none. Such a run does not repeat exactly. A GPU keeps them in its memory to cut
+    inputs out of, 0.7 MB each at 640x360."""
     fresh_draws: int = 40
     """Inputs for each of them that is rendered; a faster training waits."""
     fresh_scenes: float = 0.5
