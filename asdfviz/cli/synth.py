@@ -133,6 +133,8 @@ class SynthTestset:
     """Write BOP's mask/ and mask_visib/ too."""
     workers: int = 1
     """Processes that share the sequences."""
+    joblib_backend: Literal["loky", "dask", "ray"] | None = None
+    """Share the sequences by joblib's engine instead; dask and ray reach other machines."""
     device: str = "cpu"
     """Where torch renders: cpu or cuda."""
 
@@ -163,7 +165,7 @@ class SynthTestset:
                 progress=with_rate(report, "frames"),
                 stop=stop,
                 device=self.device,
-                crew=Crew(self.workers),
+                crew=Crew(self.workers, self.joblib_backend),
             )
         if folder is None:
             raise Stopped(f"what is done is in {self.out}; the same line goes on")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -12,13 +13,14 @@ import cv2
 import numpy as np
 import pytest
 
+from asdfviz.cli.synth import SynthTestset
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.synth.description import Ground
 from asdfviz.synth.images import TEST_SEEDS
 from asdfviz.synth.primitives import box
 from asdfviz.synth.rerender import ground_mesh, stretched
-from asdfviz.synth.testset import SETS, SetsConfig, generate_testset
+from asdfviz.synth.testset import SETS, SequenceWork, SetsConfig, generate_testset
 from asdfviz.synth.workers import Crew
 
 SMALL = SetsConfig(only="table1", width=128, height=72, frames_per_state=1)
@@ -125,6 +127,25 @@ def test_a_folder_with_other_things_is_refused(tmp_path: Path, toy: Assembly) ->
 
 def test_a_stopped_test_set_says_so(tmp_path: Path, toy: Assembly) -> None:
     assert generate_testset(toy, folder=tmp_path, config=SMALL, stop=lambda: True) is None
+
+
+def test_other_machines_can_share_the_sequences(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crews: list[object] = []
+
+    def generate(*_: object, folder: Path, **options: object) -> Path:
+        crews.append(options["crew"])
+        return folder
+
+    monkeypatch.setattr("asdfviz.synth.testset.generate_testset", generate)
+    SynthTestset("corner_clamp", tmp_path, workers=3, joblib_backend="dask")()
+    assert crews == [Crew(3, "dask")]
+
+
+def test_the_sequences_can_be_sent_to_another_process(tmp_path: Path, toy: Assembly) -> None:
+    work = pickle.loads(pickle.dumps(SequenceWork(toy, tmp_path, SMALL, "cpu")))
+    assert (work.home, work.config, work.assembly.name) == (tmp_path, SMALL, toy.name)
 
 
 def test_every_sequence_has_a_seed_of_its_own() -> None:
