@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from jaxtyping import Float64
@@ -77,12 +78,19 @@ def load_assets(assembly: Assembly, *, device: str = "cpu") -> Assets:
         distractors=distractors,
         hands=hand_range,
         sleeves=sleeve_range,
-        resting={
-            n: resting_faces(p.mesh.vertices, center=center_of_mass(p.mesh))
-            for n, p in assembly.parts.items()
-        },
+        resting={name: _resting(part.mesh) for name, part in assembly.parts.items()},
         distractor_points=tuple(m.vertices for m in solids),
     )
+
+
+_known: WeakKeyDictionary[Mesh, tuple[RestingFace, ...]] = WeakKeyDictionary()
+"""Resting faces of the meshes that this process has loaded and still has."""
+
+
+def _resting(mesh: Mesh) -> tuple[RestingFace, ...]:
+    if mesh not in _known:
+        _known[mesh] = resting_faces(mesh.vertices, center=center_of_mass(mesh))
+    return _known[mesh]
 
 
 @cache

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.camera import scaled_intrinsics
-from asdfviz.synth.assets import Assets
+from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.description import Finish, Placed
 from asdfviz.synth.images import TEST_SEEDS, check_seed
 from asdfviz.synth.kinect import KINECT, camera_for
@@ -60,3 +61,11 @@ def test_seeds_of_test_sets_are_theirs() -> None:
         check_seed(TEST_SEEDS.start)
     with pytest.raises(InputError, match="seed is -5, use 0 or more"):
         check_seed(-5, of_test_set=True)
+
+
+def test_parts_that_are_there_already_are_not_rolled_again(
+    toy: Assembly, toy_assets: Assets, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("asdfviz.synth.assets.resting_faces", None)
+    again = load_assets(toy).resting
+    assert all(again[name] is toy_assets.resting[name] for name in toy.parts)
