@@ -24,7 +24,7 @@ from asdfviz.synth.hands import hand_mesh
 from asdfviz.synth.layout import Outfit
 from asdfviz.synth.motion import blend, moved
 from asdfviz.synth.penetration import Solid, depth, out_of_reach
-from asdfviz.synth.ways import Body, deepest
+from asdfviz.synth.ways import Body, is_free
 
 ALLOWED = 0.0042
 """Soft fingers give way by this much, metres."""
@@ -60,14 +60,14 @@ def snapped(
             continue
         T = now.T_world_part[name]
         others = [Body(solids[n], T_n) for n, T_n in now.T_world_part.items() if n != name]
-        if deepest(Body(solids[name], T), others, least=SNAPPED) <= SNAPPED:
+        if is_free(Body(solids[name], T), others, SNAPPED):
             continue
         ends = passed[k - 1].T_world_part[name], moments[k + 1].T_world_part[name]
         for way in (blend(T, end, share) for share in _SHARES for end in ends):
             far = max(float(np.linalg.norm(way[:3, 3] - end[:3, 3])) for end in ends)
             if far > step:
                 continue
-            if deepest(Body(solids[name], way), others, least=SNAPPED) <= SNAPPED:
+            if is_free(Body(solids[name], way), others, SNAPPED):
                 passed[k] = _carried(now, name, way)
                 break
     return tuple(passed)

@@ -189,9 +189,11 @@ def _crossings(points: Points, columns: Columns) -> Int64[np.ndarray, "n"]:
     ids = np.where(within, j * (_COLUMNS + 1) + i, 0)
     counts = np.where(within, columns.starts[ids + 1] - columns.starts[ids], 0)
     owner, place = expand(counts)
-    lines = columns.lines[:, columns.starts[ids[owner]] + place]
-    x, y = x[owner], y[owner]
-    hit = z[owner] < lines[9] * x + lines[10] * y + lines[11]
-    for k in (0, 3, 6):
-        hit &= lines[k] * x + lines[k + 1] * y + lines[k + 2] >= 0
-    return np.bincount(owner[hit], minlength=len(points))
+    entry = columns.starts[ids[owner]] + place
+    # The height first: it leaves half of the entries to the edges, and each of these fewer.
+    for k in (9, 0, 3, 6):
+        of_x, of_y, constant = (line.take(entry) for line in columns.lines[k : k + 3])
+        value = of_x * x.take(owner) + of_y * y.take(owner) + constant
+        hit = value > z.take(owner) if k == 9 else value >= 0
+        owner, entry = owner[hit], entry[hit]
+    return np.bincount(owner, minlength=len(points))

@@ -205,13 +205,22 @@ def depth(
 
 
 def penetration(
-    a: Solid, b: Solid, T_b_a: Transform, *, most: int | None = None, least: float = 0.0
+    a: Solid,
+    b: Solid,
+    T_b_a: Transform,
+    *,
+    most: int | None = None,
+    least: float = 0.0,
+    enough: float = np.inf,
 ) -> float:
     """How deep the surfaces of two solids stand in each other, metres.
 
     Measured at the corners and at points spread over the faces of both, so that what is finer than
-    their spacing (about 2 mm on a part of 10 cm) may be missed. `most` and `least` are those of `depth`.
+    their spacing (about 2 mm on a part of 10 cm) may be missed. `most`, `least` and `enough` are those
+    of `depth`.
     """
-    one = depth(apply(T_b_a, a.samples), b, most=most, least=least)
-    other = depth(apply(inverse(T_b_a), b.samples), a, most=most, least=max(one, least))
-    return max(one, other)
+    one = depth(apply(T_b_a, a.samples), b, most=most, least=least, enough=enough)
+    if one >= enough:
+        return one
+    samples_a = apply(inverse(T_b_a), b.samples)
+    return max(one, depth(samples_a, a, most=most, least=max(one, least), enough=enough))

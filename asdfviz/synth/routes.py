@@ -24,7 +24,7 @@ from asdfviz.synth.joint_motion import joined_poses, random_rotation
 from asdfviz.synth.layout import Outfit, turn_z
 from asdfviz.synth.motion import blend, moved
 from asdfviz.synth.penetration import Solid
-from asdfviz.synth.ways import TOLERANCE, Body, deepest, lowest, touches
+from asdfviz.synth.ways import TOLERANCE, Body, deepest, is_free, lowest, touches
 
 CLEARANCE = 0.008
 """Air between what is carried and what lies below, metres."""
@@ -212,9 +212,6 @@ def wrong_place(
             Body(body.solid, blend(T @ pivot, home @ pivot, share) @ inverse(pivot))
             for share in np.linspace(0, 1, 13)
         ]
-        if all(
-            lowest(b, T_world_base) > 0 and deepest(b, others, least=allowed) <= allowed
-            for b in stops
-        ):
+        if all(lowest(b, T_world_base) > 0 and is_free(b, others, allowed) for b in stops):
             return T
     return None

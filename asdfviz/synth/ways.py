@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,8 @@ _SLIDES = tuple(k / 1000 for k in range(1, 31))
 """Where a way may have its corner: so far from the place, metres."""
 _BLOCKED = 0.005
 """A direction that goes through others deeper than this is followed no farther, metres."""
+_CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+"""Of a box of side 1."""
 _LIFTS = (0.005, 0.01, 0.015, 0.02, 0.03, 0.045, 0.065, 0.09)
 
 
@@ -63,26 +66,35 @@ class Body:
     T: Transform
 
 
-def touches(a: Body, b: Body, *, least: float = 0.0) -> float:
+def touches(a: Body, b: Body, *, least: float = 0.0, enough: float = np.inf) -> float:
     """How deep two bodies stand in each other, metres; quick if their boxes are apart.
 
-    A depth up to `least` may be told as any other up to this, which is quicker.
+    A depth up to `least` may be told as any other up to this, one from `enough` on as any other from
+    this on, which is quicker.
     """
     T_b_a = inverse(b.T) @ a.T
-    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    spread = a.solid.low + corners * (a.solid.high - a.solid.low)
+    spread = a.solid.low + _CORNERS * (a.solid.high - a.solid.low)
     box = apply(T_b_a, spread)
     if bool((box.min(axis=0) > b.solid.high).any() or (box.max(axis=0) < b.solid.low).any()):
         return 0.0
-    return penetration(a.solid, b.solid, T_b_a, most=_MEASURED, least=least)
+    return penetration(a.solid, b.solid, T_b_a, most=_MEASURED, least=least, enough=enough)
 
 
-def deepest(body: Body, others: Sequence[Body], *, least: float = 0.0) -> float:
-    """How deep a body stands in the others, metres; up to `least` as `touches` tells it."""
+def deepest(
+    body: Body, others: Sequence[Body], *, least: float = 0.0, enough: float = np.inf
+) -> float:
+    """How deep a body stands in the others, metres; up to `least` and from `enough` on as `touches` tells."""
     found = 0.0
     for other in others:
-        found = max(found, touches(body, other, least=max(found, least)))
+        found = max(found, touches(body, other, least=max(found, least), enough=enough))
+        if found >= enough:
+            break
     return found
+
+
+def is_free(body: Body, others: Sequence[Body], allowed: float) -> bool:
+    """Whether a body stands in the others no deeper than allowed, metres."""
+    return deepest(body, others, least=allowed, enough=math.nextafter(allowed, math.inf)) <= allowed
 
 
 def find_way(
@@ -123,10 +135,7 @@ def _round_a_corner(
     for slide in candidates:
         for offset in _SLIDES:
             corner = Body(body.solid, moved(body.T, offset * slide))
-            if (
-                deepest(corner, others, least=allowed) > allowed
-                or lowest(corner, T_world_base) < 0.0003
-            ):
+            if not is_free(corner, others, allowed) or lowest(corner, T_world_base) < 0.0003:
                 break
             for direction in candidates:
                 if abs(float(direction @ slide)) > 0.9:
@@ -150,18 +159,20 @@ def _along(
     """The way along one direction; None if it goes through the table or is worse than the best."""
     up = T_world_base[:3, :3].T @ np.array([0.0, 0.0, 1.0])
     worst = 0.0
+    # A way that is worse than the best need not be known any better.
+    enough = np.inf if best is None else allowed + best.depth + 1e-9
     for offset in _OFFSETS:
         there = Body(body.solid, moved(body.T, offset * direction))
         if lowest(there, T_world_base) < 0.0003 and direction @ up < 0.5:
             return None
-        here = deepest(there, others, least=allowed) - allowed
+        here = deepest(there, others, least=allowed, enough=enough) - allowed
         worst = max(worst, here)
         if best is not None and worst >= best.depth:
             return None
         if worst > _BLOCKED:
             break
         lifted = [Body(body.solid, moved(there.T, lift * up)) for lift in _LIFTS]
-        if here <= 0 and all(deepest(b, others, least=allowed) <= allowed for b in lifted):
+        if here <= 0 and all(is_free(b, others, allowed) for b in lifted):
             return Way(offset * direction, worst)
     return Way(_OFFSETS[-1] * direction, worst + 0.05)
 
