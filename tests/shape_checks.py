@@ -45,18 +45,25 @@ def decorator(*, typechecker: Callable[[Any], Any]) -> Callable[[Anything], Anyt
 
 
 def checked(function: Any) -> Any:
-    """The function, with its arguments and its result checked unless checks are turned off."""
-    hints = {name: _hint(hint, function) for name, hint in function.__annotations__.items()}
-    strict = beartype(_with_hints(function, hints))
-    if getattr(function, "__no_type_check__", False) or not hasattr(strict, "__wrapped__"):
+    """The function, with its arguments and its result checked unless checks are turned off.
+
+    Its hints are read now, as they are meant; the checks are made of them at its first call, which in
+    most processes never comes for most functions.
+    """
+    if getattr(function, "__no_type_check__", False) or not function.__annotations__:
         return function
+    hints = {name: _hint(hint, function) for name, hint in function.__annotations__.items()}
     in_context = any(_has_shape(hint) for hint in hints.values())
+    strict: Any = None
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         __tracebackhide__ = True
+        nonlocal strict
         if jaxtyping.config.jaxtyping_disable:
             return function(*args, **kwargs)
+        if strict is None:
+            strict = beartype(_with_hints(function, hints))
         if not in_context:
             return strict(*args, **kwargs)
         with _CONTEXT:
