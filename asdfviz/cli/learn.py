@@ -66,6 +66,7 @@ class Train:
         from asdfviz.data.atomic import make_folder
         from asdfviz.detector.device import require_device
         from asdfviz.errors import Stopped
+        from asdfviz.train.dataset import told_unchecked
         from asdfviz.train.loop import train
         from asdfviz.train.session import TrainReport
 
@@ -73,6 +74,8 @@ class Train:
         for device in (self.device, self.fresh_device):
             require_device(device)
         make_folder(self.out)
+        if left_out := told_unchecked((*self.data, *self.validation)):
+            print(f"note: {left_out}", file=sys.stderr)
         with progress_bar("train") as report, stop_on_interrupt() as stop:
 
             def show(state: TrainReport) -> None:

@@ -62,11 +62,14 @@ class TrainCrops:
         from asdfviz.train.crop_checkpoint import CROP_WEIGHTS
         from asdfviz.train.crop_config import CropTrainConfig
         from asdfviz.train.crop_session import CropReport, CropSession
+        from asdfviz.train.dataset import told_unchecked
 
         values = {k: v for k, v in vars(self).items() if k not in ("out", "assembly")}
         config = CropTrainConfig(**values, output=self.out, assemblies=self.assembly)
         require_device(self.device)
         make_folder(self.out)
+        if left_out := told_unchecked(self.validation):
+            print(f"note: {left_out}", file=sys.stderr)
         with progress_bar("train-crops") as report, stop_on_interrupt() as stop:
 
             def show(state: CropReport) -> None:

@@ -84,6 +84,19 @@ def read_states(folder: Path, assembly: Assembly) -> dict[int, StateTruth]:
     return states
 
 
+def unchecked_frames(folder: Path) -> frozenset[int]:
+    """Numbers of the frames of which unchecked.json names parts, whatever they are called.
+
+    Raises:
+        SequenceError: the file is broken.
+    """
+    file = folder / UNCHECKED
+    if not file.is_file():
+        return frozenset()
+    named = read_json(file, error=SequenceError).items().items()
+    return frozenset(frame_number(key, field.where) for key, field in named if field.entries())
+
+
 def _parse_state(entry: Json, assembly: Assembly) -> StateTruth:
     is_error, attached = entry.find("is_error"), entry.find("attached")
     name = entry.find("name")

@@ -20,6 +20,7 @@ from asdfviz.data.cameras import read_scene_cameras
 from asdfviz.data.images import read_rgb
 from asdfviz.data.scene_files import find_scene_files
 from asdfviz.data.scene_objects import SceneObject, read_scene_objects
+from asdfviz.data.truth import unchecked_frames
 from asdfviz.datatypes import Assembly, Part
 from asdfviz.detector.crop_classes import (
     CropClass,
@@ -114,7 +115,7 @@ def found_crops(
     folders: Sequence[Path], assemblies: Sequence[Assembly], classes: Sequence[CropClass]
 ) -> FoundCrops:
     """Cut out every part that is seen well enough, what is joined to every base part, and the places
-    about it that are still empty.
+    about it that are still empty, as far as all parts of the frame were checked.
 
     Args:
         folders: scene folders with truth; with several assemblies, sequence.json says whose.
@@ -133,6 +134,7 @@ def found_crops(
         assembly = shown_subject(folder, subjects).assembly
         files, cameras = find_scene_files(folder), read_scene_cameras(folder / "scene_camera.json")
         objects, groups = read_scene_objects(folder), read_groups(folder)
+        unchecked = unchecked_frames(folder)
         for index in files.rgb:
             if index not in objects or index not in cameras:
                 continue
@@ -144,7 +146,7 @@ def found_crops(
             rgb, K = read_rgb(files.rgb[index]), cameras[index].K
             size_wh = (rgb.shape[1], rgb.shape[0])
             empty = places[assembly.name].find(objects[index], parts, held, K=K, size_wh=size_wh)
-            for part, T in empty:
+            for part, T in empty if index not in unchecked else ():
                 label = number[class_name(assembly, part)]
                 shown.append(_Shown(label, -1, len(classes), T))
             for one in shown:

@@ -15,8 +15,9 @@ from asdfviz.data.images import metric_depth, read_raw_depth, read_rgb
 from asdfviz.data.json_files import read_json
 from asdfviz.data.scene_files import find_scene_files
 from asdfviz.data.scene_objects import read_scene_objects
+from asdfviz.data.truth import UNCHECKED, unchecked_frames
 from asdfviz.datatypes import KEYPOINTS, Assembly
-from asdfviz.errors import SequenceError
+from asdfviz.errors import SequenceError, counted
 from asdfviz.geometry.camera import scaled_intrinsics
 from asdfviz.geometry.shapes import Depth, Intrinsics, Rgb
 from asdfviz.geometry.transforms import rotation_about
@@ -122,7 +123,7 @@ def load_images(
     limit: int | None = None,
     share: slice = slice(None),
 ) -> tuple[LabelledImage, ...]:
-    """Read every frame of the scenes that has truth.
+    """Read every frame of the scenes that has truth of all its parts: what has no label is taught as nothing.
 
     Args:
         folders: scene folders.
@@ -147,13 +148,29 @@ def load_images(
         found += known
     if not found:
         raise SequenceError(
-            f"no frame with truth in {[str(f) for f in folders]}: a training set has rgb/, "
-            "scene_gt.json and scene_camera.json"
+            f"no frame with truth in {[str(f) for f in folders]}: "
+            f"{told_unchecked(folders) or 'a training set has rgb/, scene_gt.json and scene_camera.json'}"
         )
     if share == slice(None) and not any(image.objects for image in images):
         names = ", ".join(s.assembly.name for s in subjects)
         raise SequenceError(f"no part of {names} is seen in {[str(f) for f in folders]}")
     return tuple(images)
+
+
+def told_unchecked(folders: Sequence[Path]) -> str:
+    """Say how many frames `load_images` leaves out as not all of their parts were checked; empty where none.
+
+    Raises:
+        SequenceError: a file is broken.
+    """
+    told: list[str] = []
+    for folder in folders:
+        unchecked = unchecked_frames(folder)
+        if unchecked and (count := len(unchecked & read_scene_objects(folder).keys())):
+            told.append(f"{counted(count, 'frame')} of {folder}")
+    if not told:
+        return ""
+    return f"{', '.join(told)} left out, with parts that nobody checked ({UNCHECKED})"
 
 
 def subjects_of(assemblies: Sequence[Assembly]) -> list[Subject]:
@@ -208,7 +225,8 @@ def _load_scene(
     cameras = read_scene_cameras(folder / "scene_camera.json")
     objects = read_scene_objects(folder)
     groups = read_groups(folder)
-    indices = [index for index in files.rgb if index in objects and index in cameras]
+    known = objects.keys() & cameras.keys() - unchecked_frames(folder)
+    indices = [index for index in files.rgb if index in known]
     if limit is not None and len(indices) > limit:
         indices = [indices[int(i)] for i in np.linspace(0, len(indices) - 1, limit)]
     images: list[LabelledImage] = []

@@ -66,6 +66,22 @@ def test_the_shares_of_a_crop_training_are_checked(
     assert "empty_share is 2, give one from 0 to below 1" in capsys.readouterr().err
 
 
+def test_frames_that_a_training_leaves_out_are_told_before_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene"
+    scene.mkdir()
+    (scene / "scene_gt.json").write_text('{"3": []}')
+    (scene / "unchecked.json").write_text('{"3": ["jaw"]}')
+    own = ("--assembly", "corner_clamp", "--out", str(tmp_path / "out"))
+    crops = ("train-crops", "--validation", str(scene), "--empty-share", "2")
+    for asked in (("train", "--data", str(scene)), crops):
+        assert exit_code(*asked, *own) == 2
+        note, error = capsys.readouterr().err.strip().splitlines()
+        assert note.startswith(f"note: 1 frame of {scene} left out, with parts that nobody checked")
+        assert error.startswith("error: ")
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_shows_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(command, "--help") == 0

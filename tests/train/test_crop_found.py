@@ -85,6 +85,16 @@ def test_a_place_with_a_like_part_in_it_is_not_empty(
     assert not (found.crops.names == 3).any()
 
 
+def test_a_place_is_not_empty_where_a_part_was_not_checked(
+    scene: Path, assembly: Assembly, found: FoundCrops, tmp_path: Path
+) -> None:
+    partly = shutil.copytree(scene, tmp_path / "partly")
+    (partly / "unchecked.json").write_text(json.dumps({str(i): ["bar"] for i in range(FRAMES)}))
+    others = found_crops([partly], [assembly], crop_classes([assembly]))
+    assert not (others.crops.names == 3).any()
+    assert len(others.crops) == int((found.crops.names != 3).sum())
+
+
 def test_where_a_cut_out_shows_a_part_its_pose_projects_to(
     found: FoundCrops, assembly: Assembly
 ) -> None:

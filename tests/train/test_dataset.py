@@ -16,7 +16,7 @@ from asdfviz.geometry.camera import project
 from asdfviz.geometry.transforms import apply
 from asdfviz.pose.labels import LabelledObject
 from asdfviz.pose.yolo_rows import yolo_rows
-from asdfviz.train.dataset import LabelledImage, load_images
+from asdfviz.train.dataset import LabelledImage, load_images, told_unchecked
 
 
 def test_labels_are_the_projected_truth(scene: Path, assembly: Assembly) -> None:
@@ -176,4 +176,21 @@ def test_a_folder_without_truth_is_refused(
     folder = new_scene(1)
     (folder / missing).unlink()
     with pytest.raises(SequenceError, match=r"scene_gt|scene_camera"):
+        load_images([folder], (assembly,), image_size=640)
+
+
+def test_frames_with_parts_that_nobody_checked_are_left_out_and_told(
+    new_scene: Callable[[int], Path], assembly: Assembly
+) -> None:
+    folder = new_scene(3)
+    assert told_unchecked([folder]) == ""
+    unchecked = {"1": ["bar"], "2": [], "7": ["bar"]}
+    (folder / "unchecked.json").write_text(json.dumps(unchecked))
+    images = load_images([folder], (assembly,), image_size=640)
+    assert [image.name[-6:] for image in images] == ["000000", "000002"]
+    assert told_unchecked([folder]) == (
+        f"1 frame of {folder} left out, with parts that nobody checked (unchecked.json)"
+    )
+    (folder / "unchecked.json").write_text(json.dumps({key: ["bar"] for key in "012"}))
+    with pytest.raises(SequenceError, match=r"no frame with truth .*3 frames of .* nobody checked"):
         load_images([folder], (assembly,), image_size=640)
