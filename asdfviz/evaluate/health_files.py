@@ -19,7 +19,7 @@ from asdfviz.data.sequences import shows_drawn_copies
 from asdfviz.datatypes import Sequence
 from asdfviz.errors import SequenceError, counted, some
 from asdfviz.evaluate.health_report import Finding
-from asdfviz.evaluate.numbering import clock_rise, usual_step
+from asdfviz.evaluate.numbering import clock_rise, frame_counts, usual_step
 
 NAMED = 6
 """Missing frames that are named, of however many."""
@@ -66,7 +66,8 @@ def _check_times(indices: Rows[int], tick: int) -> Iterator[Finding]:
         "results must have the very same ones, and frames per second are those of sequence.json.",
         float(tick),
     )
-    lacking = {a: (2 * (b - a) + tick) // (2 * tick) - 1 for a, b in pairwise(indices)}
+    counts = frame_counts(indices)
+    lacking = {a: counts[b] - counts[a] - 1 for a, b in pairwise(indices)}
     before = [index for index, count in lacking.items() if count > 0]
     if before:
         count = sum(lacking[index] for index in before)

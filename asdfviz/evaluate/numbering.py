@@ -29,3 +29,15 @@ def clock_rise(indices: Sequence[int]) -> int | None:
     uneven = sum(0 < abs(rise - middle) <= _JITTER * middle for rise in rises)
     is_uneven = middle >= _LEAST_TICKS and 4 * uneven >= len(rises)
     return middle if is_uneven or indices[0] >= _EPOCH else None
+
+
+def frame_counts(indices: Sequence[int]) -> dict[int, int]:
+    """By rising frame number, how many frames after the first it is; frames that are missing count.
+
+    A rise by the usual step, or where numbers are times by about the time between frames, is one frame.
+    """
+    rise = clock_rise(indices) or usual_step(indices) or 1
+    counts = dict.fromkeys(indices[:1], 0)
+    for before, index in pairwise(indices):
+        counts[index] = counts[before] + max(1, (2 * (index - before) + rise) // (2 * rise))
+    return counts

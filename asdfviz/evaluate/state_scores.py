@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
 from asdfviz.evaluate.calibration import calibration_error
-from asdfviz.evaluate.numbering import usual_step
+from asdfviz.evaluate.numbering import frame_counts
 from asdfviz.evaluate.protocols import Figures, mean, median, percent, percentile
 from asdfviz.evaluate.segments import (
     Transition,
@@ -33,6 +33,8 @@ class StateRecord:
     """True and predicted state of one frame."""
 
     frame_index: int
+    count: int
+    """Frames of the sequence since its first, missing ones too, whatever they are numbered by."""
     state: int
     is_error: bool | None
     """None where the truth does not say."""
@@ -59,9 +61,8 @@ def state_records(
     """Return one record for every frame whose true state is known, in the order of the frames."""
     known = [frame for frame in truth if frame.state is not None]
     states = [int(frame.state) for frame in known if frame.state is not None]
-    numbers = sorted({*predictions, *(frame.frame_index for frame in truth)})
-    reach = TOLERANCE * (usual_step(numbers) or 1)
-    accepted = _accepted(states, [frame.frame_index for frame in known], reach)
+    counts = frame_counts(sorted({*predictions, *(frame.frame_index for frame in truth)}))
+    accepted = _accepted(states, [counts[frame.frame_index] for frame in known])
     records: list[StateRecord] = []
     for frame, state, right in zip(known, states, accepted, strict=True):
         prediction = predictions.get(frame.frame_index)
@@ -70,6 +71,7 @@ def state_records(
         records.append(
             StateRecord(
                 frame_index=frame.frame_index,
+                count=counts[frame.frame_index],
                 state=state,
                 is_error=frame.is_error,
                 predicted=None if said is None else said.completed,
@@ -90,7 +92,7 @@ def state_figures(records: Sequence[StateRecord]) -> Figures:
 
     `accuracy_tol2` takes either state in the two frames before and the two frames after a true
     transition, so a transition that is at most two frames off costs nothing. Frames that are missing
-    count too; where numbers always rise by 5, say, none is missing. `macro_f1` is the plain mean of
+    count too, also in delays; where numbers always rise by 5, say, or are times, none is. `macro_f1` is the plain mean of
     F1 over the states that occur in the truth, `macro_f1_state_part` that over all pairs of a state
     and a part joined in it. Delays are in frames, below 0 for early; a transition that the run never
     followed has none and lowers `transitions_followed`.
@@ -132,11 +134,13 @@ def confusion_matrix(records: Sequence[StateRecord], assembly: Assembly) -> dict
 
 def true_transitions(records: Sequence[StateRecord]) -> tuple[tuple[Transition, ...], int]:
     """Return every true transition with its delay, and how many changes of the run are false."""
-    return transitions(
+    found, false = transitions(
         [record.predicted for record in records],
         [record.state for record in records],
-        [record.frame_index for record in records],
+        [record.count for record in records],
     )
+    numbers = {record.count: record.frame_index for record in records}
+    return tuple(replace(one, frame=numbers[one.frame]) for one in found), false
 
 
 def confidences(records: Sequence[StateRecord]) -> list[tuple[float, bool]]:
@@ -148,7 +152,7 @@ def _course_figures(records: Sequence[StateRecord]) -> Figures:
     """Figures of segments, transitions and procedure steps; see `asdfviz.evaluate.segments`."""
     said = [record.predicted for record in records]
     true = [record.state for record in records]
-    frames = [record.frame_index for record in records]
+    frames = [record.count for record in records]
     followed, false = true_transitions(records)
     delays = [float(found.delay) for found in followed if found.delay is not None]
     # A run that is silent until the first step is done has missed no step.
@@ -208,13 +212,13 @@ def _f1(records: Sequence[StateRecord], state: int) -> float:
     return 100.0 * 2 * both / (true + said)
 
 
-def _accepted(states: Sequence[int], frames: Sequence[int], reach: int) -> list[frozenset[int]]:
-    """The states that count as right in each frame, by frame numbers: some may be missing."""
+def _accepted(states: Sequence[int], frames: Sequence[int]) -> list[frozenset[int]]:
+    """The states that count as right in each frame; of `frames`, counted from the first, some may be missing."""
     accepted = [{state} for state in states]
     for i in range(1, len(states)):
         if states[i] != states[i - 1]:
-            first = bisect_left(frames, frames[i] - reach)
-            end = bisect_left(frames, frames[i] + reach)
+            first = bisect_left(frames, frames[i] - TOLERANCE)
+            end = bisect_left(frames, frames[i] + TOLERANCE)
             for place in range(first, end):
                 accepted[place] |= {states[i - 1], states[i]}
     return [frozenset(right) for right in accepted]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from asdfviz.evaluate.numbering import clock_rise
 from asdfviz.evaluate.pose_errors import PoseError
 from asdfviz.evaluate.protocols import VISIBLE
 from asdfviz.evaluate.records import PoseRecord
@@ -47,9 +48,10 @@ def worst_frames(records: Iterable[PoseRecord], *, count: int = SHOWN) -> tuple[
         other = by_frame.get(record.frame_index)
         if other is None or record.error.add_s > other.error.add_s:
             by_frame[record.frame_index] = WorstFrame(record, record.error)
+    apart = _APART * (clock_rise(sorted(by_frame)) or 1)
     chosen: list[WorstFrame] = []
     for one in sorted(by_frame.values(), key=lambda one: -one.error.add_s):
         index = one.record.frame_index
-        if all(abs(index - other.record.frame_index) >= _APART for other in chosen):
+        if all(abs(index - other.record.frame_index) >= apart for other in chosen):
             chosen.append(one)
     return tuple(chosen[:count])

@@ -6,7 +6,7 @@ import base64
 import html
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
@@ -379,18 +379,26 @@ def test_confusion_leaves_empty_extras_out() -> None:
     assert [cell for cell in table.cells if cell.strip()] == ["3", "1", "2"]
 
 
+@pytest.mark.parametrize("numbers", [range(10), [round(100 * i / 3) for i in range(10)]])
 def test_worst_frames_are_not_neighbours(
-    assembly: Assembly, make_truth: MakeTruth, make_prediction: MakePrediction, make_run: MakeRun
+    assembly: Assembly,
+    make_truth: MakeTruth,
+    make_prediction: MakePrediction,
+    make_run: MakeRun,
+    numbers: Sequence[int],
 ) -> None:
+    """Also where the frames' numbers are times, in milliseconds."""
     at = transform_from(np.eye(3), np.array([0.0, 0, 0.5]))
     offs = [0.0, 0.09, 0.1, 0.05, 0, 0, 0, 0.03, 0, 0.2]
-    truth = {i: make_truth(i, {"plate": at, "rod": at}) for i in range(len(offs))}
-    truth[9] = make_truth(9, {"plate": at, "rod": at}, visible=0.05)
+    truth = {i: make_truth(i, {"plate": at, "rod": at}) for i in numbers}
+    last = numbers[9]
+    truth[last] = make_truth(last, {"plate": at, "rod": at}, visible=0.05)
     said = [
         make_prediction(i, {"plate": transform_from(np.eye(3), np.array([off, 0, 0.5])), "rod": at})
-        for i, off in enumerate(offs)
+        for i, off in zip(numbers, offs, strict=True)
     ]
     found = judge(make_run(said), assembly=assembly, truth=truth)
     worst = worst_frames(found.comparison.records, count=2)
-    assert [(w.record.frame_index, w.record.part) for w in worst] == [(2, "plate"), (7, "plate")]
+    expected = [(numbers[2], "plate"), (numbers[7], "plate")]
+    assert [(w.record.frame_index, w.record.part) for w in worst] == expected
     assert [w.add_s_mm for w in worst] == pytest.approx([100.0, 30.0])

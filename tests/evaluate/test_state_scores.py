@@ -7,12 +7,14 @@ from collections.abc import Callable, Sequence
 import pytest
 
 from asdfviz.datatypes import Assembly, FramePrediction, FrameTruth
+from asdfviz.evaluate.segments import NO_DELAY
 from asdfviz.evaluate.state_scores import (
     StateRecord,
     confusion_matrix,
     micro_f1,
     state_figures,
     state_records,
+    true_transitions,
 )
 
 # Index 3 of the toy assembly is the error that follows state 1.
@@ -101,6 +103,34 @@ def test_frames_that_are_missing_count_as_time(
     said = {i: make_prediction(i, {}, state=int(i >= switch)) for i in true}
     found = state_figures(state_records(truth, said, assembly))
     assert found["accuracy_tol2"] == pytest.approx(100 * tolerant / 6)
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [
+        pytest.param([5 * i for i in range(40)], id="steps of five"),
+        pytest.param([round(1000 * i / 30) for i in range(40)], id="milliseconds, 30 a second"),
+        pytest.param([round(1000 * i / 60) for i in range(40)], id="milliseconds, 60 a second"),
+        pytest.param([33_333_333 * i + 10**6 * (i % 3) for i in range(40)], id="a trembling clock"),
+    ],
+)
+@pytest.mark.parametrize("late", [-3, -2, 2, 3])
+def test_frames_are_counted_whatever_numbers_them(
+    assembly: Assembly,
+    make_truth: Callable[..., FrameTruth],
+    make_prediction: Callable[..., FramePrediction],
+    numbers: Sequence[int],
+    late: int,
+) -> None:
+    truth = [make_truth(n, {}, state=int(i >= 20)) for i, n in enumerate(numbers)]
+    said = {n: make_prediction(n, {}, state=int(i >= 20 + late)) for i, n in enumerate(numbers)}
+    found = state_records(truth, said, assembly)
+    figures = state_figures(found)
+    assert figures["accuracy_tol2"] == (100 if abs(late) == 2 else 97.5)
+    assert figures["delay_frames_median"] == late
+    assert figures["step_delay_frames"] == (late if late > 0 else NO_DELAY)
+    (change,), _ = true_transitions(found)
+    assert (change.frame, change.delay) == (numbers[20], late)
 
 
 @pytest.mark.parametrize(("runs_too", "tolerant"), [(False, 100), (True, 80)])
