@@ -151,6 +151,7 @@ def _corrected_frame(
         base,
         T_camera_part=in_order,
         visible=shares.of(base, in_order),
+        lists_parts=base.lists_parts or bool(edits),  # what was taken away is known not to be there
         unchecked=tuple(name for name in _unchecked_of(base, assembly) if name not in edits),
     )
     return _with_label(frame, label, assembly)

@@ -211,8 +211,9 @@ def test_judging(with_run: Workspace) -> None:
     assert [one.add_s_mm for one in worst] == pytest.approx([2.0, 2.0])
 
 
+@pytest.mark.parametrize("beside", ["nothing", "a pose", "a state"])
 def test_corrections_judge_alike_here_and_exported(
-    clamp: Assembly, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
+    clamp: Assembly, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, beside: str
 ) -> None:
     export_folder = tmp_path_factory.mktemp("exports") / "tiny"
     store = AnnotationStore(tmp_path / "a.db", sequence_name="tiny", assembly_name=clamp.name)
@@ -222,8 +223,11 @@ def test_corrections_judge_alike_here_and_exported(
     )
     run = make_run(clamp)
     bare.put_run(run, "first")
-    store.set_pose(101, "jaw", pose_of(1))
     store.remove_pose(101, "bolt")
+    if beside == "a pose":
+        store.set_pose(101, "jaw", pose_of(1))
+    if beside == "a state":
+        store.set_state(101, label_of(clamp.states[0]))
     start_judging(bare).join(60)
     start_export(bare, None).join(60)
     bare.close()
