@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -100,12 +101,27 @@ def run_names(runs: Sequence[tuple[Path, Run]], *, taken: Collection[str] = ()) 
         taken: names of others; runs of one sequence and method are told apart as well.
     """
     keys = [(run.sequence, run.method) for _, run in runs]
+    places = [os.path.abspath(source) for source, _ in runs]
+    alike: dict[tuple[str, str], dict[str, None]] = {}
+    for key, place in zip(keys, places, strict=True):
+        alike.setdefault(key, {})[place] = None
+    told = {key: short_names(list(those)) for key, those in alike.items()}
     return [
         run.method
         if keys.count(key) == 1 and run.method not in taken
-        else f"{run.method} ({source.name or source.resolve().name})"
-        for (source, run), key in zip(runs, keys, strict=True)
+        else f"{run.method} ({told[key][place]})"
+        for (_, run), key, place in zip(runs, keys, places, strict=True)
     ]
+
+
+def short_names(paths: Sequence[str]) -> dict[str, str]:
+    """Each path's last folders, as few as tell all paths apart."""
+    most = max((len(Path(path).parts) for path in paths), default=1)
+    for count in range(1, most + 1):
+        names = {path: "/".join(Path(path).parts[-count:]) for path in paths}
+        if len(set(names.values())) == len(paths):
+            return names
+    return {path: path for path in paths}
 
 
 def changed_inputs(run: Run, assembly: Assembly) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.atomic import make_folder, write_text
 from asdfviz.errors import RunError
-from asdfviz.evaluate.inputs import open_result, refuse_csv_options, run_names
+from asdfviz.evaluate.inputs import open_result, refuse_csv_options, run_names, short_names
 from asdfviz.evaluate.report_runs import JudgedRun, judged_run
 from asdfviz.evaluate.report_sections import page
 from asdfviz.evaluate.worst import SHOWN
@@ -58,7 +58,7 @@ def write_report(
     ]
     names = run_names([(result.source, result.run) for result in results])
     places = {name: place for place, name in enumerate(dict.fromkeys(names))}
-    titles = _short_names(list(dict.fromkeys(result.run.sequence for result in results)))
+    titles = short_names(list(dict.fromkeys(result.run.sequence for result in results)))
     share = min(PICTURES_BYTES // max(pictures * len(results), 1), _LARGEST_SHOT)
     judged: list[JudgedRun] = []
     for result, name in zip(results, names, strict=True):
@@ -86,13 +86,3 @@ def _check(paths: Sequence[Path], out: Path, pictures: int) -> None:
         raise RunError(f"the page is to be {out}: name a file that ends in .html")
     if pictures < 0:
         raise RunError(f"{pictures} pictures: use 0 or more")
-
-
-def _short_names(paths: Sequence[str]) -> dict[str, str]:
-    """Each path's last folders, as few as tell all paths apart."""
-    most = max((len(Path(path).parts) for path in paths), default=1)
-    for count in range(1, most + 1):
-        names = {path: "/".join(Path(path).parts[-count:]) for path in paths}
-        if len(set(names.values())) == len(paths):
-            return names
-    return {path: path for path in paths}

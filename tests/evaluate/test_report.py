@@ -28,6 +28,7 @@ from asdfviz.datatypes import (
     StateEstimate,
 )
 from asdfviz.errors import InputError
+from asdfviz.evaluate.inputs import run_names
 from asdfviz.evaluate.judgement import judge
 from asdfviz.evaluate.report import write_report
 from asdfviz.evaluate.report_charts import confusion_table, error_line, recall_curve, state_strip
@@ -213,6 +214,14 @@ def test_the_worst_frames_are_those_that_the_app_lists(
         index = page.words.index(f", frame {one.record.frame_index}")
         assert page.words[index - 1] == one.record.part
         assert page.words[index + 1].startswith(f"ADD(S) {one.add_s_mm:.1f} mm, e")
+
+
+def test_runs_whose_folders_have_one_name_are_told_apart(clamp: Assembly, scene: Path) -> None:
+    here, there = (make_run_of(clamp, at, "asdf", 0.0) for at in (scene, scene / "other"))
+    given = [(Path(place), here) for place in ("a/new", "b/new", "a/old", "a/../a/old")]
+    names = run_names([*given, (Path("c/new"), there)])
+    assert names == ["asdf (a/new)", "asdf (b/new)", "asdf (a/old)", "asdf (a/old)", "asdf"]
+    assert run_names([(Path("c/new"), there)], taken=["asdf"]) == ["asdf (new)"]
 
 
 def test_pictures_are_left_out_where_the_frames_are_gone(
