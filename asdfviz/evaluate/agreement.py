@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Float32
 
 from asdfviz.datatypes import Assembly, Frame, FramePrediction, Run, Sequence
-from asdfviz.errors import SequenceError, Stopped
+from asdfviz.errors import SequenceError, Stopped, some
 from asdfviz.evaluate.health_shift import MOST_SHIFT_FRAMES, DepthShift, measure_shift, spread
 from asdfviz.evaluate.protocols import median, percentile
+from asdfviz.evaluate.records import predictions_by_frame
 from asdfviz.evaluate.tables import number
 from asdfviz.geometry.shapes import Depth, Ids, Rgb
 from asdfviz.render.overlay import draw_outlines
@@ -103,11 +104,12 @@ def agreement(
         stop: asked before every frame.
 
     Raises:
-        SequenceError: no frame of the run has depth.
+        RunError: the run is of another assembly.
+        SequenceError: the run holds no frame of the sequence, or none that has depth.
         Stopped: by the user.
     """
-    predictions = {p.frame_index: p for p in run.predictions}
-    places = [i for i, index in enumerate(sequence.frame_indices) if index in predictions]
+    predictions = predictions_by_frame(run, assembly)
+    places = _places(predictions, sequence)
     shift = _shift(sequence, places) if register else None
     parts = {name: _Readings() for name in assembly.parts}
     with_depth = 0
@@ -118,9 +120,8 @@ def agreement(
             frame = sequence[place]
             if frame.depth is not None:
                 with_depth += 1
-                frame_seen = _take(
-                    frame, predictions[frame.index], assembly, shift, parts, renderer
-                )
+                said = predictions[frame.index]
+                frame_seen = _take(frame, said, assembly, shift, parts, renderer)
                 if seen is not None and frame_seen is not None:
                     seen(frame_seen)
             if progress is not None:
@@ -141,6 +142,17 @@ def agreement(
         "parts": {name: readings.figures() for name, readings in parts.items()},
         "pooled": pooled,
     }
+
+
+def _places(predictions: Mapping[int, FramePrediction], sequence: Sequence) -> list[int]:
+    """Of the frames that the run holds."""
+    places = [i for i, index in enumerate(sequence.frame_indices) if index in predictions]
+    if not places:
+        raise SequenceError(
+            f"{sequence.path} has the frames {some(sequence.frame_indices, 3)}, the run "
+            f"{some(predictions, 3) or 'none'}: they share none, so there is nothing to compare"
+        )
+    return places
 
 
 def agreement_table(found: Mapping[str, Any]) -> str:
@@ -173,7 +185,7 @@ def _take(
 ) -> FrameAgreement | None:
     """Add one frame's readings to the parts'; None where no part was drawn on one."""
     assert frame.depth is not None
-    names = [name for name in prediction.poses if name in assembly.parts]
+    names = list(prediction.poses)
     if not names:
         return None
     meshes = [assembly.parts[name].mesh for name in names]

@@ -11,7 +11,7 @@ import pytest
 from memory_sequence import MemorySequence
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, Run
-from asdfviz.errors import SequenceError, Stopped
+from asdfviz.errors import RunError, SequenceError, Stopped
 from asdfviz.evaluate.agreement import FrameAgreement, agreement, agreement_table
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.render.renderer import Renderer
@@ -107,6 +107,21 @@ def test_the_picture_is_red_where_the_camera_saw_deeper(judge: Judge) -> None:
 def test_a_run_without_depth_says_so(judge: Judge) -> None:
     with pytest.raises(SequenceError, match="no frame of the run has depth"):
         judge(TRUE, depth=None)
+
+
+def test_a_run_of_other_frames_or_parts_is_told(
+    assembly: Assembly,
+    frame: Frame,
+    make_prediction: Callable[..., FramePrediction],
+    make_run: Callable[..., Run],
+) -> None:
+    sequence = MemorySequence((frame,), (None,), assembly, "/nowhere")
+    for numbers, said in (([7, 8], "7, 8: they share none"), ([], "none: they share none")):
+        run = make_run([make_prediction(i, TRUE) for i in numbers])
+        with pytest.raises(SequenceError, match=said):
+            agreement(run, sequence, assembly)
+    with pytest.raises(RunError, match=r"part 'nut' is not in .*; parts: plate"):
+        agreement(make_run([make_prediction(0, {"nut": TRUE["plate"]})]), sequence, assembly)
 
 
 def test_it_can_be_stopped(judge: Judge) -> None:
