@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from asdfviz.cli.judged_runs import give_table, judged, known_assembly, known_truth, made_run
+from asdfviz.cli.judged_runs import (
+    give_table,
+    judged,
+    known_assembly,
+    known_truth,
+    layout_for,
+    made_run,
+)
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 from asdfviz.errors import InputError, Stopped, WeightsError
 
@@ -67,9 +74,7 @@ class Ablate:
 
     def __call__(self) -> None:
         """Run the variants, judge them, and print or write the table."""
-        from asdfviz.evaluate.paper_layout import layout_of
-
-        layout = layout_of(self.out)
+        layout = layout_for(self.out)
         if not self.data:
             raise InputError("name scenes, as in: asdfviz ablate group --data sample")
         if self.pictures < 1:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from asdfviz.data.folder_sequence import FolderSequence
     from asdfviz.datatypes import Assembly, FrameTruth, Run
     from asdfviz.evaluate.judgement import Judgement
+    from asdfviz.evaluate.paper_layout import Layout
     from asdfviz.methods.spec import MethodSpec
 
 
@@ -108,6 +109,23 @@ def judged(run: Run, sequence: FolderSequence, *, option: str) -> Judgement:
     assembly = known_assembly(sequence, option)
     truth = known_truth(sequence, assembly)
     return judge(run, assembly=assembly, truth=truth, views=views_of(sequence))
+
+
+def layout_for(out: Path | None) -> Layout:
+    """The layout of a table, whose file is tried before hours go into what belongs there.
+
+    Raises:
+        InputError: nothing can be written there, or its ending stands for no layout.
+    """
+    from asdfviz.data.atomic import make_folder
+    from asdfviz.evaluate.paper_layout import layout_of
+
+    layout = layout_of(out)
+    if out is not None:
+        if out.is_dir():
+            raise InputError(f"{out} is a folder: name a file for the table")
+        make_folder(out.absolute().parent)
+    return layout
 
 
 def give_table(table: str, note: str, out: Path | None) -> None:

@@ -18,6 +18,7 @@ from asdfviz.cli.judged_runs import (
     kept_run,
     known_assembly,
     known_truth,
+    layout_for,
     made_run,
 )
 from asdfviz.errors import InputError, WeightsError
@@ -70,9 +71,7 @@ class Tables:
 
     def __call__(self) -> None:
         """Run, judge by both protocols, and print or write the table."""
-        from asdfviz.evaluate.paper_layout import layout_of
-
-        layout = layout_of(self.out)
+        layout = layout_for(self.out)
         if self.runs and self.table == "table1":
             raise InputError("table1 lists test sets and no methods: leave out --runs")
         if self.table == "table1":
@@ -151,6 +150,7 @@ class Tables:
         self, spec: MethodSpec, sequence: FolderSequence, config: object, name: str
     ) -> Run | None:
         """The run that lies beside the sequence, made if need be; None where weights are missing."""
+        from asdfviz.data.atomic import results_in
         from asdfviz.data.run_files import save_run
 
         folder = Path(sequence.path) / "runs" / name
@@ -158,13 +158,14 @@ class Tables:
         if kept is not None:
             return kept
         try:
-            result = made_run(
-                spec,
-                sequence,
-                config,
-                title=f"{name} {sequence.path}",
-                if_stopped="runs that were finished are kept for the next time",
-            )
+            with results_in(folder):
+                result = made_run(
+                    spec,
+                    sequence,
+                    config,
+                    title=f"{name} {sequence.path}",
+                    if_stopped="runs that were finished are kept for the next time",
+                )
         except WeightsError as error:
             print(f"{spec.name} is left out on {sequence.path}: {error}", file=sys.stderr)
             return None

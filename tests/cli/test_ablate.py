@@ -48,6 +48,7 @@ def scene(tmp_path: Path) -> Path:
     [
         (("--out", "table.pdf"), ".md, .csv or .tex"),
         (("--data", "nowhere"), "nowhere"),
+        (("--data", "nowhere", "--out", "/dev/null/table.md"), "/dev/null is a file"),
         (("--pictures", "0"), "--pictures"),
     ],
 )

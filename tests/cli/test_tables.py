@@ -41,6 +41,22 @@ def test_a_folder_without_sets_and_a_wrong_file_are_refused(tmp_path: Path) -> N
         Tables("gbot", tmp_path, out=tmp_path / "table.pdf")()
 
 
+def test_what_cannot_be_written_is_told_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "folder.md").mkdir()
+    (tmp_path / "file").touch()
+    for out in ("folder.md", "file/table.md"):
+        with pytest.raises(InputError, match=r"is a (folder|file)"):
+            Tables("gbot", tmp_path / "nowhere", out=tmp_path / out)()
+    monkeypatch.setattr("asdfviz.cli.tables.made_run", None)
+    scene = tmp_path / "corner_clamp" / "normal"
+    shutil.copytree(sample_folder(), scene, ignore=shutil.ignore_patterns("annotations", "runs"))
+    (scene / "runs").touch()
+    with pytest.raises(InputError, match="runs is a file; results need a folder"):
+        Tables("gbot", tmp_path, methods=("icg",))()
+
+
 @pytest.mark.parametrize("name", ["icg", "gbot"])
 def test_the_papers_trackers_say_all_their_poses(name: str) -> None:
     spec = find_method(name)
