@@ -18,9 +18,11 @@ def fractal(
         k = min(base * 2**octave, n // 2)
         grid = np.pad(rng.random((k, k)).astype(np.float32), 4, mode="wrap")
         side = n * (k + 8) // k
-        large = cv2.resize(grid, (side, side), interpolation=cv2.INTER_CUBIC)
         cut = (side - n) // 2
-        total += gain**octave * large[cut : cut + n, cut : cut + n]
+        # Columns are cut before the rows are drawn out: a coarse grid's border is most of it.
+        wide = cv2.resize(grid, (side, k + 8), interpolation=cv2.INTER_CUBIC)[:, cut : cut + n]
+        large = cv2.resize(wide.copy(), (n, side), interpolation=cv2.INTER_CUBIC)
+        total += gain**octave * large[cut : cut + n]
     total -= total.mean()
     return (total / (total.std() + 1e-6)).astype(np.float32)
 

@@ -13,6 +13,7 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Mesh
 from asdfviz.geometry.shapes import Points
 from asdfviz.synth.description import Finish, Light, Placed, Scene
+from asdfviz.synth.fractals import fractal
 from asdfviz.synth.gbuffer import Views, build_gbuffer, place_all
 from asdfviz.synth.implicit import mesh_implicit
 from asdfviz.synth.kinect import camera_for
@@ -22,6 +23,16 @@ from asdfviz.synth.patterns import MACRO
 from asdfviz.synth.render import render
 from asdfviz.synth.sensor import RgbSensor, metered, photograph
 from asdfviz.synth.shading import interreflected, look_at
+
+
+@pytest.mark.parametrize("base", [2, 5, 48])
+def test_noise_goes_on_over_its_border(base: int) -> None:
+    plane = fractal(np.random.default_rng(1), 256, base=base, octaves=2)
+    assert plane.mean() == pytest.approx(0.0, abs=1e-5)
+    assert plane.std() == pytest.approx(1.0, abs=1e-4)
+    for across in (plane, plane.T):
+        seam, steps = np.abs(across[0] - across[-1]), np.abs(np.diff(across, axis=0))
+        assert seam.max() < 1.2 * steps.max()
 
 
 def test_folds_of_the_drape_are_steps_of_slope_along_whole_lines() -> None:
