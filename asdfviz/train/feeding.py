@@ -80,12 +80,12 @@ class Feeder:
         """Load the assemblies and this process's share of the stored pictures."""
         self._job, self._number = job, number
         assemblies = [load_assembly(name) for name in job.assemblies]
-        self._painter = Painter(assemblies, job.fresh, seed=job.seed)
         stored: tuple[LabelledImage, ...] = ()
         if job.data:
             mine = slice(number, None, job.processes)
             stored = load_images(job.data, assemblies, image_size=job.image_size, share=mine)
         self._stored = stored
+        self._painter = Painter(assemblies, job.fresh, seed=job.seed)
         kept = max(1, job.fresh.kept // job.processes)
         self._pool: deque[LabelledImage] = deque(maxlen=kept)
         self._keys: list[int] = []
