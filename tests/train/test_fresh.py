@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import queue
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ import torch
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.errors import AsdfvizError, SequenceError
-from asdfviz.synth.assets import Assets
+from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.train import feeding, fresh
 from asdfviz.train.config import Stage
 from asdfviz.train.device_cut import PicturePool
@@ -27,13 +29,25 @@ SMALL = FreshConfig(kept=4, draws=3, width=128, height=96)
 RECIPE = Recipe(stage=Stage(1.0, 96, 64, 2, 0.5), spread=1.0)
 
 
+load_once = cache(load_assembly)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def loaded_once() -> Iterator[None]:
+    """Meshes and resting faces are the same for all feeders of this process; others load their own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(feeding, "load_assembly", load_once)
+        patch.setattr(fresh, "load_assets", cache(load_assets))
+        yield
+
+
 def job(**more: object) -> Feeding:
     given: dict[str, object] = {"fresh": SMALL, "seed": 3, "image_size": 128, "side": 128, **more}
     return Feeding(assemblies=("corner_clamp",), **given)  # type: ignore[arg-type]
 
 
 def test_a_picture_depends_on_seed_and_number_alone() -> None:
-    clamp = load_assembly("corner_clamp")
+    clamp = load_once("corner_clamp")
     painter = Painter([clamp], SMALL, seed=3)
     first, second, again = (painter.draw(number) for number in (0, 1, 0))
     assert np.array_equal(first.rgb, again.rgb)
@@ -169,7 +183,7 @@ def test_every_process_shows_every_assembly(monkeypatch: pytest.MonkeyPatch) -> 
         raise _NotDrawn
 
     monkeypatch.setattr(fresh, "draw_picture", drawn)
-    two = [load_assembly(name) for name in ("corner_clamp", "vise")]
+    two = [load_once(name) for name in ("corner_clamp", "vise")]
     painter = Painter(two, SMALL, seed=3)
     for number in range(0, 24, 2):
         with pytest.raises(_NotDrawn):
