@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,7 +16,8 @@ from asdfviz.cli.progress import progress_bar
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Judge runs against truth, and print a table.
+    """Judge runs against truth, and print a table. Runs of one method on one sequence are called by
+    their folders, too.
 
     In a pipe or to a file all figures go as JSON, and the table to stderr; --json prints them alone.
 
@@ -53,8 +54,8 @@ class Evaluate:
         """Judge, and print."""
         from asdfviz.data.assembly import load_assembly
         from asdfviz.errors import InputError
-        from asdfviz.evaluate.evaluate import evaluate_folder
-        from asdfviz.evaluate.inputs import refuse_csv_options
+        from asdfviz.evaluate.evaluate import evaluate_result
+        from asdfviz.evaluate.inputs import open_result, refuse_csv_options, run_names
 
         if not self.runs:
             raise InputError("name at least one run folder, as in: asdfviz evaluate runs/asdf")
@@ -62,19 +63,24 @@ class Evaluate:
             raise InputError(f"--json and --format {self.format} are two outputs: leave one out")
         refuse_csv_options(self.runs, sequence=self.sequence, scene=self.scene)
         assembly = load_assembly(self.assembly) if self.assembly else None
+        opened = [
+            open_result(
+                folder,
+                truth_folder=self.truth,
+                assembly=assembly,
+                sequence=self.sequence,
+                scene=self.scene,
+            )
+            for folder in self.runs
+        ]
+        names = run_names([(one.source, one.run) for one in opened])
         results: list[dict[str, Any]] = []
         with progress_bar("evaluate") as progress:
-            for folder in self.runs:
+            for one, name in zip(opened, names, strict=True):
                 if not self.json:
-                    progress(len(results), len(self.runs), folder.name)
-                report = evaluate_folder(
-                    folder,
-                    protocol=self.protocol,
-                    truth_folder=self.truth,
-                    assembly=assembly,
-                    sequence=self.sequence,
-                    scene=self.scene,
-                )
+                    progress(len(results), len(self.runs), one.source.name)
+                named = replace(one, run=replace(one.run, method=name))
+                report = evaluate_result(named, protocol=self.protocol, truth_folder=self.truth)
                 results.append(report)
             if not self.json:
                 progress(len(results), len(self.runs), "")

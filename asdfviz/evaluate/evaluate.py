@@ -14,7 +14,7 @@ from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
 from asdfviz.errors import SequenceError
 from asdfviz.evaluate.bop import DepthDrawer, View, Views, bop_recall
 from asdfviz.evaluate.calibration import ranking_area, reliability
-from asdfviz.evaluate.inputs import changed_inputs, open_result, unknown_objects
+from asdfviz.evaluate.inputs import Result, changed_inputs, open_result, unknown_objects
 from asdfviz.evaluate.judgement import Judgement, judge
 from asdfviz.evaluate.not_found import with_rows_not_found
 from asdfviz.evaluate.offline_states import OFFLINE
@@ -65,6 +65,17 @@ def evaluate_folder(
     result = open_result(
         run_folder, truth_folder=truth_folder, assembly=assembly, sequence=sequence, scene=scene
     )
+    return evaluate_result(result, protocol=protocol, truth_folder=truth_folder)
+
+
+def evaluate_result(
+    result: Result, *, protocol: ProtocolName = "strict", truth_folder: Path | None = None
+) -> dict[str, Any]:
+    """Judge what `open_result` gave; `truth_folder` is the one that it was given.
+
+    Raises:
+        InputError: the run does not fit its assembly, or frames cannot be read.
+    """
     report = evaluate_run(
         result.run,
         assembly=result.assembly,

@@ -108,7 +108,7 @@ def run_names(runs: Sequence[tuple[Path, Run]], *, taken: Collection[str] = ()) 
     told = {key: short_names(list(those)) for key, those in alike.items()}
     return [
         run.method
-        if keys.count(key) == 1 and run.method not in taken
+        if len(told[key]) == 1 and run.method not in taken
         else f"{run.method} ({told[key][place]})"
         for (_, run), key, place in zip(runs, keys, places, strict=True)
     ]

@@ -61,6 +61,20 @@ def test_several_runs_and_their_means(csv: Path, capsys: pytest.CaptureFixture[s
     assert "by frames" in said.err
 
 
+def test_runs_of_one_method_are_rows_and_means_of_their_own(
+    csv: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "new").mkdir()
+    other = tmp_path / "new" / csv.name
+    other.write_bytes(csv.read_bytes())
+    both = ("evaluate", str(csv), str(other), "--sequence", "sample", "--json", "--summary")
+    assert exit_code(*both) == 0
+    said = json.loads(capsys.readouterr().out)
+    names = [f"theirs ({csv.parent.name}/theirs.csv)", "theirs (new/theirs.csv)"]
+    assert [run["method"] for run in said["runs"]] == names
+    assert [(mean["method"], mean["n_runs"]) for mean in said["means"]] == [(n, 1) for n in names]
+
+
 def test_a_terminal_is_shown_a_table_and_no_json(
     csv: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
