@@ -23,12 +23,13 @@ from asdfviz.app.truths import lost_base, unfinished_seed
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.atomic import make_folder
+from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.resources import bundled_assemblies, models_folder
 from asdfviz.data.result_csv import load_run_or_csv
 from asdfviz.data.run_files import RUN, RUNS, load_run
 from asdfviz.data.sequences import open_sequence
-from asdfviz.datatypes import Assembly
-from asdfviz.errors import InputError, SequenceError
+from asdfviz.datatypes import Assembly, Run
+from asdfviz.errors import InputError, RunError, SequenceError
 from asdfviz.methods.registry import available_methods, find_method
 
 WEIGHTS = "weights.safetensors"
@@ -171,10 +172,7 @@ def open_workspace(config: ViewConfig) -> Workspace:
             f"{sequence.path} does not say what is being assembled: "
             f"give --assembly PATH or a bundled name ({known})"
         )
-    named = [
-        (run.resolve(), load_run_or_csv(run, sequence=sequence, assembly=assembly))
-        for run in config.runs
-    ]
+    named = [(run.resolve(), _named_run(run, sequence, assembly)) for run in config.runs]
     # Truth is read here: where it does not fit the assembly, no annotation file is made for that.
     sequence.truth(0)
     folder = annotations_folder() if config.annotations is None else config.annotations
@@ -202,6 +200,18 @@ def open_workspace(config: ViewConfig) -> Workspace:
     _load_earlier_runs(workspace, (scene / RUNS, runs))
     _load_run_of_seed(workspace)
     return workspace
+
+
+def _named_run(path: Path, sequence: FolderSequence, assembly: Assembly) -> Run:
+    run = load_run_or_csv(path, sequence=sequence, assembly=assembly)
+    frames = sorted(prediction.frame_index for prediction in run.predictions)
+    known = sequence.frame_indices
+    if frames and set(known).isdisjoint(frames):
+        raise RunError(
+            f"{path} holds frames {frames[0]} to {frames[-1]}, {sequence.path} frames {known[0]} to "
+            f"{known[-1]}: they share none, so it is a run on another sequence ({run.sequence})"
+        )
+    return run
 
 
 def _load_earlier_runs(workspace: Workspace, folders: tuple[Path, ...]) -> None:

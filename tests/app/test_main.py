@@ -6,7 +6,7 @@ import contextlib
 import json
 import time
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -21,7 +21,7 @@ from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import read_folder_truth
 from asdfviz.datatypes import Assembly, Frame, FramePrediction, PoseEstimate, Run
-from asdfviz.errors import AnnotationError, InputError
+from asdfviz.errors import AnnotationError, InputError, RunError
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.spec import MethodSpec
 
@@ -185,6 +185,15 @@ def test_what_cannot_be_opened_says_why(
     sequence = Path(str(wanted.pop("sequence")))
     with pytest.raises(InputError, match=words):
         open_app(config(sequence, **wanted) if sequence == scene else config(sequence))
+
+
+def test_a_run_of_other_frames_is_refused(scene: Path, clamp: Assembly) -> None:
+    run, elsewhere = run_of(scene, clamp, x=0.1), scene.parent / "elsewhere"
+    later = tuple(replace(one, frame_index=one.frame_index + 70) for one in run.predictions)
+    save_run(replace(run, predictions=later), elsewhere)
+    with pytest.raises(RunError, match=r"elsewhere holds frames 70 to .* they share none"):
+        open_workspace(config(scene, runs=(elsewhere,)))
+    assert not (scene.parent / "notes").exists()
 
 
 def test_an_export_in_the_app_says_which_frames_it_lacks(scene: Path, clamp: Assembly) -> None:
