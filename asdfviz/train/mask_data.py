@@ -6,7 +6,6 @@ stands in front is cut out.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,10 +26,10 @@ from asdfviz.detector.assigner import Targets
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.shapes import Intrinsics, Rgb
 from asdfviz.pose.labels import SMALLEST_VISIBLE, LabelledObject, Labeller
-from asdfviz.train.augment import Labels, marks_in, roll, similarity
+from asdfviz.train.augment import Labels
 from asdfviz.train.dataset import LabelledImage, shown_subject, subjects_of
-from asdfviz.train.packing import AugmentConfig
-from asdfviz.train.patches import Patch, cut_patch, draw_colors
+from asdfviz.train.packing import AugmentConfig, Packer
+from asdfviz.train.patches import cut_input
 
 MASKS = "mask_visib"
 MOST_OBJECTS = 255
@@ -164,24 +163,12 @@ def draw(
         height: of the input, pixels.
         config: how much to change.
     """
-    picture = image.picture
-    limit = math.radians(config.roll_deg)
-    angle = float(rng.uniform(-limit, limit))
-    H_roll = roll(picture.K, angle)
-    size = np.array([picture.rgb.shape[1], picture.rgb.shape[0]], float)
-    middle = H_roll[:2, :2] @ ((size - 1) / 2) + H_roll[:2, 2]
-    window = np.array([width, height], float)
-    shift = rng.uniform(-config.shift, config.shift, 2) * window
-    farthest = math.log(config.zoom)
-    zoom = width / max(size) * math.exp(rng.uniform(-farthest, farthest))
-    H = similarity(middle, (window - 1) / 2 + shift, zoom) @ H_roll
-    r, g, b = (int(c) for c in rng.integers(0, 256, 3))
-    colors = draw_colors(rng, config.colors)
-    patch = Patch(0, H, 0, 0, width, height, (r, g, b), colors)
-    seen = marks_in(picture, H, width=width, height=height, angle=angle)
+    packer = Packer([image.picture], side=width, config=config)
+    plan = packer.frame(rng, width=width, height=height, spread=1.0)
+    H, seen = plan.patches[0].H, plan.marks
     owners = cv2.warpAffine(image.owners, H[:2], (width, height), flags=cv2.INTER_NEAREST)
     return MaskSample(
-        rgb=cut_patch(picture.rgb, patch),
+        rgb=cut_input(packer.images, plan).rgb,
         labels=image.labels[seen.labels],
         boxes=seen.boxes,
         places=(seen.labels + 1).astype(np.uint8),
