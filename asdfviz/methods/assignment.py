@@ -26,7 +26,11 @@ from asdfviz.state.twins import twin_groups
 MAX_OVERLAP = 0.5
 """Two boxes of a class that overlap more (intersection over union) are one object."""
 SAME_PLACE = 0.6
-"""So are two boxes of different parts: two parts hardly ever fill one box."""
+"""So are two boxes of different classes: two parts seldom fill one box,"""
+COVERED = 0.85
+"""and hardly ever one as nearly as this;"""
+OWN_SHARE = 0.5
+"""below that, where the weaker one scores at least this share of the other, it is another part."""
 LEAST = 0.03
 """A part is never given a thing that its class scores less than this in."""
 UNFIT = 0.05
@@ -45,6 +49,8 @@ class _Thing:
     """One object in the picture: all boxes in its place, and the best one for every class."""
 
     best: Detection
+    score: float
+    """Of its best box, less where that is too large for the class."""
     boxes: list[Detection] = field(default_factory=list[Detection])
     of_class: dict[str, Detection] = field(default_factory=dict[str, Detection])
 
@@ -111,16 +117,18 @@ def _things(
     # A class that does not fit must not hide one that does.
     own = [(fit(d.label, d, d.score), d) for d in detections]
     for score, detection in sorted(own, key=lambda one: -one[0]):
-        thing = next((t for t in things if _is_one(t.best, detection)), None)
+        thing = next((t for t in things if _is_one(t, detection, score)), None)
         if thing is None:
-            thing = _Thing(detection)
+            thing = _Thing(detection, score)
             things.append(thing)
         thing.boxes.append(detection)
         _take_in(thing, detection, detection.label, score)
     for thing in things:
+        # Scores of a place are of all that is in it.
+        beside = {t.best.label for t in things if t is not thing and _in_place(t.best, thing.best)}
         for detection in thing.boxes:
             for label in names:
-                score = detection.class_scores.get(label, 0.0)
+                score = 0.0 if label in beside else detection.class_scores.get(label, 0.0)
                 if label != detection.label and score > LEAST:
                     _take_in(thing, detection, label, fit(label, detection, score))
     return things
@@ -136,10 +144,17 @@ def _take_in(thing: _Thing, detection: Detection, label: str, score: float) -> N
         )
 
 
-def _is_one(a: Detection, b: Detection) -> bool:
-    """Whether two boxes show one object."""
-    least = MAX_OVERLAP if a.label == b.label else SAME_PLACE
-    return overlap(a.box_xyxy, b.box_xyxy) > least
+def _is_one(thing: _Thing, detection: Detection, score: float) -> bool:
+    """Whether a box that scores no more than a thing's best one shows that thing."""
+    shared = overlap(thing.best.box_xyxy, detection.box_xyxy)
+    if thing.best.label == detection.label:
+        return shared > MAX_OVERLAP
+    is_own = score >= OWN_SHARE * thing.score
+    return shared > (COVERED if is_own else SAME_PLACE)
+
+
+def _in_place(a: Detection, b: Detection) -> bool:
+    return overlap(a.box_xyxy, b.box_xyxy) > SAME_PLACE
 
 
 def _matched(things: Sequence[_Thing], counts: Mapping[str, int]) -> dict[str, list[Detection]]:

@@ -107,7 +107,7 @@ def test_two_boxes_on_one_object_are_one(assembly: Assembly, box_at: Callable) -
 
 
 def test_a_surer_box_of_another_part_rules_a_box_out(assembly: Assembly, box_at: Callable) -> None:
-    wrong, right = box_at("block", 52, score=0.3), box_at("block", 150, score=0.2)
+    wrong, right = box_at("block", 51, score=0.3), box_at("block", 150, score=0.2)
     base = box_at("base", 50, score=0.8)
     assigned = assign_detections([wrong, right, base], assembly)
     assert assigned["block"] is right
@@ -116,6 +116,20 @@ def test_a_surer_box_of_another_part_rules_a_box_out(assembly: Assembly, box_at:
     assert assign_detections([wrong, right, hardly], assembly)["block"] is right
     for other in (box_at("base", 60, score=0.8), box_at("toy:block", 50, score=0.8)):
         assert assign_detections([wrong, right, other], assembly)["block"] is wrong
+
+
+def test_a_box_over_another_part_s_is_a_part_of_its_own_where_it_scores_enough(
+    assembly: Assembly, box_at: Callable
+) -> None:
+    both = {"block": 0.5, "base": 0.8}  # what is in the place, as the detector tells it
+    base = replace(box_at("base", 50, score=0.8), class_scores=both)
+    block = replace(box_at("block", 54, score=0.5), class_scores=both)
+    for given in ([base, block], [block, base]):
+        assigned = assign_detections(given, assembly)
+        assert assigned["base"].box_xyxy[0] == 50
+        assert assigned["block"].box_xyxy[0] == 54
+    for other in (replace(block, score=0.3), replace(block, box_xyxy=base.box_xyxy)):
+        assert set(assign_detections([base, other], assembly)) == {"base"}
 
 
 def test_a_thing_goes_to_the_next_likely_class_where_the_likeliest_lies_elsewhere(

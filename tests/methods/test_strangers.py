@@ -77,7 +77,9 @@ def test_it_can_be_switched_off(assembly: Assembly, box_at: Callable) -> None:
     assert found_in(off, assembly, [like])["block"] is like
 
 
-@pytest.mark.parametrize("wrong", [{"often": 0}, {"often": 9, "most": 5}, {"left": 1.5}])
+@pytest.mark.parametrize(
+    "wrong", [{"often": 0}, {"often": 9, "most": 5}, {"left": 1.5}, {"fades": 0.0}]
+)
 def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match="strangers"):
         StrangersConfig(**wrong)
@@ -91,4 +93,17 @@ def test_the_part_may_come_to_where_it_lay(
     found_in(strangers, assembly, [block, like], times=20)
     assert "block" not in found_in(strangers, assembly, [replace(like, score=0.32)])
     arrived = replace(like, score=0.5)
+    assert found_in(strangers, assembly, [arrived])["block"] is arrived
+
+
+def test_what_it_once_scored_fades(
+    assembly: Assembly, strangers: Strangers, box_at: Callable
+) -> None:
+    """One frame in which a hand made it look like the part says less and less."""
+    block, like = box_at("block", 20, score=0.8), box_at("block", 120, score=0.3)
+    arrived = replace(like, score=0.5)
+    found_in(strangers, assembly, [block, like], times=20)
+    found_in(strangers, assembly, [block, replace(like, score=0.55)])
+    assert "block" not in found_in(strangers, assembly, [arrived])
+    found_in(strangers, assembly, [block, like], times=40)
     assert found_in(strangers, assembly, [arrived])["block"] is arrived
