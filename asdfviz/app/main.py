@@ -17,19 +17,19 @@ from asdfviz.annotate.paths import annotation_file, annotations_folder
 from asdfviz.app.controller import Controller
 from asdfviz.app.items import Message
 from asdfviz.app.jobs import Background, start_check
+from asdfviz.app.named_runs import load_named_run
 from asdfviz.app.server import check_free, start_server, stop_server
 from asdfviz.app.stopped import is_stopped
 from asdfviz.app.truths import lost_base, unfinished_seed
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.atomic import make_folder
-from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.resources import bundled_assemblies, models_folder
 from asdfviz.data.result_csv import load_run_or_csv
 from asdfviz.data.run_files import RUN, RUNS, load_run
 from asdfviz.data.sequences import open_sequence
-from asdfviz.datatypes import Assembly, Run
-from asdfviz.errors import InputError, RunError, SequenceError
+from asdfviz.datatypes import Assembly
+from asdfviz.errors import InputError, SequenceError
 from asdfviz.methods.registry import available_methods, find_method
 
 WEIGHTS = "weights.safetensors"
@@ -172,7 +172,10 @@ def open_workspace(config: ViewConfig) -> Workspace:
             f"{sequence.path} does not say what is being assembled: "
             f"give --assembly PATH or a bundled name ({known})"
         )
-    named = [(run.resolve(), _named_run(run, sequence, assembly)) for run in config.runs]
+    named = [
+        (run.resolve(), load_named_run(run, sequence=sequence, assembly=assembly))
+        for run in config.runs
+    ]
     # Truth is read here: where it does not fit the assembly, no annotation file is made for that.
     sequence.truth(0)
     folder = annotations_folder() if config.annotations is None else config.annotations
@@ -200,18 +203,6 @@ def open_workspace(config: ViewConfig) -> Workspace:
     _load_earlier_runs(workspace, (scene / RUNS, runs))
     _load_run_of_seed(workspace)
     return workspace
-
-
-def _named_run(path: Path, sequence: FolderSequence, assembly: Assembly) -> Run:
-    run = load_run_or_csv(path, sequence=sequence, assembly=assembly)
-    frames = sorted(prediction.frame_index for prediction in run.predictions)
-    known = sequence.frame_indices
-    if frames and set(known).isdisjoint(frames):
-        raise RunError(
-            f"{path} holds frames {frames[0]} to {frames[-1]}, {sequence.path} frames {known[0]} to "
-            f"{known[-1]}: they share none, so it is a run on another sequence ({run.sequence})"
-        )
-    return run
 
 
 def _load_earlier_runs(workspace: Workspace, folders: tuple[Path, ...]) -> None:

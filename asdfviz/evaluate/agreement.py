@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
+from asdfviz.data.run_frames import shared_frames
 from asdfviz.datatypes import Assembly, Frame, FramePrediction, Run, Sequence
-from asdfviz.errors import SequenceError, Stopped, some
+from asdfviz.errors import SequenceError, Stopped
 from asdfviz.evaluate.health_shift import MOST_SHIFT_FRAMES, DepthShift, measure_shift, spread
 from asdfviz.evaluate.protocols import median, percentile
 from asdfviz.evaluate.records import predictions_by_frame
@@ -104,12 +105,12 @@ def agreement(
         stop: asked before every frame.
 
     Raises:
-        RunError: the run is of another assembly.
-        SequenceError: the run holds no frame of the sequence, or none that has depth.
+        RunError: the run is of another assembly, or holds no frame of the sequence.
+        SequenceError: it holds none that has depth.
         Stopped: by the user.
     """
     predictions = predictions_by_frame(run, assembly)
-    places = _places(predictions, sequence)
+    places = _places(run, sequence)
     shift = _shift(sequence, places) if register else None
     parts = {name: _Readings() for name in assembly.parts}
     with_depth = 0
@@ -144,15 +145,11 @@ def agreement(
     }
 
 
-def _places(predictions: Mapping[int, FramePrediction], sequence: Sequence) -> list[int]:
+def _places(run: Run, sequence: Sequence) -> list[int]:
     """Of the frames that the run holds."""
-    places = [i for i, index in enumerate(sequence.frame_indices) if index in predictions]
-    if not places:
-        raise SequenceError(
-            f"{sequence.path} has the frames {some(sequence.frame_indices, 3)}, the run "
-            f"{some(predictions, 3) or 'none'}: they share none, so there is nothing to compare"
-        )
-    return places
+    source = f"the run of '{run.method}'"
+    held = set(shared_frames(run, sequence.frame_indices, source=source, other=sequence.path))
+    return [i for i, index in enumerate(sequence.frame_indices) if index in held]
 
 
 def agreement_table(found: Mapping[str, Any]) -> str:

@@ -13,6 +13,7 @@ from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.hashes import assembly_sha256, sequence_sha256
 from asdfviz.data.result_csv import read_result_csv
 from asdfviz.data.run_files import load_run
+from asdfviz.data.run_frames import shared_frames
 from asdfviz.data.scene_objects import SCENE_GT, objects_beside
 from asdfviz.data.sequences import open_sequence, read_folder_truth
 from asdfviz.datatypes import Assembly, FrameTruth, Run
@@ -188,10 +189,6 @@ def _truth_for(
             f"{folder} holds no truth: scene_gt.json or states.json is needed; without it "
             "`asdfviz agree` compares the poses with the measured depth"
         )
-    frames = [prediction.frame_index for prediction in run.predictions]
-    if frames and truth.keys().isdisjoint(frames):
-        raise SequenceError(
-            f"{folder} holds the truth of frames {min(truth)} to {max(truth)}, the run {run_folder} "
-            f"frames {min(frames)} to {max(frames)}: they share none, so this is another sequence's"
-        )
+    if run.predictions:
+        shared_frames(run, truth, source=run_folder, other=f"the truth of {folder}")
     return truth

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shutil
 import time
 from collections.abc import Generator
 from dataclasses import dataclass, replace
@@ -18,6 +19,7 @@ from asdfviz.app import main
 from asdfviz.app.jobs import start_export
 from asdfviz.app.main import App, ViewConfig, open_app, open_workspace
 from asdfviz.app.workspace import FIRST_METHOD, Workspace
+from asdfviz.data.hashes import sequence_sha256
 from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import read_folder_truth
 from asdfviz.datatypes import Assembly, Frame, FramePrediction, PoseEstimate, Run
@@ -191,9 +193,53 @@ def test_a_run_of_other_frames_is_refused(scene: Path, clamp: Assembly) -> None:
     run, elsewhere = run_of(scene, clamp, x=0.1), scene.parent / "elsewhere"
     later = tuple(replace(one, frame_index=one.frame_index + 70) for one in run.predictions)
     save_run(replace(run, predictions=later), elsewhere)
-    with pytest.raises(RunError, match=r"elsewhere holds frames 70 to .* they share none"):
+    with pytest.raises(RunError, match=r"elsewhere holds frame 70, .* frame 0: they share none"):
         open_workspace(config(scene, runs=(elsewhere,)))
     assert not (scene.parent / "notes").exists()
+
+
+def copy_of(scene: Path, name: str, *, grey: int = 90) -> Path:
+    """The scene under another name, its picture in some grey."""
+    copy = scene.parent / name
+    shutil.copytree(scene, copy)
+    cv2.imwrite(str(copy / "rgb" / "000000.png"), np.full((48, 64, 3), grey, np.uint8))
+    return copy
+
+
+def test_a_run_of_another_sequence_is_refused(scene: Path, clamp: Assembly) -> None:
+    other, elsewhere = copy_of(scene, "bench", grey=30), scene.parent / "elsewhere"
+    run = run_of(other, clamp, x=0.1)
+    hashed = replace(run, hashes={"sequence": sequence_sha256(other)})
+    for one in (run, hashed):
+        save_run(one, elsewhere)
+        said = rf"elsewhere is a run on another sequence, {other}, not on {scene}"
+        with pytest.raises(RunError, match=said):
+            open_workspace(config(scene, runs=(elsewhere,)))
+    other.rename(scene.parent / "gone")  # its hash still tells
+    with pytest.raises(RunError, match="a run on another sequence"):
+        open_workspace(config(scene, runs=(elsewhere,)))
+    assert not (scene.parent / "notes").exists()
+
+
+def test_a_run_of_the_same_recording_elsewhere_is_shown(scene: Path, clamp: Assembly) -> None:
+    elsewhere = scene.parent / "elsewhere"
+    copy = copy_of(scene, "with_truth")
+    (copy / "states.json").write_text('[{"frame": 0, "state": 0}]')
+    hashed = {"sequence": sequence_sha256(copy)}
+    moved, nothing_told = str(scene.parent / "before"), str(scene.parent / "nowhere")
+    run = run_of(scene, clamp, x=0.1)
+    for one in (
+        replace(run, sequence=str(copy), hashes=hashed),
+        replace(run, sequence=moved, hashes={"sequence": sequence_sha256(scene)}),
+        replace(run, sequence=nothing_told),
+    ):
+        save_run(one, elsewhere)
+        with contextlib.closing(open_workspace(config(scene, runs=(elsewhere,)))) as workspace:
+            assert [run.label for run in workspace.runs] == ["mine"]
+    home = scene / "runs" / "mine"
+    save_run(replace(run, sequence=moved, hashes=hashed), home)
+    with contextlib.closing(open_workspace(config(scene, runs=(home,)))) as workspace:
+        assert [run.label for run in workspace.runs] == ["mine"]
 
 
 def test_an_export_in_the_app_says_which_frames_it_lacks(scene: Path, clamp: Assembly) -> None:

@@ -116,9 +116,9 @@ def test_a_run_of_other_frames_or_parts_is_told(
     make_run: Callable[..., Run],
 ) -> None:
     sequence = MemorySequence((frame,), (None,), assembly, "/nowhere")
-    for numbers, said in (([7, 8], "7, 8: they share none"), ([], "none: they share none")):
+    for numbers, said in (([7, 8], "frames 7 to 8"), ([], "no frames")):
         run = make_run([make_prediction(i, TRUE) for i in numbers])
-        with pytest.raises(SequenceError, match=said):
+        with pytest.raises(RunError, match=f"holds {said}, /nowhere frame 0: they share none"):
             agreement(run, sequence, assembly)
     with pytest.raises(RunError, match=r"part 'nut' is not in .*; parts: plate"):
         agreement(make_run([make_prediction(0, {"nut": TRUE["plate"]})]), sequence, assembly)

@@ -165,9 +165,8 @@ def test_the_truth_of_another_sequence_is_refused(case: Case, tmp_path: Path) ->
     other.mkdir()
     states = [{"frame": 100 + i, "state": 0, "is_error": False} for i in range(3)]
     (other / "states.json").write_text(json.dumps(states))
-    with pytest.raises(
-        SequenceError, match=r"frames 100 to 102, the run .* 0 to 2: they share none"
-    ):
+    said = rf"{case.run_folder} holds frames 0 to 2, the truth of {other} frames 100 to 102: they share"
+    with pytest.raises(RunError, match=said):
         evaluate_folder(case.run_folder, truth_folder=other)
 
 
