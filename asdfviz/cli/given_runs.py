@@ -57,7 +57,7 @@ def given_runs(
 
 
 def _loaded(path: Path, sequences: Sequence[FolderSequence]) -> list[tuple[Run, FolderSequence]]:
-    from asdfviz.data.run_files import load_run
+    from asdfviz.data.run_files import check_fits, load_run
 
     if path.is_file() or (path.suffix.lower() == ".csv" and not path.exists()):
         return _from_csv(path, sequences)
@@ -69,6 +69,7 @@ def _loaded(path: Path, sequences: Sequence[FolderSequence]) -> list[tuple[Run, 
             f"{path} is a run on {run.sequence}, which is no scene of this table; it has "
             f"{_listed(sequences)}"
         )
+    check_fits(run.predictions, known_assembly(sequence, "--models"), path)
     return [(dataclasses.replace(run, sequence=sequence.path), sequence)]
 
 

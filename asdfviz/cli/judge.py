@@ -151,15 +151,17 @@ class Agree:
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.atomic import make_folder, write_bytes
         from asdfviz.data.encoding import encoded
-        from asdfviz.data.run_files import check_run_folder, load_run
+        from asdfviz.data.run_files import check_fits, check_run_folder, load_run
         from asdfviz.data.sequences import open_sequence
         from asdfviz.errors import InputError
         from asdfviz.evaluate.agreement import FrameAgreement, agreement, agreement_table
+        from asdfviz.evaluate.inputs import assembly_of
 
         if self.count < 1:
             raise InputError(f"--count is {self.count}, use 1 or more")
         run = load_run(self.run)
-        assembly = load_assembly(self.assembly or run.assembly)
+        assembly = load_assembly(self.assembly) if self.assembly else assembly_of(run, self.run)
+        check_fits(run.predictions, assembly, self.run)
         sequence = open_sequence(run.sequence, assembly=assembly)
         if self.pictures is not None:
             check_run_folder(self.pictures, Path(run.sequence))

@@ -112,8 +112,7 @@ def load_run(folder: Path, *, assembly: Assembly | None = None) -> Run:
     about = _described(folder)
     predictions = _read_predictions(folder / PREDICTIONS, about.get("frames").integer())
     if assembly is not None:
-        for prediction in predictions:
-            _check_fits(prediction, assembly, folder)
+        check_fits(predictions, assembly, folder)
     initial = about.get("initial").text()
     if initial not in ("none", "first_frame_truth"):
         raise about.get("initial").fail("none or first_frame_truth")
@@ -131,6 +130,28 @@ def load_run(folder: Path, *, assembly: Assembly | None = None) -> Run:
         initial=initial,
         says_states=says_states is None or says_states.boolean(),
     )
+
+
+def check_fits(predictions: Iterable[FramePrediction], assembly: Assembly, source: object) -> None:
+    """See that a run's parts and states are those of an assembly.
+
+    Raises:
+        RunError: with the run's folder or file, `source`, and the frame.
+    """
+    for prediction in predictions:
+        where = f"{source}: frame {prediction.frame_index}"
+        unknown = [name for name in prediction.poses if name not in assembly.parts]
+        if unknown:
+            raise RunError(
+                f"{where} has a pose of '{unknown[0]}', which is no part of {assembly.name}; "
+                f"parts: {', '.join(assembly.parts)}"
+            )
+        state = prediction.state
+        if state is not None and len(state.probabilities) != len(assembly.states):
+            raise RunError(
+                f"{where} has {len(state.probabilities)} state probabilities, but "
+                f"{assembly.name} has {len(assembly.states)} states"
+            )
 
 
 def _described(folder: Path) -> Json:
@@ -170,21 +191,6 @@ def _read_predictions(file: Path, expected: int) -> tuple[FramePrediction, ...]:
     if len(set(indices)) != len(indices):
         raise RunError(f"{file} holds a frame twice")
     return found
-
-
-def _check_fits(prediction: FramePrediction, assembly: Assembly, folder: Path) -> None:
-    unknown = [name for name in prediction.poses if name not in assembly.parts]
-    if unknown:
-        raise RunError(
-            f"{folder}: frame {prediction.frame_index} has a pose of '{unknown[0]}', which is no "
-            f"part of {assembly.name}; parts: {', '.join(assembly.parts)}"
-        )
-    state = prediction.state
-    if state is not None and len(state.probabilities) != len(assembly.states):
-        raise RunError(
-            f"{folder}: frame {prediction.frame_index} has {len(state.probabilities)} state "
-            f"probabilities, but {assembly.name} has {len(assembly.states)} states"
-        )
 
 
 def _plain(value: object, where: str) -> object:

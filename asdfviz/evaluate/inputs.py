@@ -12,7 +12,7 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.hashes import assembly_sha256, sequence_sha256
 from asdfviz.data.result_csv import read_result_csv
-from asdfviz.data.run_files import load_run
+from asdfviz.data.run_files import check_fits, load_run
 from asdfviz.data.run_frames import shared_frames
 from asdfviz.data.scene_objects import SCENE_GT, objects_beside
 from asdfviz.data.sequences import open_sequence, read_folder_truth
@@ -71,7 +71,8 @@ def open_result(
         run, assembly = _read_csv(path, sequence or truth_folder, assembly, scene)
     else:
         run = load_run(path)
-        assembly = _assembly_of(run, path) if assembly is None else assembly
+        assembly = assembly_of(run, path) if assembly is None else assembly
+        check_fits(run.predictions, assembly, path)
     return Result(path, run, assembly, _truth_for(run, path, truth_folder, assembly))
 
 
@@ -165,7 +166,13 @@ def _read_csv(
     return run, sequence.assembly
 
 
-def _assembly_of(run: Run, run_folder: Path) -> Assembly:
+def assembly_of(run: Run, run_folder: Path) -> Assembly:
+    """Load the assembly that a run names.
+
+    Raises:
+        RunError: it is gone.
+        AssemblyError: it is broken.
+    """
     if not Path(run.assembly).is_file():
         raise RunError(
             f"{run_folder}: its assembly {run.assembly} is gone; say where it is with --assembly"
@@ -178,16 +185,21 @@ def _truth_for(
 ) -> dict[int, FrameTruth]:
     folder = Path(run.sequence) if truth_folder is None else truth_folder
     if not folder.is_dir():
-        whose = f"{run_folder}: its sequence" if truth_folder is None else "the truth"
+        whose = "its sequence" if truth_folder is None else "the truth"
         raise SequenceError(
-            f"{whose} {folder} is no folder; say with --truth where scene_gt.json and "
+            f"{run_folder}: {whose} {folder} is no folder; say with --truth where scene_gt.json and "
             "states.json are"
         )
-    truth = read_folder_truth(folder, assembly)
+    try:
+        truth = read_folder_truth(folder, assembly)
+    except SequenceError as error:
+        raise SequenceError(
+            f"{error} (it is the truth that {run_folder}, a run of {assembly.name}, is judged by)"
+        ) from error
     if not truth:
         raise SequenceError(
-            f"{folder} holds no truth: scene_gt.json or states.json is needed; without it "
-            "`asdfviz agree` compares the poses with the measured depth"
+            f"{folder} holds no truth to judge {run_folder} by: scene_gt.json or states.json is needed; "
+            "without it `asdfviz agree` compares the poses with the measured depth"
         )
     if run.predictions:
         shared_frames(run, truth, source=run_folder, other=f"the truth of {folder}")

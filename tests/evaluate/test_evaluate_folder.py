@@ -170,6 +170,25 @@ def test_the_truth_of_another_sequence_is_refused(case: Case, tmp_path: Path) ->
         evaluate_folder(case.run_folder, truth_folder=other)
 
 
+def test_what_does_not_fit_names_the_run_and_what_it_is_judged_by(
+    case: Case, tmp_path: Path
+) -> None:
+    other, run = tmp_path / "other", case.run_folder
+    other.mkdir()
+    (other / "states.json").write_text('[{"frame": 0, "state": 7}]')
+    with pytest.raises(SequenceError, match=rf"{other}/states\.json.* is 7.*{run}, a run of toy"):
+        evaluate_folder(run, truth_folder=other)
+    (other / "states.json").unlink()
+    with pytest.raises(SequenceError, match=rf"{other} holds no truth to judge {run} by"):
+        evaluate_folder(run, truth_folder=other)
+    description = yaml.safe_load(case.assembly.read_text())
+    description |= {"base": "lid", "parts": {"lid": description["parts"]["plate"]}}
+    (case.assembly.parent / "lid.yaml").write_text(yaml.safe_dump(description | {"name": "lids"}))
+    lids = load_assembly(case.assembly.parent / "lid.yaml")
+    with pytest.raises(RunError, match=rf"{run}: frame 0 .* 'plate', which is no part of lids"):
+        evaluate_folder(run, assembly=lids)
+
+
 def test_what_was_moved_since_the_run_can_be_named(case: Case, tmp_path: Path) -> None:
     moved = replace(case.run, sequence="/gone/scene", assembly="/gone/assembly.yaml", hashes={})
     save_run(moved, case.run_folder)
