@@ -26,7 +26,7 @@ class Checked:
     truth: dict[int, FrameTruth]
     """By frame number: poses that were set, tracked or verified, and states that were set."""
     frames: int = 0
-    """Frames with poses of which nobody touched one; all of them are left out,"""
+    """Frames with poses in which nobody touched a part; all of them are left out,"""
     poses: int = 0
     """and poses in the others that nobody touched, which are left out, too."""
 
@@ -38,7 +38,7 @@ class Checked:
             said.append(f"{counted(self.frames, 'frame')} left out in which nobody checked a pose")
         if self.poses:
             said.append(
-                f"{counted(self.poses, 'pose')} left out that nobody checked, beside checked ones"
+                f"{counted(self.poses, 'pose')} left out that nobody checked, beside checked parts"
             )
         return "; ".join(said)
 
@@ -47,6 +47,9 @@ def checked_truth(
     store: AnnotationStore, truth: Mapping[int, FrameTruth], assembly: Assembly
 ) -> Checked:
     """Leave a run's guesses out of the truth that corrections of it make.
+
+    A part that was taken away is known not to be there, also where all others are guesses: those are
+    unchecked.
 
     Args:
         store: the corrections.
@@ -64,14 +67,19 @@ def checked_truth(
             frame = replace(frame, state=None, is_error=None, attached=None, error=None)
         mine = {n: T for n, T in frame.T_camera_part.items() if n in touched.get(index, ())}
         guessed = len(frame.T_camera_part) - len(mine)
-        # Where a part was taken away and the others are guesses, nobody said that nothing is there.
-        says_poses = bool(mine) or (index in touched and not guessed)
-        left_out += bool(guessed) and not says_poses
-        poses += guessed if says_poses else 0
-        if says_poses or index in labels:
+        is_touched = index in touched
+        left_out += bool(guessed) and not is_touched
+        poses += guessed if is_touched else 0
+        if is_touched or index in labels:
             visible = {n: share for n, share in frame.visible.items() if n in mine}
             others = tuple(n for n in assembly.parts if n not in touched.get(index, ()))
-            kept[index] = replace(frame, T_camera_part=mine, visible=visible, unchecked=others)
+            kept[index] = replace(
+                frame,
+                T_camera_part=mine,
+                visible=visible,
+                lists_parts=is_touched,
+                unchecked=others,
+            )
     return Checked(kept, left_out, poses)
 
 
@@ -118,7 +126,10 @@ def annotated(
         if seed.kind == "run" and not guesses:
             checked = checked_truth(store, truth, assembly)
         gone = gone_of(store.said())
-    if not any(frame.T_camera_part or frame.state is not None for frame in checked.truth.values()):
+    if not any(
+        frame.T_camera_part or frame.lists_parts or frame.state is not None
+        for frame in checked.truth.values()
+    ):
         raise _nothing_annotated(sequence, f"{file} has neither poses nor states")
     return Annotated(checked.truth, gone, checked.told)
 

@@ -23,8 +23,7 @@ def guessed(*frames: int) -> dict[int, FrameTruth]:
 def test_poses_that_nobody_touched_are_guesses(store: AnnotationStore, boxes: Assembly) -> None:
     store.set_pose(5, "lid", T)
     store.verify(6, "base", T, provenance="method:asdf")
-    store.remove_pose(7, "lid")
-    truth = {**guessed(4, 5, 6, 8), 7: FrameTruth(7, {"base": T}, state=1, is_error=False)}
+    truth = guessed(4, 5, 6, 8)
     found = checked_truth(store, truth, boxes)
     told = {frame: set(found.truth[frame].T_camera_part) for frame in found.truth}
     assert told == {5: {"lid"}, 6: {"base"}}
@@ -33,11 +32,22 @@ def test_poses_that_nobody_touched_are_guesses(store: AnnotationStore, boxes: As
         5: ("base", "pin"),
         6: ("lid", "pin"),
     }
-    assert (found.frames, found.poses) == (3, 2)
+    assert (found.frames, found.poses) == (2, 2)
     assert found.told == (
-        "3 frames left out in which nobody checked a pose; "
-        "2 poses left out that nobody checked, beside checked ones"
+        "2 frames left out in which nobody checked a pose; "
+        "2 poses left out that nobody checked, beside checked parts"
     )
+
+
+def test_a_part_that_was_taken_away_beside_guesses_is_known_not_to_be_there(
+    store: AnnotationStore, boxes: Assembly
+) -> None:
+    store.remove_pose(7, "lid")
+    found = checked_truth(store, {7: FrameTruth(7, {"base": T}, state=1, is_error=False)}, boxes)
+    frame = found.truth[7]
+    assert (dict(frame.T_camera_part), frame.lists_parts, frame.state) == ({}, True, None)
+    assert frame.unchecked == ("base", "pin")
+    assert found.told == "1 pose left out that nobody checked, beside checked parts"
 
 
 def test_a_frame_whose_parts_are_all_taken_away_says_so(

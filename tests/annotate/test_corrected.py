@@ -269,12 +269,15 @@ def test_a_file_that_nobody_corrected_anything_in(tmp_path: Path, boxes: Assembl
     with AnnotationStore(file, sequence_name="clip", assembly_name="boxes") as store:
         with pytest.raises(AnnotationError, match="nothing is annotated in 'clip'"):
             annotated(clip, annotations=tmp_path)
-        store.remove_pose(0, "lid")
         with pytest.raises(AnnotationError, match=r"clip\.db has neither poses nor states"):
             annotated(clip, annotations=tmp_path)
+        store.remove_pose(0, "lid")
+        only_gone = annotated(clip, annotations=tmp_path)
         store.set_state(0, StateLabel(0))
         found = annotated(clip, annotations=tmp_path)
-    assert (list(found.truth), found.gone) == ([0], {(0, "lid")})
+    for one in (only_gone, found):
+        assert (list(one.truth), one.gone) == ([0], {(0, "lid")})
+        assert one.truth[0].unchecked == ("base", "pin")
 
 
 def test_truth_that_corrections_started_from_and_is_gone(tmp_path: Path, boxes: Assembly) -> None:

@@ -599,6 +599,28 @@ def test_export_leaves_out_what_nobody_checked_of_a_run(
         assert len(json.loads((tmp_path / "out" / "scene_gt.json").read_text())) == frames
 
 
+def test_a_part_taken_away_beside_guesses_is_exported_and_judged(
+    tmp_path: Path, short: tuple[FolderSequence, Assembly], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (sequence, assembly), notes, run = short, tmp_path / "notes", tmp_path / "run"
+    poses = {name: PoseEstimate(name, np.eye(4), 1.0, "pnp") for name in assembly.parts}
+    said = tuple(FramePrediction(i, poses, None) for i in sequence.frame_indices)
+    save_run(Run("asdf", {}, sequence.path, assembly.path, "0", said), run)
+    with open_annotation(sequence, assembly, folder=notes) as store:
+        store.set_seed(Seed("run", str(run), "asdf"))
+        store.remove_pose(3, "jaw")
+    out = tmp_path / "out"
+    assert exit_code("export", sequence.path, "--annotations", str(notes), "--out", str(out)) == 0
+    others = [name for name in assembly.parts if name != "jaw"]
+    assert json.loads((out / "scene_gt.json").read_text()) == {"3": []}
+    assert json.loads((out / "unchecked.json").read_text()) == {"3": others}
+    capsys.readouterr()
+    assert exit_code("evaluate", str(run), "--truth", str(out), "--json") == 0
+    parts = json.loads(capsys.readouterr().out)["parts"]
+    wrong = {name: figures["false_positives"] for name, figures in parts.items()}
+    assert wrong == {name: int(name == "jaw") for name in assembly.parts}
+
+
 def test_numbers_are_for_the_layout_that_has_them(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
