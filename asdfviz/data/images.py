@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt16
 
-from asdfviz.data.image_files import has_end, image_kind
+from asdfviz.data.image_files import has_end, image_kind, tiff_orientation
 from asdfviz.errors import SequenceError, counted
 from asdfviz.geometry.shapes import Depth, Distortion, Intrinsics, Rgb
 
@@ -57,10 +57,11 @@ def told_kind(kind: str) -> str:
 
 
 def read_raw_depth(path: Path) -> RawDepth:
-    """Read a 16-bit depth image (PNG, TIFF or NumPy's NPY) in the file's own unit.
+    """Read a 16-bit depth image (PNG, TIFF or NumPy's NPY) in the file's own unit, as its pixels are stored.
 
     Raises:
-        SequenceError: the file is missing, truncated, not 16 bit or not of one channel.
+        SequenceError: the file is missing, truncated, not 16 bit or not of one channel, or a TIFF
+            that asks to be turned.
     """
     image = _decode(path, cv2.IMREAD_UNCHANGED, DEPTH_KINDS)
     if image.ndim == 3 and image.shape[2] == 1:
@@ -156,6 +157,13 @@ def _decode(path: Path, flags: int, kinds: tuple[str, ...] = READ_KINDS) -> np.n
     kind = image_kind(data)
     if kind is not None and kind not in kinds:
         raise ImageKindError(path, f"is {told_kind(kind)}")
+    if kind == "TIFF" and (orientation := tiff_orientation(data)) != 1:
+        # OpenCV turns a TIFF whatever it is told, and colour is read as its pixels are stored.
+        raise ImageKindError(
+            path,
+            f"is a TIFF whose orientation tag ({orientation}) asks to turn or mirror it, and colour is read "
+            "as its pixels are stored: save it without the tag, its pixels lying as those of colour",
+        )
     # OpenCV fills what a cut file lacks with grey or garbage instead of failing.
     if kind is None or not has_end(data, kind):
         raise SequenceError(f"{path} is truncated or no PNG or JPEG image ({len(data)} bytes)")

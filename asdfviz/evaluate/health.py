@@ -37,6 +37,7 @@ from asdfviz.evaluate.health_files import (
     check_image_sizes,
     check_numbering,
     check_objects,
+    check_orientation,
     check_partners,
     check_unread,
 )
@@ -71,7 +72,9 @@ def check_sequence(sequence: Sequence, *, progress: Progress | None = None) -> H
     places = spread(len(source), MOST_FRAMES)
     tell = progress or _untold
     frames, unread = _read_frames(source, places, tell)
-    findings = list(check_image_sizes(source)) if isinstance(source, FolderSequence) else []
+    findings: list[Finding] = []
+    if isinstance(source, FolderSequence):
+        findings = [*check_image_sizes(source), *check_orientation(source)]
     images_wh = None if frames else _common_size(unread)
     if images_wh is None:
         findings += _check_sizes(unread, len(places))

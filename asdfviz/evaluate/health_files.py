@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from PIL.ExifTags import Base
 
 from asdfviz.data.folder_sequence import FolderSequence
 from asdfviz.data.image_files import kind_and_end
@@ -140,6 +141,33 @@ def _size_wh(image: Path) -> tuple[int, int] | None:
             return opened.size
     except (OSError, ValueError, EOFError):
         return None
+
+
+def check_orientation(sequence: FolderSequence) -> Iterator[Finding]:
+    """Name the colour images that other programs show turned, by their EXIF tag; pixels count as they are stored."""
+    turned = {
+        file: tag for file in sequence.files.rgb.values() if (tag := _exif_orientation(file)) != 1
+    }
+    if turned:
+        named = some(f"{f.parent.name}/{f.name} ({tag})" for f, tag in turned.items())
+        yield Finding(
+            "orientation",
+            "warning",
+            f"{counted(len(turned), 'colour image')} with an EXIF orientation, by which other programs turn "
+            f"them: {named}. Pixels are used as they are stored: camera file and depth must be of these, "
+            "or save the images turned and without the tag.",
+            float(len(turned)),
+        )
+
+
+def _exif_orientation(image: Path) -> int:
+    """Of a JPEG; 1 of others, whose pixels would have to be decoded for it, and where there is none."""
+    try:
+        with Image.open(image) as opened:
+            tag = opened.getexif().get(Base.Orientation, 1) if opened.format == "JPEG" else 1
+    except (OSError, ValueError, EOFError, SyntaxError):
+        return 1
+    return tag if tag in range(1, 9) else 1
 
 
 def check_unread(

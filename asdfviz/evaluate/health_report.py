@@ -15,6 +15,7 @@ Kind: TypeAlias = Literal[
     "state_unit",
     "part_pose",
     "size_mismatch",
+    "orientation",
     "missing_frames",
     "frame_step",
     "far_origin",

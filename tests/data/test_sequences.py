@@ -9,9 +9,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from asdfviz.data.assembly_writer import write_assembly
 from asdfviz.data.hashes import sequence_sha256
+from asdfviz.data.images import read_raw_depth, read_rgb
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import SequenceError
@@ -415,6 +417,51 @@ def test_a_cut_tiff_or_npy_is_refused(
         file.with_suffix(".png").unlink()
     with pytest.raises(SequenceError, match="is corrupt"):
         open_sequence(scene.folder)[0]
+
+
+def exif_with(tag: int) -> Image.Exif:
+    exif = Image.Exif()
+    exif[0x0112] = tag
+    return exif
+
+
+@pytest.mark.parametrize("tag", [2, 3, 6])
+@pytest.mark.parametrize("order", ["II", "MM", "big"])
+def test_depth_that_asks_to_be_turned_is_refused(
+    write_scene: WriteScene, tag: int, order: str
+) -> None:
+    scene = write_scene("folder")
+    for index, raw in scene.raw_depth.items():
+        file = scene.folder / "depth" / f"{index:06d}.tiff"
+        image = Image.fromarray(raw.astype(">u2") if order == "MM" else raw)
+        image.save(file, tiffinfo={274: tag}, big_tiff=order == "big")
+        assert file.read_bytes().startswith({"II": b"II*", "MM": b"MM", "big": b"II+"}[order])
+        file.with_suffix(".png").unlink()
+    with pytest.raises(SequenceError, match=rf"orientation tag \({tag}\) .* save it without"):
+        open_sequence(scene.folder)[0]
+    for index, raw in scene.raw_depth.items():
+        Image.fromarray(raw).save(
+            scene.folder / "depth" / f"{index:06d}.tiff", tiffinfo={274: 1}, big_tiff=order == "big"
+        )
+    sequence = open_sequence(scene.folder)
+    for place, raw in enumerate(scene.raw_depth.values()):
+        depth = sequence[place].depth
+        assert depth is not None
+        np.testing.assert_allclose(depth, raw * np.float32(1e-3))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("tag", [3, 6])
+def test_colour_and_depth_are_read_as_stored_whatever_their_tags_ask(
+    tmp_path: Path, suffix: str, tag: int
+) -> None:
+    bright = np.zeros((16, 32, 3), np.uint8)
+    bright[:8, :16] = 200
+    Image.fromarray(bright).save(tmp_path / f"rgb{suffix}", exif=exif_with(tag))
+    assert np.array_equal(read_rgb(tmp_path / f"rgb{suffix}") > 100, bright > 100)
+    raw = bright[..., 0].astype(np.uint16)
+    Image.fromarray(raw).save(tmp_path / "depth.png", exif=exif_with(tag))
+    np.testing.assert_array_equal(read_raw_depth(tmp_path / "depth.png"), raw)
 
 
 def test_a_truncated_jpeg_is_refused(write_scene: WriteScene) -> None:

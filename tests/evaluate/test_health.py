@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 from memory_sequence import MemorySequence
+from PIL import Image
 
 from asdfviz.data.images import read_stored
 from asdfviz.data.prefetch import Prefetcher
@@ -505,6 +506,20 @@ def test_depth_in_npy_is_looked_over_as_depth_in_png(folder: Path) -> None:
     assert "depth images not 640 x 480 as the others: depth/000004.npy (320 x 240)" in (
         finding.message
     )
+
+
+def test_colour_that_others_show_turned_is_told(folder: Path) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    for number, tagged in ((1, True), (2, False)):
+        file = folder / "rgb" / f"{number:06d}.png"
+        picture = Image.open(file)
+        file.unlink()
+        picture.save(file.with_suffix(".jpg"), exif=exif if tagged else Image.Exif())
+    finding = only(check_sequence(open_sequence(folder)), "orientation")
+    assert (finding.severity, finding.value) == ("warning", 1.0)
+    assert "1 colour image with an EXIF orientation" in finding.message
+    assert "rgb/000001.jpg (6). Pixels are used as they are stored" in finding.message
 
 
 def test_a_float_tiff_called_png_is_told_as_what_it_is(folder: Path) -> None:
