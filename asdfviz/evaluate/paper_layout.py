@@ -1,8 +1,12 @@
-"""Lays out the rows of the paper's tables: Markdown, CSV or LaTeX."""
+"""Lays out the rows of the paper's tables: Markdown, CSV or LaTeX.
+
+Names come from datasets and plug-ins, so what Markdown, HTML or MDX would read in them is escaped.
+"""
 
 from __future__ import annotations
 
 import csv
+import html
 import io
 from collections.abc import Sequence
 from pathlib import Path
@@ -45,8 +49,27 @@ def laid_out(
         return text.getvalue().rstrip("\n")
     if layout == "latex":
         return _latex(headings, rows, texts)
-    lines = [headings, ["---"] * texts + ["---:"] * (len(headings) - texts), *rows]
+    rule = ["---"] * texts + ["---:"] * (len(headings) - texts)
+    lines = [headings, rule, *escaped_texts(rows, texts)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+def escaped_texts(rows: Sequence[Sequence[str]], texts: int) -> list[list[str]]:
+    """The rows of a Markdown table, the first so many cells of each being text."""
+    return [[*map(escaped, row[:texts]), *row[texts:]] for row in rows]
+
+
+def escaped(text: str) -> str:
+    """Text that Markdown, HTML and MDX show as it is, in one table cell."""
+    shown = html.escape(one_line(text), quote=False)
+    for mark in "|{}`*[]\\":
+        shown = shown.replace(mark, f"&#{ord(mark)};")
+    return shown
+
+
+def one_line(text: str) -> str:
+    """Text without the breaks that would end a row."""
+    return " ".join(text.split())
 
 
 def _latex(headings: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -> str:
@@ -63,13 +86,13 @@ def _latex(headings: Sequence[str], rows: Sequence[Sequence[str]], texts: int) -
 
 
 def _tex(text: str) -> str:
-    return text.translate(_TEX)
+    return one_line(text).translate(_TEX)
 
 
 _TEX = str.maketrans(
     {
         **{mark: f"\\{mark}" for mark in "&%$#_{}"},
-        **{"<": "$<$", ">": "$>$", "±": "$\\pm$", "°": "$^\\circ$", "~": "$\\sim$"},
+        **{"<": "$<$", ">": "$>$", "±": "$\\pm$", "°": "$^\\circ$", "~": "$\\sim$", "|": "$|$"},
         **{"\\": "\\textbackslash{}", "^": "\\textasciicircum{}"},
     }
 )

@@ -1,15 +1,11 @@
-"""Tables of what `evaluate_run` returns: Markdown with all figures, and the same as CSV or LaTeX.
-
-Names come from datasets and plug-ins, so what Markdown, HTML or MDX would read in them is escaped.
-"""
+"""Tables of what `evaluate_run` returns: Markdown with all figures, and the same as CSV or LaTeX."""
 
 from __future__ import annotations
 
-import html
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from asdfviz.evaluate.paper_layout import Layout, laid_out
+from asdfviz.evaluate.paper_layout import Layout, escaped, escaped_texts, laid_out
 from asdfviz.evaluate.protocols import TWINS, twins_matter
 from asdfviz.evaluate.summary import GIVEN, START, frames_told, starts_differ, with_offline
 
@@ -60,7 +56,7 @@ _TEXTS = ("Method", "Start", "Sequence", "Protocol", "Assembly", "Mean")
 def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
     """One row a result: means over parts, state and time, and one of its states decoded offline, where
     it has any; then what was warned about."""
-    headings, rows = _runs(results, escaped)
+    headings, rows = _runs(results)
     notes = [f"- {GIVEN}."] if starts_differ(results) else []
     notes += [
         f"- {escaped(str(result['method']))}: {escaped(str(warning))}"
@@ -73,17 +69,17 @@ def markdown_table(results: Sequence[Mapping[str, Any]]) -> str:
 
 def means_table(means: Sequence[Mapping[str, Any]]) -> str:
     """Two rows a method (and one assembly of it): the plain and the frame-weighted mean over runs."""
-    return _table(*_means(means, escaped))
+    return _table(*_means(means))
 
 
 def runs_in(layout: Layout, results: Sequence[Mapping[str, Any]]) -> str:
     """The rows of `markdown_table` in a layout; in LaTeX, where width counts, what is never defined is left out."""
-    return _in(layout, *_runs(results, str))
+    return _in(layout, *_runs(results))
 
 
 def means_in(layout: Layout, means: Sequence[Mapping[str, Any]]) -> str:
     """The rows of `means_table`, likewise."""
-    return _in(layout, *_means(means, str))
+    return _in(layout, *_means(means))
 
 
 def _in(layout: Layout, headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -95,7 +91,7 @@ def _in(layout: Layout, headings: Sequence[str], rows: Sequence[Sequence[str]]) 
 
 
 def _runs(
-    results: Sequence[Mapping[str, Any]], text: Callable[[str], str]
+    results: Sequence[Mapping[str, Any]],
 ) -> tuple[list[str], list[list[str]]]:
     poses = pose_columns([result["mean"] for result in results])
     has_starts = starts_differ(results)
@@ -103,10 +99,10 @@ def _runs(
     headings += [title for title, _ in (*poses, *STATE_COLUMNS)]
     rows = [
         [
-            text(str(result["method"])),
+            str(result["method"]),
             *([result[START]] if has_starts else []),
-            text(str(result["sequence"])),
-            text(str(result["protocol"])),
+            str(result["sequence"]),
+            str(result["protocol"]),
             frames_told(result),
             *(number(result["mean"].get(key)) for _, key in poses),
             *(number(result["state"].get(key)) for _, key in STATE_COLUMNS),
@@ -118,7 +114,7 @@ def _runs(
 
 
 def _means(
-    means: Sequence[Mapping[str, Any]], text: Callable[[str], str]
+    means: Sequence[Mapping[str, Any]],
 ) -> tuple[list[str], list[list[str]]]:
     poses = pose_columns([entry["plain"]["mean"] for entry in means])
     has_starts = starts_differ(means)
@@ -126,9 +122,9 @@ def _means(
     headings += [title for title, _ in (*poses, *STATE_COLUMNS)]
     rows = [
         [
-            text(str(row["method"])),
+            str(row["method"]),
             *([row[START]] if has_starts else []),
-            text(str(row["assembly"] or "all")),
+            str(row["assembly"] or "all"),
             title,
             str(row["n_runs"]),
             frames_told(row),
@@ -178,14 +174,6 @@ def number(value: float | int | None) -> str:
     return UNDEFINED if value is None else f"{value:.1f}"
 
 
-def escaped(text: str) -> str:
-    """Text that Markdown, HTML and MDX show as it is, in one table cell."""
-    shown = html.escape(" ".join(text.split()), quote=False)
-    for mark in "|{}`*[]\\":
-        shown = shown.replace(mark, f"&#{ord(mark)};")
-    return shown
-
-
 def _texts(headings: Sequence[str]) -> int:
     """How many columns, the first ones, hold text."""
     return sum(heading in _TEXTS for heading in headings)
@@ -194,6 +182,7 @@ def _texts(headings: Sequence[str]) -> int:
 def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Lay out a table, text at the left of its columns and figures at the right."""
     texts = _texts(headings)
+    rows = escaped_texts(rows, texts)
     widths = [max(len(row[i]) for row in (headings, *rows)) for i in range(len(headings))]
 
     def line(cells: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from asdfviz.evaluate.paper_layout import one_line
 from asdfviz.evaluate.protocols import TWINS
 from asdfviz.evaluate.summary import (
     DECODED,
@@ -65,7 +66,7 @@ def runs_summary(results: Sequence[Mapping[str, Any]], *, width: int) -> str:
     """One row a run; below, what was warned about, and where all figures are."""
     has_starts = starts_differ(results)
     rows = [
-        _Row((*_who(one, has_starts), str(one["sequence"])), frames_told(one), one)
+        _Row((*_who(one, has_starts), one_line(str(one["sequence"]))), frames_told(one), one)
         for one in with_offline(results)
     ]
     notes = [textwrap.fill(f"{GIVEN}.", width)] if has_starts else []
@@ -89,7 +90,7 @@ def means_summary(means: Sequence[Mapping[str, Any]], *, width: int) -> str:
     has_starts = starts_differ(means)
     rows = [
         _Row(
-            (*_who(row, has_starts), str(row["assembly"] or "all"), title),
+            (*_who(row, has_starts), one_line(str(row["assembly"] or "all")), title),
             frames_told(row),
             row,
         )
@@ -107,7 +108,7 @@ def _who(row: Mapping[str, Any], has_starts: bool) -> tuple[str, ...]:
 
 def _told(row: Mapping[str, Any]) -> str:
     """The method; of a row of states decoded offline only that, as it stands below its run's."""
-    method = str(row["method"])
+    method = one_line(str(row["method"]))
     return _OFFLINE if method.endswith(f", {DECODED}") else method
 
 

@@ -17,10 +17,11 @@ from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Par
 from asdfviz.errors import RunError, SequenceError
 from asdfviz.evaluate.bop import View
 from asdfviz.evaluate.evaluate import evaluate_run
+from asdfviz.evaluate.paper_layout import escaped
 from asdfviz.evaluate.pose_errors import add, error_model
 from asdfviz.evaluate.protocols import MEAN_FIGURES, ProtocolName, gbot_evaluated_parts
 from asdfviz.evaluate.summary import summaries
-from asdfviz.evaluate.tables import escaped, markdown_table, means_table, runs_in
+from asdfviz.evaluate.tables import markdown_table, means_table, runs_in
 from asdfviz.evaluate.terminal_table import means_summary, runs_summary
 from asdfviz.geometry.symmetry import Axis, Symmetries
 from asdfviz.geometry.transforms import rotation_about, transform_from, turn_about
@@ -523,6 +524,10 @@ def test_tables(
     assert len({line.count("|") for line in lines[:4]}) == 1
     assert lines[2] == lines[3]
     assert "12.3" in lines[2]
+    broken = {**report, "method": "a\nb", "sequence": "c\n| d"}
+    assert markdown_table([broken]).splitlines()[2].startswith("| a b")
+    told = runs_summary([report, broken], width=120).splitlines()
+    assert told[3].split()[:5] == ["a", "b", "c", "|", "d"]
     assert "&#124;&lt;b&gt;&#123;c&#125;" in lines[2]
     assert "nan" not in markdown_table([report]).lower()
     assert lines[-1].startswith("- a&#124;")

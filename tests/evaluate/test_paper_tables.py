@@ -51,6 +51,19 @@ def test_layouts_follow_the_files_ending() -> None:
     assert rows_of(laid_out(*cells, texts=1, layout="csv")) == [{"a_b": "x & y", "n": "1"}]
 
 
+@pytest.mark.parametrize("name", ["a|b", "a\nb", "a\r\nb", "`a`|", "<a> *b* [c]"])
+def test_names_break_no_table(name: str) -> None:
+    facts = SetFacts(name, name, 3, 3, 1, 60, 640, 360, 0)
+    heading, _, row = table1([facts]).splitlines()
+    assert row.count("|") == heading.count("|")
+    assert not set("`<>*[") & set(row)
+    latex = [line for line in table1([facts], layout="latex").splitlines() if "640" in line]
+    assert len(latex) == 1
+    assert latex[0].count("|") == latex[0].count("$|$")
+    (cells,) = rows_of(table1([facts], layout="csv"))
+    assert cells["Assembly"] == name
+
+
 @pytest.mark.parametrize(
     ("name", "frames"),
     [("corner_clamp", 66), ("gbot_gearedcaliper", 111), ("vise", 191), ("gbot_screwclamp", 231)],
