@@ -115,9 +115,10 @@ def sleeve_of(hand: HandMesh, cut: float) -> Mesh:
     """The forearm's surface beyond `cut`, lifted a few millimetres and wrinkled."""
     vertices, faces = hand.mesh.vertices, hand.mesh.faces
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    normals = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(normals, faces[:, k], np.cross(b - a, c - a))
+    across = np.cross(b - a, c - a)
+    corner = faces.T.reshape(-1)
+    sums = [np.bincount(corner, np.tile(column, 3), len(vertices)) for column in across.T]
+    normals = np.stack(sums, axis=1)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-12
     along = hand.along_arm
     wrinkle = np.sin(along * 170) * np.sin(vertices[:, 0] * 90 + along * 60)

@@ -6,17 +6,21 @@ The hand's frame: fingers point along +y, the back of the hand looks along +z, t
 
 from __future__ import annotations
 
+import hashlib
+import platform
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
 
+from asdfviz.data.kept_arrays import kept_arrays
 from asdfviz.datatypes import Mesh
 from asdfviz.geometry.shapes import Points, Vector
-from asdfviz.synth.implicit import mesh_implicit
-from asdfviz.synth.nails import Fingertip, nail_marks
+from asdfviz.synth import implicit, nails
+from asdfviz.synth.nails import Fingertip
 
 # Anatomy of a grown-up hand of mean size, metres; the palm's frame has its origin at the middle of
 # the knuckles. Base, lengths of three phalanges, radius.
@@ -229,21 +233,42 @@ def _union(cones: list[Cone]) -> Callable[[Points], Float64[np.ndarray, "n"]]:
 
 @cache
 def hand_mesh(index: int) -> HandMesh:
-    """The hand of GRASPS[index], meshed once a process."""
-    grasp = GRASPS[index]
+    """The hand of GRASPS[index], meshed once a machine: it is kept as long as nothing changes it."""
+    held = kept_arrays("hands", _made_of(index), lambda: _meshed(GRASPS[index]))
+    mesh = Mesh(held["vertices"], held["faces"])
+    gap = float(held["gap"])
+    return HandMesh(mesh, held["along_arm"], _PINCH, held["entry"], gap, held["nails"])
+
+
+def _made_of(index: int) -> str:
+    """A name for a hand that changes with the numbers and the code that it is made of."""
+    digest = hashlib.sha256(f"{np.__version__} {platform.machine()} {index}\0".encode())
+    for file in (__file__, implicit.__file__, nails.__file__):
+        digest.update(Path(file).read_bytes())
+    return digest.hexdigest()[:24]
+
+
+def _meshed(grasp: Grasp) -> dict[str, np.ndarray]:
+    """What `HandMesh` has of a hand, by its names."""
     cones, tips, origin = _skeleton(grasp)
     ends = np.stack([p for a, b, _, _ in cones for p in (a, b)])
     low, high = ends.min(axis=0) - 0.045, ends.max(axis=0) + 0.045
     distance = _union(cones)
-    mesh = mesh_implicit(distance, low, high, step=_STEP)
+    mesh = implicit.mesh_implicit(distance, low, high, step=_STEP)
     bend = np.array([0.0, -np.cos(grasp.wrist), np.sin(grasp.wrist)])
     along = (mesh.vertices - _WRIST) @ bend
     entry = origin - _PALM
     entry = entry - (entry @ _PINCH) * _PINCH
     entry = entry / np.linalg.norm(entry)
     gap = _free_width(distance, origin) if grasp.gap >= 0 else 0.0
-    nails = nail_marks(mesh.vertices, tips)
-    return HandMesh(Mesh(mesh.vertices - origin, mesh.faces), along, _PINCH, entry, gap, nails)
+    return {
+        "vertices": mesh.vertices - origin,
+        "faces": mesh.faces,
+        "along_arm": along,
+        "entry": entry,
+        "gap": np.array(gap),
+        "nails": nails.nail_marks(mesh.vertices, tips),
+    }
 
 
 def _free_width(distance: Callable[[Points], Float64[np.ndarray, "n"]], origin: Vector) -> float:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
 import zipfile
 from collections.abc import Callable
 from dataclasses import astuple
@@ -20,6 +19,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from asdfviz.data.atomic import write_bytes
+from asdfviz.data.kept_arrays import unpacked, user_cache_folder
 from asdfviz.datatypes import Assembly, Mesh
 from asdfviz.track.viewpoint_model import (
     ViewpointConfig,
@@ -95,9 +95,7 @@ def unpack_viewpoint_model(packed: bytes) -> ViewpointModel:
     Raises:
         OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile: it is something else.
     """
-    # In memory, because NumPy leaves a file open that turns out to be none of its own.
-    with np.load(io.BytesIO(packed), allow_pickle=False) as file:
-        held = {key: file[key] for key in file.files}
+    held = unpacked(packed)
     reach = float(held["reach"])
     widths = held["widths"].astype(np.float32) / 1e3
     return ViewpointModel(
@@ -121,11 +119,6 @@ def read_viewpoint_model(path: Path) -> ViewpointModel | None:
         return None
 
 
-def user_cache_folder() -> Path:
-    """Where models go whose assembly's folder cannot be written."""
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "asdfviz" / "viewpoints"
-
-
 def _file_name(mesh: Mesh, config: ViewpointConfig) -> str:
     """The name says all that the content depends on."""
     digest = hashlib.sha256(f"{VERSION} {astuple(config)}".encode())
@@ -135,7 +128,7 @@ def _file_name(mesh: Mesh, config: ViewpointConfig) -> str:
 
 
 def _places(assembly: Assembly, file: str) -> tuple[Path, Path]:
-    return Path(assembly.path).parent / FOLDER / file, user_cache_folder() / file
+    return Path(assembly.path).parent / FOLDER / file, user_cache_folder("viewpoints") / file
 
 
 def _read_any(places: tuple[Path, ...]) -> ViewpointModel | None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from asdfviz.data.kept_arrays import user_cache_folder
 from asdfviz.datatypes import Assembly, Mesh, Part, State
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.track import viewpoint_cache
@@ -91,7 +92,7 @@ def test_the_users_folder_serves_where_the_assembly_cannot_be_written(
     monkeypatch.setattr(viewpoint_cache, "write_bytes", refuse)
     load_viewpoint_models(assembly, config=TINY)
     assert not (Path(assembly.path).parent / FOLDER).exists()
-    assert len(list(viewpoint_cache.user_cache_folder().iterdir())) == 1
+    assert len(list(user_cache_folder("viewpoints").iterdir())) == 1
     told: list[int] = []
     load_viewpoint_models(assembly, config=TINY, progress=lambda k, _: told.append(k))
     assert told == []
