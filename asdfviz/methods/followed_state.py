@@ -88,9 +88,10 @@ class FollowedState:
 
     @property
     def unfolded(self) -> StateEstimate | None:
-        """What the last frame's state is if half-done states count by themselves."""
-        belief = self._states.belief
-        return None if belief is None else StateEstimate(belief, {})
+        """What the last frame's state is if half-done states count by themselves, and a part that
+        arrives is in its place."""
+        shown = self._states.shown
+        return None if shown is None else StateEstimate(shown, {})
 
     @property
     def joins(self) -> State | None:
@@ -131,7 +132,7 @@ class FollowedState:
             free: the poses that bear witness for states; None for all.
             rest: what lies still, and how the camera moves; it has seen this frame.
         """
-        ways, before = self._ways, self._states.belief
+        ways, before = self._ways, self._states.shown
         witnesses = poses if free is None else free
         places = relative_pose_probabilities(witnesses, self._unfolded, config=self._relative_pose)
         if first is not None:

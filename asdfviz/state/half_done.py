@@ -57,13 +57,13 @@ def errors_alike(assembly: Assembly, half_done: Collection[int]) -> dict[int, in
 
 
 def not_yet(
-    scores: Scores, previous: Scores | None, assembly: Assembly, alike: Mapping[int, int]
-) -> Scores:
+    scores: AllScores, previous: Scores | None, assembly: Assembly, alike: Mapping[int, int]
+) -> AllScores:
     """Scores with those of errors that cannot be there yet given to what they look like.
 
     Args:
-        scores: of all states.
-        previous: what the frame before was, likewise; its most probable state is what was reached.
+        scores: of the assembly's states, and of more after them.
+        previous: what the frame before was, of the assembly's states; its most probable state is what was reached.
         assembly: the states.
         alike: errors, each with the state that it looks like until the step that it follows was reached.
     """

@@ -5,6 +5,8 @@ reached along the assembly's transitions, evidence multiplies, and a state that 
 is out. `StateFilter` uses the past alone; `most_likely_path` (Viterbi) a whole recording, and is
 reported apart from it (`asdfviz.state.offline`).
 
+The frame in which a part arrives is a state of its own (`asdfviz.state.arrivals`).
+
 States only change in frames that tell them apart. Where nothing is seen, or all states are equally
 likely, the belief stays: else a covered camera would go through the steps by itself, since the model
 expects the next one.
@@ -23,7 +25,8 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Scores
+from asdfviz.geometry.shapes import AllScores, Scores
+from asdfviz.state.arrivals import Arrivals
 from asdfviz.state.half_done import errors_alike, not_yet
 
 ALIKE = 1e-9
@@ -56,6 +59,8 @@ class SmoothingConfig:
     """Exponent of the group's term."""
     place_weight: float = 1.0
     """Exponent of the term of what stands in the places of joined parts."""
+    arrival: bool = True
+    """Whether a part arrives for one frame before the state that joins it is reached."""
     floor: float = 0.02
     """Evidence is never below this share of its largest value: one frame does not rule out alone."""
 
@@ -93,9 +98,9 @@ class StateFilter:
         """Begin a sequence; `half_done` as for `transition_matrix`."""
         self._config = config or SmoothingConfig()
         self._assembly = assembly
-        self._move = transition_matrix(assembly, config=self._config, half_done=half_done)
+        self._model = _model(assembly, config=self._config, half_done=half_done)
         self._alike = errors_alike(assembly, half_done)
-        self._belief: Scores | None = None
+        self._belief: AllScores | None = None
 
     def reset(self) -> None:
         """Forget the sequence."""
@@ -104,7 +109,12 @@ class StateFilter:
     @property
     def belief(self) -> Scores | None:
         """The probability of every state after the last frame; None before anything was ever seen."""
-        return self._belief
+        return None if self._belief is None else self._model.counted(self._belief)
+
+    @property
+    def shown(self) -> Scores | None:
+        """The same, but that a part that arrives in this frame counts as where it arrives."""
+        return None if self._belief is None else self._model.seen(self._belief)
 
     def step(
         self,
@@ -125,15 +135,15 @@ class StateFilter:
         if self._belief is None:
             if evidence is None:
                 return None
-            self._belief = self._possible(evidence / evidence.sum())
+            self._belief = self._possible(self._model.begun(evidence / evidence.sum()))
         elif _tells(evidence):
-            joint = (self._belief @ self._move) * evidence
+            joint = (self._belief @ self._model.move) * evidence[self._model.shown]
             self._belief = self._possible(joint / joint.sum())
-        return self._belief
+        return self.belief
 
-    def _possible(self, belief: Scores) -> Scores:
+    def _possible(self, belief: AllScores) -> AllScores:
         """Where a half-done state lasts, the way through its end and back by an error adds up: not taken."""
-        return not_yet(belief, self._belief, self._assembly, self._alike)
+        return not_yet(belief, self.belief, self._assembly, self._alike)
 
 
 def most_likely_path(
@@ -178,10 +188,13 @@ def most_likely_path(
     if all(e is None for e in evidence):
         return None
     alike, states = errors_alike(assembly, half_done), np.eye(len(assembly.states))
-    move = transition_matrix(assembly, config=chosen, half_done=half_done)
-    ways = [not_yet(to, at, assembly, alike) for to, at in zip(move, states, strict=True)]
-    first = not_yet(np.ones(len(states)), None, assembly, alike)
-    return _best_path(evidence, _log(first), _log(np.array(ways)))
+    model = _model(assembly, config=chosen, half_done=half_done)
+    at = states[model.before]
+    ways = [not_yet(to, a, assembly, alike) for to, a in zip(model.move, at, strict=True)]
+    first = not_yet(model.begun(np.ones(len(states))), None, assembly, alike)
+    seen = [None if told is None else told[model.shown] for told in evidence]
+    path = _best_path(seen, _log(first), _log(np.array(ways)))
+    return [int(model.before[state]) for state in path]
 
 
 def _best_path(
@@ -224,11 +237,8 @@ def transition_matrix(
     count = len(assembly.states)
     wrong = {state.index for state in assembly.errors} - set(half_done)
     legal = np.zeros((count, count))
-    for a, b in pairwise(state.index for state in assembly.steps):
-        legal[a, b] = 1.0
-    for a, b in assembly.transitions:
-        if a != b:
-            legal[a, b] = config.mistakes if b in wrong else 1.0
+    for a, b in _legal(assembly):
+        legal[a, b] = config.mistakes if b in wrong else 1.0
     ways = legal.sum(axis=1, keepdims=True)
     short = wrong - errors_alike(assembly, half_done).keys()
     lasting = np.array([config.stay_wrong if k in short else config.stay for k in range(count)])
@@ -239,6 +249,18 @@ def transition_matrix(
     jump = np.where(is_later, config.leak, config.fall) / count
     move = (1 - config.leak) * (np.diag(stay) + onward) + jump
     return move / move.sum(axis=1, keepdims=True)
+
+
+def _legal(assembly: Assembly) -> list[tuple[int, int]]:
+    """The ways from a state to the next, errors and half-done states among them."""
+    steps = pairwise(state.index for state in assembly.steps)
+    return sorted({*steps, *((a, b) for a, b in assembly.transitions if a != b)})
+
+
+def _model(assembly: Assembly, *, config: SmoothingConfig, half_done: Collection[int]) -> Arrivals:
+    """All states and how they follow each other."""
+    move = transition_matrix(assembly, config=config, half_done=half_done)
+    return Arrivals.of(assembly, move, _legal(assembly) if config.arrival else ())
 
 
 def combined(

@@ -17,7 +17,7 @@ from asdfviz.evaluate.tables import markdown_table, means_table
 from asdfviz.evaluate.terminal_table import means_summary, runs_summary
 from asdfviz.state.smoothing import FOLLOWED, StateFilter
 
-TRUTH = [0] * 20 + [1] * 10
+TRUTH = [0] * 21 + [1] * 9
 SEEN = [0] * 6 + [1] * 4 + [0] * 10 + [1] * 10
 MakeRun = Callable[..., Run]
 OPTIONS: Mapping[str, object] = {"smoothing": dataclasses.asdict(FOLLOWED)}
@@ -25,7 +25,7 @@ OPTIONS: Mapping[str, object] = {"smoothing": dataclasses.asdict(FOLLOWED)}
 
 @pytest.fixture
 def run(assembly: Assembly, make_run: MakeRun) -> Run:
-    """Four frames show the state after the step long before it is done."""
+    """Four frames show the state after the step long before it is done; in the frame before that its part arrives."""
     model, predictions = StateFilter(assembly, config=FOLLOWED), list[FramePrediction]()
     for i, state in enumerate(SEEN):
         term = np.full(4, 0.1)

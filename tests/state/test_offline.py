@@ -23,12 +23,14 @@ def leaning(count: int, state: int, *, by: float = 8.0) -> Scores:
     return scores / scores.sum()
 
 
-def followed(ways: HalfDone, seen: Sequence[int | None]) -> list[StateEstimate | None]:
+def followed(
+    ways: HalfDone, seen: Sequence[int | None], *, by: float = 8.0
+) -> list[StateEstimate | None]:
     """What a method says and keeps of frames in which two terms see a state each, or nothing."""
     model = StateFilter(ways.assembly, config=FOLLOWED, half_done=ways.indices)
     count, said = len(ways.before), list[StateEstimate | None]()
     for state in seen:
-        term = None if state is None else leaning(count, state)
+        term = None if state is None else leaning(count, state, by=by)
         looks = None if state is None else leaning(len(ways.before) - len(ways.indices), 0)
         belief = model.step(ways.unfolded(looks), term, None, term)
         if belief is None:
@@ -60,15 +62,15 @@ def test_what_was_said_online_comes_out_of_what_is_kept(name: str) -> None:
 def test_offline_mends_what_is_late_online_or_seen_wrongly_for_a_while() -> None:
     """Nothing is seen of the first frames, and some frames before the step show the state after it."""
     ways = HalfDone.of(load_assembly("geared_caliper"))
-    seen = [None, None, *[0] * 12, *[1] * 4, *[0] * 10, *[1] * 12]
-    truth = [0] * 28 + [1] * 12
-    said = followed(ways, seen)
+    seen = [None, None, *[0] * 12, *[1] * 5, *[0] * 10, *[1] * 12]
+    truth = [0] * 30 + [1] * 11  # the part arrives in the frame before
+    said = followed(ways, seen, by=5.0)
     kept = FollowedTerms.of(said, ways, config=FOLLOWED)
     assert kept is not None
     online = [None if one is None else one.index for one in said]
     assert online[:2] == [None, None]
-    assert online[28] == 0  # late
-    assert 1 in online[:28]  # misled
+    assert online[30] == 0  # late
+    assert 1 in online[:29]  # misled
     assert kept.offline() == truth
 
 
@@ -78,7 +80,7 @@ def test_half_done_states_count_to_the_step_before() -> None:
     said = followed(ways, [1] * 10 + [half] * 10 + [2] * 10)
     kept = FollowedTerms.of(said, ways, config=FOLLOWED)
     assert kept is not None
-    assert kept.offline() == [1] * 20 + [2] * 10
+    assert kept.offline() == [1] * 21 + [2] * 9  # in its first frame the last part arrives
 
 
 def test_runs_that_do_not_keep_all_are_not_decoded() -> None:
