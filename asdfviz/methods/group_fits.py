@@ -31,6 +31,7 @@ from asdfviz.state.group_fit import (
     trusted,
 )
 from asdfviz.state.joint_places import JointPlaces
+from asdfviz.state.near_places import NearPlaces
 from asdfviz.track.raster import draw, new_buffers
 
 SAME = 0.004
@@ -52,6 +53,7 @@ class GroupFits:
     ) -> None:
         self._assembly, self._shapes, self._config = assembly, shapes, config
         self._places = JointPlaces(assembly)
+        self._near = NearPlaces(assembly, in_place=config.in_place, near=config.near)
         self._looks = Looks(config=config.colors)
         self._last: Transform | None = None
         """T_camera_base of the last frame that said something."""
@@ -199,7 +201,15 @@ class GroupFits:
     ) -> Trial:
         places = self._places.copy()
         places.see(T_camera_base, poses)
-        return Trial(self._assembly, T_camera_base, places, view, measured, self._config)
+        return Trial(
+            self._assembly,
+            T_camera_base,
+            places,
+            view,
+            measured,
+            self._config,
+            Ts_base_loose=self._near.loose(T_camera_base, poses),
+        )
 
     def _best(self, trials: Sequence[Trial], likely: Sequence[State], weight: float) -> Trial:
         """Where the base is by the picture; elsewhere than by its pose only if that is much better.

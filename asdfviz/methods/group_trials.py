@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -45,8 +45,23 @@ class Trial:
         view: GroupView,
         measured: Measured,
         config: GroupFitConfig,
+        *,
+        Ts_base_loose: Mapping[str, Transform] | None = None,
     ) -> None:
+        """Draw nothing yet.
+
+        Args:
+            assembly: whose states.
+            T_camera_base: where the base is.
+            places: where parts are in their joints.
+            view: the window of the picture.
+            measured: its readings.
+            config: how scenes are compared.
+            Ts_base_loose: where parts are near by that are not in their places; they belong to the
+                scene of every state that does not join them.
+        """
         self.T_camera_base, self.places = T_camera_base, places
+        self._loose = Ts_base_loose or {}
         self._assembly, self._view, self._measured, self._config = assembly, view, measured, config
         self._numbers = {name: i for i, name in enumerate(assembly.parts)}
         self._placements: dict[tuple[object, ...], Drawn] = {}
@@ -102,6 +117,7 @@ class Trial:
             self._view,
             self._measured,
             self._config,
+            Ts_base_loose=self._loose,
         )
 
     def _best(
@@ -124,6 +140,9 @@ class Trial:
             for names in self.places.together(state):
                 one = self._placed(names, state)
                 cover(inverse_depth, ids, one.inverse_depth, one.ids)
+            for name in (n for n in self._loose if n not in state.T_base_part):
+                one = self._apart(name)
+                cover(inverse_depth, ids, one.inverse_depth, one.ids)
             self._scenes[state.index] = Drawn(inverse_depth, ids)
         return self._scenes[state.index]
 
@@ -144,6 +163,12 @@ class Trial:
                 drawn.sort(key=lambda one: -self._spoken(one, self._base_nearer).value)
             self._placements[key] = drawn[0]
         return self._placements[key]
+
+    def _apart(self, name: str) -> Drawn:
+        """A part near by that is not in its place."""
+        if (name,) not in self._placements:
+            self._placements[name,] = self._drawn([name], [self._loose[name]])
+        return self._placements[name,]
 
     def _drawn(self, names: Sequence[str], Ts_base_part: Sequence[Transform]) -> Drawn:
         height, width = self._view.depth.shape

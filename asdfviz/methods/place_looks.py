@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -153,6 +153,8 @@ class PlaceLooks:
         poses: Mapping[str, PoseEstimate],
         belief: Scores | None,
         frame: Frame,
+        *,
+        without: Collection[str] = (),
     ) -> Scores | None:
         """Probability of every state by what stands in its places.
 
@@ -161,6 +163,8 @@ class PlaceLooks:
             poses: of the parts: those that are in their joints tell how far these are.
             belief: probability of every state before this frame, None before anything was seen.
             frame: to look at.
+            without: parts of which no place is looked at: they are known to be near by, and would be
+                what is seen there.
 
         Returns:
             None where nothing could be looked at.
@@ -168,7 +172,8 @@ class PlaceLooks:
         if self._looker is None or base is None:
             return None
         self._joints.see(base.T_camera_part, poses)
-        seen = self._looked(self._doubtful(belief), base.T_camera_part, frame)
+        places = [place for place in self._doubtful(belief) if place.part not in without]
+        seen = self._looked(places, base.T_camera_part, frame)
         if not seen:
             return None
         # Of parts that the state joins together, one may be in its place before the others are.

@@ -7,8 +7,11 @@ state has there, or with the ground where it has none, and with anything at all:
 - on the surface, in its colours: for the state;
 - on the surface, in other colours: for it or against it, depending on how well each is known;
 - behind the surface: one sees through a part that the state claims, which is against it;
-- nearer: something hides it, a hand or a part that the state does not have; neither;
+- nearer: something hides it, a hand or a part that nobody has found; neither;
 - no reading: neither.
+
+A part that is about to be joined half looks as if it were, from a centimetre or two away. So where its
+own pose is known and is not its place, it stands there in the scenes of the states that do not join it.
 
 Pose and state are decided together: every state's scene may shift by a few pixels, and all of them
 lie by the same small amount nearer or farther, until they fit best. Readings of neighbouring pixels
@@ -82,6 +85,10 @@ class GroupFitConfig:
     """The likeliest one is looked for by this many of the largest steps to either side, first."""
     bias: float = 0.006
     """And lies nearer or farther by this at most, metres."""
+    in_place: float = 0.008
+    """A part whose own pose is farther than this from where any state has it is not joined,"""
+    near: float = 0.06
+    """and one that is nearer than this stands in the scene of every state that does not join it, metres."""
     ground: GroundConfig = field(default_factory=GroundConfig)
     """What lies around the group."""
     colors: ColorConfig = field(default_factory=ColorConfig)

@@ -123,16 +123,16 @@ class JointPlaces:
         T_near = nearest_symmetric(T_base_part, T_last, part.symmetries)
         return nearest_in_joint(T_near, T_nominal, joint, center_part=part.middle)
 
-    def reach(self, name: str, T_nominal: Transform, joint: Joint) -> float:
+    def reach(self, name: str, T_nominal: Transform, joint: Joint | None) -> float:
         """How far a part's middle in the joint is from the nominal one at most, metres, whichever of
-        its poses that look the same is told."""
+        its poses that look the same is told; without a joint, those alone."""
         key = (name, T_nominal.tobytes(), id(joint))
         known = self._reaches.get(key)
         if known is not None:
             return known
         part = self._assembly.parts[name]
-        reach = max(abs(joint.slide[0]), abs(joint.slide[1]))
-        if joint.kind != "prismatic":
+        reach = 0.0 if joint is None else max(abs(joint.slide[0]), abs(joint.slide[1]))
+        if joint is not None and joint.kind != "prismatic":
             arm = apply_to_point(T_nominal, part.middle) - joint.origin
             reach += 2 * float(np.linalg.norm(arm))
         swings = (point_distance(S, np.eye(4), part.middle) for S in part.symmetries.discrete)

@@ -245,3 +245,32 @@ def test_a_view_needs_pixels_in_the_picture(toy) -> None:
     pixel = np.array([view.K[0, 2], view.K[1, 2]]) - [u, v]
     full = np.array([159.5, 119.5]) - np.array([2 * pixel[0], 2 * pixel[1]])
     assert view.depth[v, u] == frame.depth[int(full[1]), int(full[0])]
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.0, 0.012), (0.0, 0.0, 0.02), (0.01, 0.0, 0.0)])
+def test_a_part_on_its_way_in_is_not_in(toy, off: tuple[float, float, float]) -> None:
+    """From there it covers most of what it covers in its place; its own pose tells, if it is known."""
+    near = toy.poses(joined=True)
+    shift = near["base"] @ transform_from(np.eye(3), np.array(off))
+    near["block"] = shift @ toy.assembly.states[1].T_base_part["block"]
+    frame = noisy(toy.frame(1, {n: near[n] for n in ("base", "block")}))
+    said: list[float] = []
+    for score in (0.8, 0.3):
+        poses = found(near["base"])
+        poses["block"] = PoseEstimate("block", near["block"], score, "refined")
+        probabilities = fits_of(toy.assembly).step(poses, KNOWN, frame)
+        assert probabilities is not None
+        said.append(probabilities[1])
+    assert said[0] < 0.001
+    assert said[1] > 0.5
+
+
+def test_a_part_whose_own_pose_lags_behind_is_in_all_the_same(toy) -> None:
+    true = toy.poses(joined=True)
+    up = true["base"] @ transform_from(np.eye(3), np.array([0.0, 0.0, 0.02]))
+    poses = found(true["base"])
+    place = toy.assembly.states[1].T_base_part["block"]
+    poses["block"] = PoseEstimate("block", up @ place, 0.9, "refined")
+    said = fits_of(toy.assembly).step(poses, KNOWN, noisy(toy.frame(1, true)))
+    assert said is not None
+    assert said[1] > 0.95

@@ -105,6 +105,16 @@ def test_what_is_hidden_or_out_of_view_says_nothing(assembly: Assembly, seeing: 
     assert looks.step(base_at(), {}, ALONE, frame(depth=None)) is not None
 
 
+def test_a_part_that_is_known_to_be_before_its_place_is_not_looked_for_in_it(
+    assembly: Assembly, seeing: Callable
+) -> None:
+    looker = seeing(0.98)
+    looks = looks_of(assembly, looker)
+    assert looks.step(base_at(), {}, ALONE, frame(), without={"block"}) is None
+    assert not looker.asked
+    assert looks.step(base_at(), {}, ALONE, frame(), without={"pin"}) is not None
+
+
 def test_without_names_nobody_is_asked(assembly: Assembly, seeing: Callable) -> None:
     mute = seeing(0.9)
     mute.tells_names = False
