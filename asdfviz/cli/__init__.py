@@ -23,6 +23,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _exit_code(arguments: list[str]) -> int:
     code = 0
+    # A terminal of ASCII alone, or of another code page, is shown "\xb0" for "°" rather than a traceback.
+    reconfigure = getattr(sys.stdout, "reconfigure", None)
+    if reconfigure is not None:
+        reconfigure(errors="backslashreplace")
     try:
         from asdfviz.cli.commands import obey  # here, as Ctrl+C may come meanwhile
 

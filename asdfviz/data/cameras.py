@@ -44,6 +44,10 @@ def read_camera_file(path: Path) -> CameraEntry:
     )
 
 
+MOST_DIGITS = 30
+"""Of a frame number; Python itself reads none of thousands."""
+
+
 def read_scene_cameras(path: Path) -> dict[int, CameraEntry]:
     """Read BOP's scene_camera.json: `cam_K` (9 numbers, row by row) and `depth_scale` by frame.
 
@@ -62,10 +66,19 @@ def read_scene_cameras(path: Path) -> dict[int, CameraEntry]:
 
 
 def frame_number(key: str, where: str) -> int:
-    """Read a frame number that stands as a key, as in {"0": ..., "1": ...}."""
-    if not key.isascii() or not key.isdigit():
-        raise SequenceError(f"{where}: a frame number like 0 or 000000 is expected")
+    """Read a frame number that stands as a key, as in {"0": ..., "1": ...}.
+
+    Raises:
+        SequenceError: it is none.
+    """
+    if not is_frame_number(key):
+        raise SequenceError(f"{where[:200]}: a frame number like 0 or 000000 is expected")
     return int(key)
+
+
+def is_frame_number(text: str) -> bool:
+    """Whether digits are a frame number, times in nanoseconds among them."""
+    return text.isascii() and text.isdigit() and len(text) <= MOST_DIGITS
 
 
 def _checked(K: Intrinsics, where: str) -> Intrinsics:

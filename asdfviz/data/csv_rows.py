@@ -8,11 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from asdfviz.data.cameras import is_frame_number
 from asdfviz.datatypes import Assembly, Part
 from asdfviz.errors import RunError
 from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform
-from asdfviz.geometry.transforms import is_rigid, orthonormalized, point_distance, transform_from
+from asdfviz.geometry.transforms import (
+    FARTHEST,
+    is_rigid,
+    orthonormalized,
+    point_distance,
+    transform_from,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,10 +50,12 @@ def parse_row(cells: Rows[str], parts: tuple[str, ...], where: str, *, time_unit
         RunError: a cell does not hold what it should.
     """
     frame = cells[1].strip()
-    if not (frame.isascii() and frame.isdigit()):
-        raise RunError(f"{where}: the frame is '{cells[1]}', expected a number")
+    if not is_frame_number(frame):
+        raise RunError(f"{where}: the frame is '{cells[1][:40]}', expected a number")
     R = _numbers(cells[4], 9, f"{where}: R").reshape(3, 3)
     t_mm = _numbers(cells[5], 3, f"{where}: t")
+    if np.abs(t_mm).max() >= FARTHEST * 1e3:
+        raise RunError(f"{where}: t is '{cells[5]}', expected millimetres")
     is_found = bool(t_mm.any())
     T_raw = transform_from(R, t_mm * 1e-3)
     if not is_rigid(T_raw, tolerance=1e-2):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -106,12 +106,38 @@ def parse_json(text: str, *, where: str, error: type[InputError]) -> Json:
     """Read JSON from a string.
 
     Raises:
-        InputError: of the given kind, with the line and column of the fault.
+        InputError: of the given kind, with the line and column of the fault; or it holds what is no text.
     """
     try:
-        return Json(json.loads(text), where, error)
+        value = json.loads(text)
+        # Only escapes can spell what is no text.
+        strings = _strings(value) if "\\u" in text else ()
+        bad = next((one for one in strings if not _is_text(one)), None)
     except (ValueError, RecursionError) as fault:
         raise error(f"{where} is not valid JSON: {fault}") from fault
+    if bad is not None:
+        raise error(
+            f"{where} holds {bad[:80]!r}, which is no text: no file could be named or written so"
+        )
+    return Json(value, where, error)
+
+
+def _strings(value: object) -> Iterator[str]:
+    """Every string and key in a JSON value."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for key, member in cast(Mapping[str, object], value).items():
+            yield key
+            yield from _strings(member)
+    elif isinstance(value, list):
+        for member in cast(list[object], value):
+            yield from _strings(member)
+
+
+def _is_text(value: str) -> bool:
+    """Whether UTF-8 can hold it, and a path: escapes can spell half a character, and none."""
+    return "\0" not in value and not any("\ud800" <= c <= "\udfff" for c in value)
 
 
 def read_json(path: Path, *, error: type[InputError]) -> Json:

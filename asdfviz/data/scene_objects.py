@@ -13,7 +13,7 @@ from asdfviz.data.json_files import Json, read_json
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import is_rigid, orthonormalized, transform_from
+from asdfviz.geometry.transforms import FARTHEST, is_rigid, orthonormalized, transform_from
 
 SCENE_GT = "scene_gt.json"
 SCENE_GT_INFO = "scene_gt_info.json"
@@ -122,7 +122,10 @@ def _obj_id(entry: Json) -> int | str:
 def _parse_object(entry: Json, visible: float | None) -> SceneObject:
     obj_id = _obj_id(entry)
     R = entry.get("cam_R_m2c").numbers(9).reshape(3, 3)
-    T_raw = transform_from(R, entry.get("cam_t_m2c").numbers(3) * 1e-3)
+    t_mm = entry.get("cam_t_m2c").numbers(3)
+    if np.abs(t_mm).max() >= FARTHEST * 1e3:
+        raise entry.get("cam_t_m2c").fail("millimetres")
+    T_raw = transform_from(R, t_mm * 1e-3)
     if not is_rigid(T_raw, tolerance=1e-2):
         raise SequenceError(
             f"{entry.where}: cam_R_m2c of '{obj_id}' is no rotation (determinant "

@@ -78,6 +78,8 @@ def read_states(folder: Path, assembly: Assembly) -> dict[int, StateTruth]:
     states: dict[int, StateTruth] = {}
     for entry in read_json(file, error=SequenceError).entries():
         index = entry.get("frame").integer()
+        if index < 0:
+            raise entry.get("frame").fail("a frame number, 0 or more")
         if index in states:
             raise SequenceError(f"{entry.where}: frame {index} has a second entry; keep one")
         states[index] = _parse_state(entry, assembly)

@@ -8,6 +8,9 @@ import numpy as np
 
 from asdfviz.geometry.shapes import Points, Rotation, Transform, Vector
 
+FARTHEST = 1e9
+"""No translation is as long, metres: squares of longer ones would soon overflow."""
+
 
 def transform_from(R: Rotation, t: Vector) -> Transform:
     """Build T_a_b from the rotation R_a_b and the translation t_a_b (metres)."""
@@ -40,8 +43,8 @@ def point_distance(T_a_b: Transform, T_a_c: Transform, point: Vector) -> float:
 
 
 def is_rigid(T_a_b: Transform, *, tolerance: float = 1e-3) -> bool:
-    """Whether the matrix is finite, right-handed, orthonormal and ends in 0 0 0 1."""
-    if not np.isfinite(T_a_b).all():
+    """Whether the matrix is finite, right-handed, orthonormal, nearer than FARTHEST and ends in 0 0 0 1."""
+    if not (np.abs(T_a_b) < FARTHEST).all():  # nor is NaN
         return False
     R = T_a_b[:3, :3]
     orthonormal = np.abs(R @ R.T - np.eye(3)).max() < tolerance and np.linalg.det(R) > 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 from csv import DictReader
@@ -49,6 +50,15 @@ def test_a_csv_is_judged_like_a_run(csv: Path, capsys: pytest.CaptureFixture[str
     assert said["runtime_ms"]["total_median"] == pytest.approx(12)
     assert said["mean"]["ar_bop"] is None
     assert set(said["state"].values()) == {None}
+
+
+def test_what_a_terminal_cannot_show_ends_nothing(
+    csv: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(shown, encoding="ascii"))
+    assert exit_code("evaluate", str(csv), "--sequence", "sample", "--format", "md") == 0
+    assert rb"e_r [\xb0]" in shown.getvalue()
 
 
 def test_several_runs_and_their_means(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -94,6 +94,8 @@ def test_a_scene_is_picked_from_many(read: Read) -> None:
         (f"1;3;2;0,5;{EYE};0 0 1,5;0,1\n", r"line 1: 4 columns, .* between semicolons: .* points"),
         (HEADER.replace(",", "\t"), r"line 1: 1 column, .* between tabs: put commas there"),
         (f"a,x,base,-1,{EYE},0 0 1,1\n", r"line 1: the frame is 'x'"),
+        (f"a,{'9' * 5000},base,-1,{EYE},0 0 1,1\n", r"line 1: the frame is '9{40}', expected a"),
+        (f"a,3,base,-1,{EYE},0 0 1e300,1\n", r"line 1: t is '0 0 1e300', expected millimetres"),
         ("a,3,base,-1,1 2,0 0 1,1\n", r"line 1: R is '1 2', expected 9"),
         (f"a,3,base,-1,{EYE},0 0 1,1\na,4,base,-1", r"line 2: 4 columns"),
         (f"a,3,base,-1,{EYE},0 0 nan,1\n", r"line 1: t is '0 0 nan', expected 3 finite"),

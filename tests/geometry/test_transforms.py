@@ -62,6 +62,7 @@ def test_a_quarter_turn_follows_the_right_hand() -> None:
         pytest.param(np.full((4, 4), np.nan), id="NaN"),
         pytest.param(np.vstack([np.eye(4)[:3], [[0.1, 0, 0, 1]]]), id="last row"),
         pytest.param(np.zeros((4, 4)), id="zero"),
+        pytest.param(np.eye(4) + 1e300 * np.eye(4, k=3), id="beyond all measure"),
     ],
 )
 def test_what_is_not_rigid(broken: np.ndarray) -> None:
