@@ -7,6 +7,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from itertools import chain
 from pathlib import Path
 
@@ -38,9 +39,20 @@ DISTRIBUTION = {"PIL": "pillow", "cv2": "opencv-python-headless", "yaml": "pyyam
 """Packages that go by other names where they are installed from."""
 
 
-def imports(file: Path) -> Iterator[tuple[str, ...]]:
+@cache
+def nodes(file: Path) -> tuple[ast.AST, ...]:
+    """What a file is made of, taken apart once for all tests."""
+    return tuple(ast.walk(ast.parse(file.read_text())))
+
+
+@cache
+def imports(file: Path) -> tuple[tuple[str, ...], ...]:
     """Dotted names that a file imports, deferred imports too."""
-    for node in ast.walk(ast.parse(file.read_text())):
+    return tuple(_imports(file))
+
+
+def _imports(file: Path) -> Iterator[tuple[str, ...]]:
+    for node in nodes(file):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{file}: relative import"
             module = tuple((node.module or "").split("."))
@@ -101,7 +113,7 @@ def test_files_and_functions_stay_short() -> None:
     long_files = [f"{f}: {n}" for f in files() if (n := len(f.read_text().splitlines())) > 300]
     assert long_files == []
     for file in files():
-        for node in ast.walk(ast.parse(file.read_text())):
+        for node in nodes(file):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 length = (node.end_lineno or node.lineno) - node.lineno + 1
                 assert length <= 60, f"{file}:{node.lineno} {node.name} has {length} lines"
