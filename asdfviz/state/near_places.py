@@ -18,6 +18,8 @@ from asdfviz.state.twins import twin_groups
 
 SURE = 0.5
 """Score from which a part is where its pose has it."""
+ALIGNED = 0.4
+"""A part is turned as in its place, within this, once it is near; one that is not has a doubtful pose, radians."""
 
 
 class NearPlaces:
@@ -62,14 +64,17 @@ class NearPlaces:
         return found
 
     def _off(self, T_base_part: Transform, places: Sequence[tuple[str, State]]) -> float:
-        """How far a part is from the nearest of some places, metres; infinite where that is far."""
-        least, parts = math.inf, self._assembly.parts
+        """How far a part is from the nearest of some places, metres; infinite where that is far, or the
+        part is turned otherwise."""
+        least, parts, is_aligned = math.inf, self._assembly.parts, False
         for name, state in places:
             part, T_place = parts[name], state.T_base_part[name]
             # What it cannot reach needs no closer look, which takes long.
             reach = self._joints.reach(name, T_place, state.joints.get(name)) + self._near
             if point_distance(T_base_part, T_place, part.middle) < reach:
-                least = min(least, off_place(T_base_part, part, state).distance)
+                off = off_place(T_base_part, part, state)
+                if off.distance < least:
+                    least, is_aligned = off.distance, off.angle < ALIGNED
             if least <= self._in_place:
                 break
-        return least
+        return least if is_aligned else math.inf

@@ -16,8 +16,10 @@ T_CAMERA_BASE = transform_from(
 )
 
 
-def found(assembly: Assembly, name: str, at: tuple[float, ...], score: float = 0.8) -> bool:
-    T_base_part = transform_from(np.eye(3), np.array(at))
+def found(
+    assembly: Assembly, name: str, at: tuple[float, ...], score: float = 0.8, tilt: float = 0.0
+) -> bool:
+    T_base_part = transform_from(rotation_about(np.array([1.0, 0, 0]), tilt), np.array(at))
     pose = PoseEstimate(name, T_CAMERA_BASE @ T_base_part, score, "refined")
     near = NearPlaces(assembly, in_place=0.008, near=0.06)
     loose = near.loose(T_CAMERA_BASE, {name: pose})
@@ -42,6 +44,11 @@ def test_a_part_is_loose_near_its_places_and_in_none(
 ) -> None:
     assert found(assembly, name, at) == is_loose
     assert not found(assembly, name, at, score=0.4)
+
+
+def test_a_part_that_is_turned_otherwise_has_a_doubtful_pose(assembly: Assembly) -> None:
+    assert found(assembly, "pin", (0.0, 0.1, 0.02), tilt=0.2)
+    assert not found(assembly, "pin", (0.0, 0.1, 0.02), tilt=0.9)
 
 
 def test_a_twins_place_is_as_good(assembly: Assembly) -> None:
