@@ -64,6 +64,7 @@ class Train:
     def __call__(self) -> None:
         """Train, and print where the best weights are."""
         from asdfviz.data.atomic import make_folder
+        from asdfviz.data.run_files import refuse_recording
         from asdfviz.detector.device import require_device
         from asdfviz.errors import Stopped
         from asdfviz.train.dataset import told_unchecked
@@ -73,6 +74,7 @@ class Train:
         config = self._config()
         for device in (self.device, self.fresh_device):
             require_device(device)
+        refuse_recording(self.out)
         make_folder(self.out)
         if left_out := told_unchecked((*self.data, *self.validation)):
             print(f"note: {left_out}", file=sys.stderr)

@@ -57,6 +57,7 @@ class TrainCrops:
     def __call__(self) -> None:
         """Train, and print where the best weights are."""
         from asdfviz.data.atomic import make_folder
+        from asdfviz.data.run_files import refuse_recording
         from asdfviz.detector.device import require_device
         from asdfviz.errors import Stopped
         from asdfviz.train.crop_checkpoint import CROP_WEIGHTS
@@ -67,6 +68,7 @@ class TrainCrops:
         values = {k: v for k, v in vars(self).items() if k not in ("out", "assembly")}
         config = CropTrainConfig(**values, output=self.out, assemblies=self.assembly)
         require_device(self.device)
+        refuse_recording(self.out)
         make_folder(self.out)
         if left_out := told_unchecked(self.validation):
             print(f"note: {left_out}", file=sys.stderr)

@@ -46,6 +46,7 @@ class TrainMasks:
         """Train, export the weights, print how good they are and where."""
         from asdfviz.data.assembly import load_assembly
         from asdfviz.data.atomic import make_folder
+        from asdfviz.data.run_files import refuse_recording
         from asdfviz.detector.device import require_device
         from asdfviz.errors import InputError, Stopped
         from asdfviz.methods.network import NetworkConfig, weights_path
@@ -70,6 +71,7 @@ class TrainMasks:
             seed=self.seed,
         )
         require_device(self.device)
+        refuse_recording(self.out)
         make_folder(self.out)
         with progress_bar("train-masks") as report, stop_on_interrupt() as stop:
 

@@ -44,6 +44,8 @@ def read_camera_file(path: Path) -> CameraEntry:
     )
 
 
+LARGEST_SCALE = 1e6
+"""Millimetres per unit of depth; a kilometre is none that a camera counts in."""
 MOST_DIGITS = 30
 """Of a frame number; Python itself reads none of thousands."""
 
@@ -99,8 +101,10 @@ def _depth_scale(content: Json) -> float | None:
     if field is None:
         return None
     scale = field.number()
-    if scale <= 0:
-        raise field.fail("millimetres per unit of the depth images, above 0")
+    if not 0 < scale <= LARGEST_SCALE:
+        raise field.fail(
+            f"millimetres per unit of the depth images, above 0 and up to {LARGEST_SCALE:g}"
+        )
     return scale
 
 

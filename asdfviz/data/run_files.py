@@ -51,6 +51,15 @@ def check_run_folder(folder: Path, scene: Path) -> None:
         raise RunError(
             f"{folder} is for several runs: name a folder in it, such as {folder / 'asdf'}"
         )
+    refuse_recording(folder)
+
+
+def refuse_recording(folder: Path) -> None:
+    """See that results will not lie among the files of a recording.
+
+    Raises:
+        RunError: the folder is one.
+    """
     recording = next((name for name in RECORDED if (folder / name).exists()), None)
     if recording is not None:
         raise RunError(

@@ -82,6 +82,22 @@ def test_frames_that_a_training_leaves_out_are_told_before_it(
         assert error.startswith("error: ")
 
 
+def test_nothing_is_trained_into_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene"
+    (scene / "rgb").mkdir(parents=True)
+    own = ("--assembly", "corner_clamp", "--out", str(scene))
+    for asked in (
+        ("train", "--data", str(scene)),
+        ("train-crops",),
+        ("train-masks", "--data", str(scene)),
+    ):
+        assert exit_code(*asked, *own) == 2
+        assert f"error: {scene} is a recording itself (it has rgb)" in capsys.readouterr().err
+    assert [file.name for file in scene.iterdir()] == ["rgb"]
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_shows_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(command, "--help") == 0

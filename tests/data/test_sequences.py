@@ -246,6 +246,11 @@ CAMERA = {"fx": 90.0, "fy": 91.0, "cx": 47.0, "cy": 31.0, "width": 96, "height":
         ("folder", put("camera.json", {**CAMERA, "depth_scale": 0}), r"millimetres per unit"),
         (
             "folder",
+            put("camera.json", {**CAMERA, "depth_scale": 1e300}),
+            r"above 0 and up to 1e\+06",
+        ),
+        (
+            "folder",
             put("camera.json", {**CAMERA, "distortion": [1, 2]}),
             r"4 or 5 or 8 finite numbers",
         ),
