@@ -22,8 +22,9 @@ from asdfviz.evaluate.paper_ablations import JudgedVariant
 from asdfviz.evaluate.protocols import Figures, mean
 from asdfviz.evaluate.state_scores import state_figures, state_records
 from asdfviz.geometry.shapes import Scores
+from asdfviz.state.decoding import most_likely_path
 from asdfviz.state.fusion import FusionConfig, Pose2State
-from asdfviz.state.smoothing import FOLLOWED, StateFilter, most_likely_path
+from asdfviz.state.smoothing import FOLLOWED, StateFilter
 
 Terms: TypeAlias = tuple[Scores | None, Scores | None]
 """By looks and by relative poses."""

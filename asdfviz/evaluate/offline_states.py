@@ -1,4 +1,4 @@
-"""The states of a run decoded offline by Viterbi, for figures apart from those online.
+"""The states of a run decoded offline (`asdfviz.state.decoding`), for figures apart from those online.
 
 A run of `asdf_plus` or `asdf_track` is decoded by the hidden Markov model that followed it, with the run's own options. One
 of Pose2State (`asdf`) has no such model: its two terms are decoded by that of the others, as
@@ -24,7 +24,7 @@ OFFLINE = "state_offline"
 
 
 def offline_predictions(run: Run, assembly: Assembly) -> dict[int, FramePrediction] | None:
-    """The run's frames with the states of the most probable path; these say nothing of how sure they are.
+    """The run's frames with the states decoded from all of them; these say nothing of how sure they are.
 
     Returns:
         By frame number; None where the run does not keep all terms of its states, or where its own

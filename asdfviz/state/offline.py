@@ -14,8 +14,9 @@ import numpy as np
 
 from asdfviz.datatypes import StateEstimate
 from asdfviz.geometry.shapes import Scores
+from asdfviz.state.decoding import most_likely_path
 from asdfviz.state.half_done import HalfDone
-from asdfviz.state.smoothing import SmoothingConfig, StateFilter, most_likely_path
+from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 
 FrameTerms: TypeAlias = tuple[Scores | None, Scores | None, Scores | None, Scores | None]
 """By looks, relative poses, the group's fit and what stands in places: as `StateFilter.step` takes them."""
@@ -63,7 +64,7 @@ class FollowedTerms:
         )
 
     def offline(self) -> list[int]:
-        """The assembly's own state in every frame on the most probable path through all frames."""
+        """The assembly's own state in every frame, all frames known."""
         looks, places, fits, stands = zip(*self.frames, strict=True)
         path = most_likely_path(
             looks,
@@ -73,9 +74,10 @@ class FollowedTerms:
             place_looks=stands,
             config=self.config,
             half_done=self.ways.indices,
+            counts_to=self.ways.before,
         )
         assert path is not None  # some frame says something
-        return [self.ways.before[state] for state in path]
+        return path
 
 
 def _frame_terms(said: StateEstimate | None, ways: HalfDone) -> FrameTerms | None:

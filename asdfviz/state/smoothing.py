@@ -1,9 +1,9 @@
-"""A left-to-right hidden Markov model over the assembly's states: online filter and offline path.
+"""A left-to-right hidden Markov model over the assembly's states: the online filter.
 
 The paper's Pose2State averages, so it has inertia and never vetoes. Here a state can only be
 reached along the assembly's transitions, evidence multiplies, and a state that all terms rule out
-is out. `StateFilter` uses the past alone; `most_likely_path` (Viterbi) a whole recording, and is
-reported apart from it (`asdfviz.state.offline`).
+is out. `StateFilter` uses the past alone; `asdfviz.state.decoding` a whole recording by the same
+model, and is reported apart from it (`asdfviz.state.offline`).
 
 The frame in which a part arrives is a state of its own (`asdfviz.state.arrivals`).
 
@@ -15,7 +15,7 @@ expects the next one.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TypeGuard
@@ -98,7 +98,7 @@ class StateFilter:
         """Begin a sequence; `half_done` as for `transition_matrix`."""
         self._config = config or SmoothingConfig()
         self._assembly = assembly
-        self._model = _model(assembly, config=self._config, half_done=half_done)
+        self._model = with_arrivals(assembly, config=self._config, half_done=half_done)
         self._alike = errors_alike(assembly, half_done)
         self._belief: AllScores | None = None
 
@@ -136,7 +136,7 @@ class StateFilter:
             if evidence is None:
                 return None
             self._belief = self._possible(self._model.begun(evidence / evidence.sum()))
-        elif _tells(evidence):
+        elif tells(evidence):
             joint = (self._belief @ self._model.move) * evidence[self._model.shown]
             self._belief = self._possible(joint / joint.sum())
         return self.belief
@@ -144,82 +144,6 @@ class StateFilter:
     def _possible(self, belief: AllScores) -> AllScores:
         """Where a half-done state lasts, the way through its end and back by an error adds up: not taken."""
         return not_yet(belief, self.belief, self._assembly, self._alike)
-
-
-def most_likely_path(
-    appearance: Sequence[Scores | None],
-    relative_pose: Sequence[Scores | None],
-    assembly: Assembly,
-    *,
-    group_fit: Sequence[Scores | None] | None = None,
-    place_looks: Sequence[Scores | None] | None = None,
-    config: SmoothingConfig | None = None,
-    half_done: Collection[int] = (),
-) -> list[int] | None:
-    """Return the most probable state of every frame, all frames known (Viterbi).
-
-    Args:
-        appearance: probabilities by looks, frame by frame.
-        relative_pose: probabilities by relative poses, frame by frame.
-        assembly: its transitions.
-        group_fit: probabilities by what the camera sees of each state's group, frame by frame; None
-            where the term was not used.
-        place_looks: probabilities by what stands in the places of joined parts; None likewise.
-        config: as for the filter.
-        half_done: as for `transition_matrix`.
-
-    Returns:
-        State indices; None where no frame says anything.
-
-    Raises:
-        MethodError: the sequences differ in length.
-    """
-    silent: list[Scores | None] = [None] * len(appearance)
-    fits = silent if group_fit is None else group_fit
-    stands = silent if place_looks is None else place_looks
-    if not len(appearance) == len(relative_pose) == len(fits) == len(stands):
-        raise MethodError(
-            f"{len(appearance)} frames of appearance, {len(relative_pose)} of relative poses, "
-            f"{len(fits)} of group fits, {len(stands)} of place looks: all cover the same frames"
-        )
-    chosen = config or SmoothingConfig()
-    terms = zip(appearance, relative_pose, fits, stands, strict=True)
-    evidence = [combined(*said, config=chosen) for said in terms]
-    if all(e is None for e in evidence):
-        return None
-    alike, states = errors_alike(assembly, half_done), np.eye(len(assembly.states))
-    model = _model(assembly, config=chosen, half_done=half_done)
-    at = states[model.before]
-    ways = [not_yet(to, a, assembly, alike) for to, a in zip(model.move, at, strict=True)]
-    first = not_yet(model.begun(np.ones(len(states))), None, assembly, alike)
-    seen = [None if told is None else told[model.shown] for told in evidence]
-    path = _best_path(seen, _log(first), _log(np.array(ways)))
-    return [int(model.before[state]) for state in path]
-
-
-def _best_path(
-    evidence: Sequence[Scores | None], best: Scores, log_move: Float64[np.ndarray, "n n"]
-) -> list[int]:
-    """Viterbi, from the logarithms of each state's weight before the first frame and of the ways."""
-    came_from: list[np.ndarray] = []
-    has_begun = False
-    for seen in evidence:
-        origins = np.arange(len(best))
-        if has_begun and _tells(seen):
-            options = best[:, None] + log_move
-            origins, best = options.argmax(axis=0), options.max(axis=0)
-        came_from.append(origins)
-        if seen is not None:
-            best, has_begun = best + _log(seen), True
-    path = [int(best.argmax())]
-    for origins in reversed(came_from[1:]):
-        path.append(int(origins[path[-1]]))
-    return path[::-1]
-
-
-def _log(values: np.ndarray) -> np.ndarray:
-    with np.errstate(divide="ignore"):  # what cannot be is minus infinity
-        return np.log(values)
 
 
 def transition_matrix(
@@ -257,8 +181,10 @@ def _legal(assembly: Assembly) -> list[tuple[int, int]]:
     return sorted({*steps, *((a, b) for a, b in assembly.transitions if a != b)})
 
 
-def _model(assembly: Assembly, *, config: SmoothingConfig, half_done: Collection[int]) -> Arrivals:
-    """All states and how they follow each other."""
+def with_arrivals(
+    assembly: Assembly, *, config: SmoothingConfig, half_done: Collection[int]
+) -> Arrivals:
+    """All states of the model and how they follow each other; arguments as for `transition_matrix`."""
     move = transition_matrix(assembly, config=config, half_done=half_done)
     return Arrivals.of(assembly, move, _legal(assembly) if config.arrival else ())
 
@@ -286,6 +212,6 @@ def combined(
     return product
 
 
-def _tells(evidence: Scores | None) -> TypeGuard[Scores]:
+def tells(evidence: Scores | None) -> TypeGuard[Scores]:
     """Whether it tells any two states apart."""
     return evidence is not None and float(np.ptp(evidence)) > ALIKE * float(evidence.max())

@@ -11,8 +11,9 @@ from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.state.arrivals import Arrivals
+from asdfviz.state.decoding import most_likely_path
 from asdfviz.state.half_done import HalfDone
-from asdfviz.state.smoothing import SmoothingConfig, StateFilter, most_likely_path
+from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 
 
 @pytest.fixture

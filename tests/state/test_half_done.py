@@ -9,12 +9,12 @@ import pytest
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly, State
+from asdfviz.state.decoding import most_likely_path
 from asdfviz.state.fusion import Pose2State
 from asdfviz.state.half_done import HalfDone, ways_half_done
 from asdfviz.state.smoothing import (
     SmoothingConfig,
     StateFilter,
-    most_likely_path,
     transition_matrix,
 )
 

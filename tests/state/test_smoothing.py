@@ -8,13 +8,13 @@ import pytest
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly, State
 from asdfviz.errors import MethodError
+from asdfviz.state.decoding import most_likely_path
 from asdfviz.state.half_done import HalfDone
 from asdfviz.state.smoothing import (
     FOLLOWED,
     SmoothingConfig,
     StateFilter,
     combined,
-    most_likely_path,
     transition_matrix,
 )
 
@@ -80,6 +80,7 @@ def test_lost_sight_of_a_part_does_not_lead_back(assembly: Assembly) -> None:
     belief = [online.step(None, early, None) for _ in range(3)][-1]
     assert belief is not None
     assert int(belief.argmax()) == 3
+    assert online.belief is not None
     assert np.array_equal(online.belief, belief)
 
 
@@ -100,7 +101,8 @@ def test_the_group_can_overrule_the_relative_poses(assembly: Assembly) -> None:
 def test_the_filter_and_the_path_are_what_all_sequences_say(
     blank: tuple[int, ...], alike: tuple[int, ...]
 ) -> None:
-    """Both against sums and maxima over every possible sequence of states.
+    """Both against sums and maxima over every possible sequence of states: offline, the order is that of
+    the most likely one, and changes are where most frames are right by expectation.
 
     Where nothing is seen, or all states are equally likely, no state changes.
     """
@@ -132,7 +134,13 @@ def test_the_filter_and_the_path_are_what_all_sequences_say(
         belief = online.step(a, p)
     assert belief == pytest.approx(last / last.sum())
     best = max(weights, key=lambda path: weights[path])
-    assert most_likely_path(looks, poses, assembly, config=config) == list(best)
+    order = [state for state, _ in itertools.groupby(best)]
+    share = np.zeros((5, 3))
+    for path, weight in weights.items():
+        share[range(5), path] += weight / sum(weights.values())
+    placed = [p for p in weights if [state for state, _ in itertools.groupby(p)] == order]
+    most = max(placed, key=lambda path: float(share[range(5), path].sum()))
+    assert most_likely_path(looks, poses, assembly, config=config) == list(most)
 
 
 def test_a_lasting_confusion_with_a_far_state_does_not_move_the_belief() -> None:
@@ -211,4 +219,4 @@ def test_nothing_seen_for_long_says_the_same_state(name: str, *, uniform: bool) 
 )
 def test_options_out_of_range_are_named(name: str, value: float) -> None:
     with pytest.raises(MethodError, match=rf"smoothing\.{name} is"):
-        SmoothingConfig(**{name: value})
+        SmoothingConfig(**{name: value})  # pyright: ignore[reportArgumentType]
