@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from asdfviz.data.interrupts import interrupts_after_imports
 from asdfviz.errors import AsdfvizError, Stopped
 
 BAD_INPUT = 2
@@ -28,10 +29,11 @@ def _exit_code(arguments: list[str]) -> int:
     if reconfigure is not None:
         reconfigure(errors="backslashreplace")
     try:
-        from asdfviz.cli.commands import obey  # here, as Ctrl+C may come meanwhile
+        with interrupts_after_imports():
+            from asdfviz.cli.commands import obey  # here, as Ctrl+C may come meanwhile
 
-        code = obey(arguments)
-        sys.stdout.flush()
+            code = obey(arguments)
+            sys.stdout.flush()
     except (KeyboardInterrupt, Stopped) as stopped:
         print(f"stopped{f': {stopped}' if str(stopped) else ''}", file=sys.stderr)
         return STOPPED

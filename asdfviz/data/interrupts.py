@@ -1,8 +1,11 @@
-"""Ctrl+C and SIGTERM as a polite stop."""
+"""Ctrl+C and SIGTERM as a polite stop, and Ctrl+C where libraries would swallow it."""
 
 from __future__ import annotations
 
+import _thread
 import signal
+import threading
+import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from types import FrameType
@@ -29,3 +32,53 @@ def stop_on_interrupt() -> Generator[Callable[[], bool]]:
     finally:
         for kind, handler in before.items():
             signal.signal(kind, handler)
+
+
+PATIENCE = 10.0
+"""Seconds for which an import is waited for at most."""
+
+
+@contextmanager
+def interrupts_after_imports() -> Generator[None]:
+    """Let a Ctrl+C wait while something is imported.
+
+    Libraries take whatever an optional import raises for its absence (trimesh does so of a dozen): the
+    program went on, or failed later where it missed the module. Where Ctrl+C does something else than
+    to interrupt, or in another thread than the main one, nothing changes.
+    """
+    is_ours = threading.current_thread() is threading.main_thread()
+    if not is_ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    latest: float | None = None
+    again: threading.Timer | None = None
+
+    def interrupt(signum: int, frame: FrameType | None) -> None:
+        nonlocal latest, again
+        now = time.monotonic()
+        latest = now + PATIENCE if latest is None else latest
+        if not _is_importing(frame) or now > latest:
+            raise KeyboardInterrupt
+        again = threading.Timer(0.02, _thread.interrupt_main)
+        again.daemon = True
+        again.start()
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    except Exception:
+        if again is not None and again.is_alive():  # asked to stop, so what failed is no news
+            raise KeyboardInterrupt from None
+        raise
+    finally:
+        if again is not None:
+            again.cancel()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if frame.f_code.co_filename == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False

@@ -1,10 +1,15 @@
 from __future__ import annotations
 
+import importlib
 import signal
+import threading
+import time
+from pathlib import Path
 
 import pytest
 
-from asdfviz.data.interrupts import stop_on_interrupt
+from asdfviz.data import interrupts
+from asdfviz.data.interrupts import interrupts_after_imports, stop_on_interrupt
 
 
 @pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
@@ -18,3 +23,60 @@ def test_a_long_job_is_asked_to_stop_and_ctrl_c_ends_it_at_once(first: signal.Si
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
     assert [signal.getsignal(kind) for kind in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+SWALLOWING = """
+import signal, time
+try:
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(0.1)
+    missed = False
+except BaseException:
+    missed = True
+"""
+"""What a library may do about an optional import."""
+
+
+def import_and_wait(name: str) -> None:
+    with interrupts_after_imports():
+        assert not importlib.import_module(name).missed
+        for _ in range(200):
+            time.sleep(0.01)
+
+
+def test_ctrl_c_within_an_import_comes_after_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "swallows_interrupts.py").write_text(SWALLOWING)
+    with pytest.raises(KeyboardInterrupt):
+        import_and_wait("swallows_interrupts")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    with pytest.raises(KeyboardInterrupt), interrupts_after_imports():
+        signal.raise_signal(signal.SIGINT)
+    monkeypatch.setattr(interrupts, "PATIENCE", -1.0)  # an import that never ends
+    (tmp_path / "takes_long.py").write_text("import signal; signal.raise_signal(signal.SIGINT)")
+    with pytest.raises(KeyboardInterrupt), interrupts_after_imports():
+        importlib.import_module("takes_long")
+
+
+def test_ctrl_c_of_others_is_left_alone() -> None:
+    def mine(*_: object) -> None:
+        pass
+
+    before = signal.signal(signal.SIGINT, mine)
+    try:
+        with interrupts_after_imports():
+            assert signal.getsignal(signal.SIGINT) is mine
+    finally:
+        signal.signal(signal.SIGINT, before)
+    found: list[object] = []
+
+    def elsewhere() -> None:
+        with interrupts_after_imports():
+            found.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert found == [before]
