@@ -130,7 +130,8 @@ def test_fusing_anew_gives_every_way_its_row() -> None:
     count = len(assembly.states)
     true = [0] * 8 + [1] * 8 + [2] * 8
     predictions: list[FramePrediction] = []
-    for index, state in enumerate(true):
+    for index, state in enumerate([*true[1:], true[-1]]):
+        # In the last frame of a state the next part arrives, which looks as if it were in.
         right = np.full(count, 0.1 / (count - 1))
         right[state] = 0.9
         wrong = np.roll(right, 1)
@@ -145,8 +146,8 @@ def test_fusing_anew_gives_every_way_its_row() -> None:
         progress=lambda done, total: calls.append((done, total)),
     )
     accuracy = {variant.title: variant.report["state"]["accuracy"] for variant in found}
-    assert accuracy["looks alone, frame by frame"] == 100
-    assert accuracy["poses alone, frame by frame"] == 87.5
+    assert accuracy["looks alone, frame by frame"] == pytest.approx(100 * 22 / 24)
+    assert accuracy["poses alone, frame by frame"] == pytest.approx(100 * 19 / 24)
     assert accuracy["hidden Markov model, offline"] == 100
     best = next(title for title in accuracy if title.startswith("best of 120"))
     assert accuracy[best] == max(v for k, v in accuracy.items() if k.startswith(("w_", "best")))
