@@ -70,6 +70,9 @@ def interrupts_after_imports() -> Generator[None]:
         if again is not None and again.is_alive():  # asked to stop, so what failed is no news
             raise KeyboardInterrupt from None
         raise
+    else:
+        if again is not None and again.is_alive():  # an import that was the last thing to do
+            raise KeyboardInterrupt
     finally:
         if again is not None:
             again.cancel()

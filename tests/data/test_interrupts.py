@@ -4,6 +4,7 @@ import importlib
 import signal
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,15 @@ def import_and_wait(name: str) -> None:
             time.sleep(0.01)
 
 
+@pytest.fixture
+def plain_ctrl_c() -> Iterator[None]:
+    """Ctrl+C interrupts, whatever tests of before have made of it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("plain_ctrl_c")
 def test_ctrl_c_within_an_import_comes_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -54,6 +64,9 @@ def test_ctrl_c_within_an_import_comes_after_it(
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     with pytest.raises(KeyboardInterrupt), interrupts_after_imports():
         signal.raise_signal(signal.SIGINT)
+    (tmp_path / "ends_at_once.py").write_text("import signal; signal.raise_signal(signal.SIGINT)")
+    with pytest.raises(KeyboardInterrupt), interrupts_after_imports():
+        importlib.import_module("ends_at_once")
     monkeypatch.setattr(interrupts, "PATIENCE", -1.0)  # an import that never ends
     (tmp_path / "takes_long.py").write_text("import signal; signal.raise_signal(signal.SIGINT)")
     with pytest.raises(KeyboardInterrupt), interrupts_after_imports():
