@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection
-from asdfviz.geometry.boxes import box_middle, overlap
+from asdfviz.geometry.boxes import box_middle, iou_matrix, overlap
 from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Box
 from asdfviz.state.twins import twin_groups
@@ -123,9 +123,7 @@ def _things(
             things.append(thing)
         thing.boxes.append(detection)
         _take_in(thing, detection, detection.label, score)
-    for thing in things:
-        # Scores of a place are of all that is in it.
-        beside = {t.best.label for t in things if t is not thing and _in_place(t.best, thing.best)}
+    for thing, beside in zip(things, _beside(things), strict=True):
         for detection in thing.boxes:
             for label in names:
                 score = 0.0 if label in beside else detection.class_scores.get(label, 0.0)
@@ -153,8 +151,16 @@ def _is_one(thing: _Thing, detection: Detection, score: float) -> bool:
     return shared > (COVERED if is_own else SAME_PLACE)
 
 
-def _in_place(a: Detection, b: Detection) -> bool:
-    return overlap(a.box_xyxy, b.box_xyxy) > SAME_PLACE
+def _beside(things: Sequence[_Thing]) -> list[set[str]]:
+    """What else is in the place of each thing: scores of a place are of all that is in it."""
+    if not things:
+        return []
+    boxes = np.stack([thing.best.box_xyxy for thing in things])
+    in_place = iou_matrix(boxes, boxes) > SAME_PLACE
+    return [
+        {t.best.label for t, near in zip(things, row, strict=True) if near and t is not thing}
+        for thing, row in zip(things, in_place, strict=True)
+    ]
 
 
 def _matched(things: Sequence[_Thing], counts: Mapping[str, int]) -> dict[str, list[Detection]]:
