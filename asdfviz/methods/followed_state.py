@@ -16,7 +16,6 @@ from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig, agreed
 from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.half_done import HalfDone
-from asdfviz.state.near_places import NearPlaces
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 
@@ -80,8 +79,6 @@ class FollowedState:
         self._states = StateFilter(self._unfolded, config=config.smoothing, half_done=half_done)
         self._fits = GroupFits(self._unfolded, shapes, config=config.group_fit)
         self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=config.place_looks)
-        near = config.group_fit
-        self._near = NearPlaces(self._unfolded, in_place=near.in_place, near=near.near)
         self._loose = LooseParts(self._unfolded, shapes, config=config.loose)
 
     @property
@@ -145,7 +142,7 @@ class FollowedState:
             places = places**self._relative_pose.shaken
             places /= places.sum()
         base = self._fits.base or poses.get(self._unfolded.base)
-        near = {} if base is None else self._near.loose(base.T_camera_part, poses)
+        near = {} if base is None else self._fits.near.loose(base.T_camera_part, poses)
         stands = self._place_looks.step(base, poses, before, frame, without=near)
         loose = self._loose.step(base, witnesses, frame, rest=rest)
         stands = agreed(stands, loose)

@@ -53,7 +53,8 @@ class GroupFits:
     ) -> None:
         self._assembly, self._shapes, self._config = assembly, shapes, config
         self._places = JointPlaces(assembly)
-        self._near = NearPlaces(assembly, in_place=config.in_place, near=config.near)
+        self.near = NearPlaces(assembly, in_place=config.in_place, near=config.near)
+        """Which parts are near their places and not in them."""
         self._looks = Looks(config=config.colors)
         self._last: Transform | None = None
         """T_camera_base of the last frame that said something."""
@@ -208,7 +209,7 @@ class GroupFits:
             view,
             measured,
             self._config,
-            Ts_base_loose=self._near.loose(T_camera_base, poses),
+            Ts_base_loose=self.near.loose(T_camera_base, poses),
         )
 
     def _best(self, trials: Sequence[Trial], likely: Sequence[State], weight: float) -> Trial:
