@@ -178,7 +178,8 @@ class Controller:
         except (AsdfvizError, OSError) as error:
             self._failed(str(error))
         except Exception:  # noqa: BLE001 - whatever it is, the terminal tells
-            traceback.print_exc()
+            with contextlib.suppress(OSError, ValueError):  # the terminal may be gone
+                traceback.print_exc()
             self._failed(PROGRAM_FAULT)
 
     def _failed(self, why: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -288,5 +290,25 @@ def test_a_tab_goes_on_after_whatever_goes_wrong(
     tab.emit(act.TogglePlay())
     until(lambda: len(screen.told) == 3)
     until(lambda: not tab.view.playing)
+    tab.emit(act.Nudge(0, 1))
+    until(with_run.store.poses)
+    tab.close()
+    tab.wait(30.0)  # while the errors are still caught: each picture of the tab's is one
+
+
+def test_a_tab_goes_on_when_the_terminal_is_gone(
+    opened: Open, with_run: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_given: object) -> None:
+        raise ZeroDivisionError
+
+    terminal = io.StringIO()
+    terminal.close()
+    monkeypatch.setattr(Background, "stop", broken)
+    tab, screen = opened(base="first")
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stderr", terminal)
+        tab.emit(act.StopRun())
+        until(lambda: screen.told)
     tab.emit(act.Nudge(0, 1))
     until(with_run.store.poses)
