@@ -9,40 +9,37 @@ look. Nothing is turned end for end here, and no tracker goes on from these pose
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from functools import partial
 
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Camera, Frame, Part, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Scores, Transform, Vector
-from asdfviz.geometry.symmetry import across, nearest_symmetric
+from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import (
     apply,
-    apply_to_point,
     inverse,
     point_distance,
     rotation_angle,
-    transform_from,
-    turn_about,
 )
 from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
-from asdfviz.methods.on_table import MARGIN, OnTableConfig, on_table
+from asdfviz.methods.lying_climb import climbed, spun
+from asdfviz.methods.on_table import OnTableConfig, on_table
 from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
 from asdfviz.pose.standing import sides, standing_on
 from asdfviz.pose.table import Table
 from asdfviz.state.twins import renamed
+from asdfviz.track.confidence import HIDDEN_BY
 
 TURNS_DEG = (-30.0, 0.0, 30.0)
 """In which a part is drawn on each of its sides."""
 ALIKE = 0.99
 """Cosine from which two sides are tried as one: the nearer one."""
-STEPS = ((10.0, 0.002), (5.0, 0.001), (2.5, 0.0005))
-"""By which the best ones are refined: degrees about the upright, metres along the table and across."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +65,7 @@ class LyingConfig:
     again: int = 30
     """and one that lies still after so many frames again,"""
     doubted: int = 4
-    """but after so many once it was seen for the first time: two looks must agree,"""
+    """but after so many once it was seen for the first time, or otherwise: two looks must agree,"""
     agree_deg: float = 20.0
     """up to this."""
     visible: float = 0.5
@@ -107,9 +104,9 @@ class _Looked:
     T_part_lying: Transform | None
     """From there to the one that looks more like what was seen; None where none does."""
     is_sure: bool
-    """Whether the look before said so too."""
-    is_first: bool = False
-    """Whether there was none before."""
+    """Whether two looks in a row said so."""
+    is_doubted: bool = True
+    """Whether another look is to come soon: the last one was the first, or said otherwise."""
 
 
 class Lying:
@@ -150,7 +147,7 @@ class Lying:
         }
         still = {name for name, T in loose.items() if self._is_still(name, T)}
         due = [name for name in loose if self._is_due(name, name in still)]
-        due.sort(key=lambda name: (name in still, -self._age(name)))
+        due.sort(key=lambda name: -self._overdue(name, name in still))
         if due and self._step % config.every == 0:
             part = self._assembly.parts[due[0]]
             self._looked[part.name] = self._look(part, loose[part.name], frame)
@@ -169,25 +166,39 @@ class Lying:
         self._looked = renamed(self._looked, names)
 
     def _is_due(self, name: str, is_still: bool) -> bool:
+        return not is_still or self._overdue(name, is_still) >= 1
+
+    def _overdue(self, name: str, is_still: bool) -> float:
+        """How old the last look is, in times after which a part is looked at again: one that moves as
+        often as one that is doubted, or it would leave no look for others."""
         looked, config = self._looked.get(name), self._config
-        if looked is None or not is_still:
-            return True
-        return self._age(name) >= (config.doubted if looked.is_first else config.again)
+        is_settled = is_still and looked is not None and not looked.is_doubted
+        return self._age(name) / (config.again if is_settled else config.doubted)
 
     def _look(self, part: Part, T_now: Transform, frame: Frame) -> _Looked:
         """How a part lies, and whether that was found before."""
         before, lying = self._looked.get(part.name), self._lying(part, T_now, frame)
         if before is None:
-            return _Looked(self._step, T_now, lying, is_sure=False, is_first=True)
+            return _Looked(self._step, T_now, lying, is_sure=False)
+        is_still = self._is_still(part.name, T_now)
+        if self._agrees(before, T_now, lying, is_still):
+            return _Looked(self._step, T_now, lying, is_sure=True, is_doubted=False)
+        if is_still and before.is_sure and not before.is_doubted:  # a single look may err
+            return replace(before, frame=self._step, is_doubted=True)
+        return _Looked(self._step, T_now, lying, is_sure=False)
+
+    def _agrees(
+        self, before: _Looked, T_now: Transform, lying: Transform | None, is_still: bool
+    ) -> bool:
+        """Whether a look says what the one before said."""
         if lying is None or before.T_part_lying is None:
-            return _Looked(self._step, T_now, lying, is_sure=lying is before.T_part_lying)
-        if self._is_still(part.name, T_now):
+            return lying is before.T_part_lying
+        if is_still:
             R_before = (before.T_camera_part @ before.T_part_lying)[:3, :3]
             R_lying = (T_now @ lying)[:3, :3]
         else:  # seen by a camera that moves: it is as much otherwise as it was
             R_before, R_lying = before.T_part_lying[:3, :3], lying[:3, :3]
-        is_sure = rotation_angle(R_before.T @ R_lying) <= math.radians(self._config.agree_deg)
-        return _Looked(self._step, T_now, lying, is_sure)
+        return rotation_angle(R_before.T @ R_lying) <= math.radians(self._config.agree_deg)
 
     def _age(self, name: str) -> int:
         """Frames since a part was looked at, very many if it never was."""
@@ -254,7 +265,8 @@ class Lying:
         return replace(frame, rgb=rgb, depth=depth, camera=camera)
 
     def _is_in_view(self, name: str, T_camera_part: Transform, frame: Frame) -> bool:
-        fit = shape_fit(T_camera_part, self._shapes[name], frame, margin=MARGIN)
+        # A smeared rim is millimetres nearer than what it surrounds, and hides nothing.
+        fit = shape_fit(T_camera_part, self._shapes[name], frame, margin=HIDDEN_BY)
         return fit is not None and fit.visible >= self._config.visible
 
     def _tried(self, part: Part, T_now: Transform, table: Table) -> list[Transform]:
@@ -269,31 +281,17 @@ class Lying:
                 break
             if tilt <= np.deg2rad(self._config.tilt_deg) and is_other:
                 chosen.append(down)
-                found += [_spun(T, part, table, np.deg2rad(turn)) for turn in TURNS_DEG]
+                found += [spun(T, part.middle, table, np.deg2rad(turn)) for turn in TURNS_DEG]
         return found
 
     def _refined(self, part: Part, T: Transform, table: Table, frame: Frame) -> Transform:
-        """Uphill by how the pose would look, in place and turn, with shrinking steps."""
-        level = np.cross(table.normal, across(table.normal))
-        axes = (level, np.cross(table.normal, level), table.normal)
-        best = T
-        for turn, shift in (*STEPS[:1], *STEPS):
-            trials = [best]
-            for sign, axis in product((1.0, -1.0), axes):
-                trials.append(transform_from(best[:3, :3], best[:3, 3] + sign * shift * axis))
-            trials += [_spun(best, part, table, s * np.deg2rad(turn)) for s in (1.0, -1.0)]
-            looks = self._looks(part, trials, table, frame)
-            if looks is not None:
-                best = trials[int(looks.argmax())]
-        return best
+        """Uphill by how the pose would look."""
+        looks_of = partial(self._looks, part, table=table, frame=frame)
+        return climbed(T, looks_of, middle=part.middle, table=table)
 
-    def _looks(self, part: Part, Ts: list[Transform], table: Table, frame: Frame) -> Scores | None:
+    def _looks(
+        self, part: Part, Ts: Sequence[Transform], table: Table, frame: Frame
+    ) -> Scores | None:
         """How much like what is seen each pose would look; None where that is unknown."""
         config = self._config.drawn
         return drawn_looks(frame, part.mesh, np.stack(Ts), table=table, config=config)
-
-
-def _spun(T_camera_part: Transform, part: Part, table: Table, angle: float) -> Transform:
-    """The pose turned about the upright through the part's middle."""
-    middle = apply_to_point(T_camera_part, part.middle)
-    return turn_about(table.normal, middle, angle) @ T_camera_part

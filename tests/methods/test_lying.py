@@ -76,6 +76,56 @@ def test_a_pose_that_is_askew_is_told_as_the_part_lies(toy, scene, about, degree
     assert (found.part, found.score, found.stage) == ("block", 0.9, "tracked")
 
 
+def test_it_is_found_where_its_tilted_pose_was_millimetres_beside_it(toy, scene) -> None:
+    true, frame = scene
+    wrong = askew(true["block"], about=(1.0, 0, 0), degrees=18.0)
+    wrong[:2, 3] += (0.007, -0.005)
+    found = last(lying(toy), told(toy, {"block": wrong}), frame)["block"]
+    assert angle(found.T_camera_part, true["block"]) < 8.0
+    assert np.linalg.norm((found.T_camera_part - true["block"])[:3, 3]) < 0.003
+
+
+def test_what_a_smeared_rim_covers_by_millimetres_is_in_view(toy, scene) -> None:
+    """Grooves of a small part are filled by the depth of what surrounds them."""
+    true, frame = scene
+    wrong = askew(true["block"], about=(0.0, 0, 1.0), degrees=24.0)
+    is_part = cv2.erode(np.uint8(frame.depth < frame.depth.max() - 0.02), np.ones((3, 3)))
+    grooves = is_part * (np.arange(frame.depth.shape[1]) % 5 > 0)
+    filled = (frame.depth - 0.012 * grooves).astype(np.float32)
+    found = last(lying(toy), told(toy, {"block": wrong}), replace(frame, depth=filled))["block"]
+    assert angle(found.T_camera_part, true["block"]) < 4.0
+
+
+@pytest.mark.parametrize(("said", "stays"), [((1, 1, 0, 1, 1), True), ((1, 1, 0, 0, 0), False)])
+def test_one_look_that_says_otherwise_is_not_believed(
+    toy, scene, monkeypatch, said: tuple[int, ...], stays: bool
+) -> None:
+    true, frame = scene
+    turned = transform_from(rotation_about(np.array([0.0, 0, 1.0]), 0.5), np.zeros(3))
+    looks = iter(said)
+    method = lying(toy, every=1, doubted=1, again=2)
+    monkeypatch.setattr(method, "_lying", lambda *_: turned if next(looks, 0) else None)
+    poses, found = told(toy, {"block": true["block"]}), list[float]()
+    for index in range(6):
+        pose = method.step(poses, replace(frame, index=index))["block"]
+        found.append(angle(pose.T_camera_part, true["block"]))
+    assert found[0] == pytest.approx(0, abs=1e-6)
+    assert min(found[1:4]) > 20
+    assert (found[-1] > 20) == stays
+
+
+def test_what_moves_leaves_looks_for_what_lies_still(toy, scene, monkeypatch) -> None:
+    true, frame = scene
+    method, looks = lying(toy, every=1, doubted=3), list[str]()
+    monkeypatch.setattr(method, "_lying", lambda part, *_: looks.append(part.name))
+    for k in range(9):
+        moving = true["block"].copy()
+        moving[0, 3] += 0.01 * k
+        poses = {"block": moving, "pin": true["block"]}
+        method.step(told(toy, poses), replace(frame, index=k))
+    assert looks.count("pin") == 2
+
+
 def test_of_poses_that_look_the_same_any_may_come(toy, scene) -> None:
     """What was found in one of them holds in the others, whose axes look elsewhere."""
     true, frame = scene
