@@ -255,11 +255,25 @@ def _login_name() -> str:
         return "anonymous"
 
 
+def _light(scene: Any) -> None:
+    """From the camera, a little from above, and from all around: a picture of surroundings and shadow
+    maps, which nothing here needs, take a computer without a GPU most of the time it draws."""
+    scene.configure_default_lights(False)
+    scene.configure_environment_map(None)
+    scene.add_light_hemisphere(
+        "/lights/around", sky_color=(255, 255, 255), ground_color=(150, 160, 175), intensity=0.9
+    )
+    scene.add_light_directional(
+        "/lights/camera", position=(-0.5, -0.8, -1.0), intensity=1.5, cast_shadow=False
+    )
+
+
 def _configure(server: Any) -> None:
     # A browser tab that closes while its thread draws is no news to anybody.
     warnings.filterwarnings("ignore", message="Queued a .* on a closed connection")
     server.scene.set_up_direction("-y")
     server.scene.world_axes.visible = False
+    _light(server.scene)
     server.gui.configure_theme(
         dark_mode=True,
         show_logo=False,

@@ -289,6 +289,22 @@ def test_play_pause_step_and_seek(page: Page, app: App) -> None:
     settled(page, lambda rgb: abs(int(np.median(rgb[:, :, 0])) - (40 + 8 * 9)) <= 2)
 
 
+def test_a_page_in_which_nothing_changes_asks_for_no_drawing(page: Page) -> None:
+    """Without a GPU, drawing what has not changed takes a whole processor."""
+    page.evaluate("""() => {
+        const mutable = window.__viserMutable, real = mutable.requestRender;
+        window.asked = 0;
+        mutable.requestRender = () => { window.asked += 1; real(); };
+    }""")
+
+    def asked_while_idle() -> int:
+        before = page.evaluate("() => window.asked")
+        page.wait_for_timeout(1500)
+        return page.evaluate("() => window.asked") - before
+
+    until(lambda: asked_while_idle() == 0, "it comes to rest")
+
+
 def test_the_cursor_hides_no_label_that_begins_at_it(page: Page) -> None:
     page.evaluate("() => window.asdfviz.send({ kind: 'Seek', place: 4 })")
     expect(page.get_by_test_id("frame")).to_have_attribute("data-place", "4")

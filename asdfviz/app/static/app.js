@@ -174,14 +174,17 @@
       Object.assign(control.touches, { one: turn ? NS.usual.touches.one : 0, two: 0, three: 0 });
       // One pixel of the hand is one pixel of the picture, which follows the hand.
       const speed = -((mutable.camera.fov * Math.PI) / 180) / (2 * Math.PI);
-      control.azimuthRotateSpeed = speed;
-      control.polarRotateSpeed = speed;
+      turnBy(control, speed, speed);
     } else {
       Object.assign(control.mouseButtons, NS.usual.buttons);
       Object.assign(control.touches, NS.usual.touches);
-      control.azimuthRotateSpeed = NS.usual.azimuth;
-      control.polarRotateSpeed = NS.usual.polar;
+      turnBy(control, NS.usual.azimuth, NS.usual.polar);
     }
+  };
+  const turnBy = (control, azimuth, polar) => {
+    // Whoever sets them has viser draw for a quarter of a second, though nothing changed.
+    if (control.azimuthRotateSpeed !== azimuth) control.azimuthRotateSpeed = azimuth;
+    if (control.polarRotateSpeed !== polar) control.polarRotateSpeed = polar;
   };
 
   const CAMERA_KEYS = new Set(["KeyW", "KeyA", "KeyS", "KeyD", "KeyQ", "KeyE",
