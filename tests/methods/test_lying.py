@@ -89,7 +89,7 @@ def test_what_a_smeared_rim_covers_by_millimetres_is_in_view(toy, scene) -> None
     """Grooves of a small part are filled by the depth of what surrounds them."""
     true, frame = scene
     wrong = askew(true["block"], about=(0.0, 0, 1.0), degrees=24.0)
-    is_part = cv2.erode(np.uint8(frame.depth < frame.depth.max() - 0.02), np.ones((3, 3)))
+    is_part = cv2.erode((frame.depth < frame.depth.max() - 0.02).astype(np.uint8), np.ones((3, 3)))
     grooves = is_part * (np.arange(frame.depth.shape[1]) % 5 > 0)
     filled = (frame.depth - 0.012 * grooves).astype(np.float32)
     found = last(lying(toy), told(toy, {"block": wrong}), replace(frame, depth=filled))["block"]
