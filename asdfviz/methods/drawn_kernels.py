@@ -6,6 +6,7 @@ from typing import no_type_check
 
 import numpy as np
 
+from asdfviz.geometry.cholesky import factorise, substitute
 from asdfviz.geometry.jit import kernel
 
 RIDGE = 0.01
@@ -43,7 +44,10 @@ def _factors(terms, bright, weight):
             y[a] += weighted * bright[i]
             for b in range(4):
                 A[a, b] += weighted * terms[i, b]
-    return np.linalg.solve(A, y)
+    factors = np.zeros(4)
+    factorise(A)  # positive definite, by the ridge
+    substitute(A, y, factors)
+    return factors
 
 
 @kernel

@@ -6,6 +6,7 @@ from typing import no_type_check
 
 import numpy as np
 
+from asdfviz.geometry.cholesky import factorise, substitute
 from asdfviz.geometry.jit import kernel
 
 NEAREST = 0.01
@@ -65,7 +66,10 @@ def _seen(T, point):
 @kernel
 @no_type_check
 def _stepped(T, damping, points, pixels, K, weights, scale):
-    """One damped Gauss-Newton step: a turn about the part's origin and a shift, camera axes."""
+    """One damped Gauss-Newton step: a turn about the part's origin and a shift, camera axes.
+
+    None where the points leave the pose open.
+    """
     H, g, J = np.zeros((6, 6)), np.zeros(6), np.empty((2, 6))
     off = np.empty(2)
     for i in range(len(points)):
@@ -85,7 +89,10 @@ def _stepped(T, damping, points, pixels, K, weights, scale):
                 H[a, b] += weight * (J[0, a] * J[0, b] + J[1, a] * J[1, b])
     for a in range(6):
         H[a, a] += damping * H[a, a] + 1e-12
-    return _moved(T, np.linalg.solve(H, -g))
+    step = np.zeros(6)
+    if not (factorise(H) and substitute(H, -g, step)):
+        return T
+    return _moved(T, step)
 
 
 @kernel

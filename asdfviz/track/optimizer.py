@@ -17,6 +17,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from asdfviz.geometry.cholesky import factorise, substitute
 from asdfviz.geometry.shapes import Transforms
 from asdfviz.track.jit import kernel
 from asdfviz.track.links import Freedom, Link, gear
@@ -157,40 +158,6 @@ def adjoint(T, out):
         out[3 + i, 0] = -(T[1, i] * z - T[2, i] * y)
         out[3 + i, 1] = -(T[2, i] * x - T[0, i] * z)
         out[3 + i, 2] = -(T[0, i] * y - T[1, i] * x)
-
-
-@kernel
-@no_type_check
-def factorise(A):
-    """Overwrite A's lower half with its Cholesky factor; False where A is not positive definite."""
-    for j in range(len(A)):
-        for i in range(j, len(A)):
-            total = A[i, j]
-            for k in range(j):
-                total -= A[i, k] * A[j, k]
-            if i == j and not total > 0.0:
-                return False
-            A[i, j] = np.sqrt(total) if i == j else total / A[j, j]
-    return True
-
-
-@kernel
-@no_type_check
-def substitute(L, b, x):
-    """Fill x from L L^T x = b; False where it is no number."""
-    n = len(b)
-    for i in range(n):
-        x[i] = b[i]
-        for k in range(i):
-            x[i] -= L[i, k] * x[k]
-        x[i] /= L[i, i]
-    total = 0.0
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            x[i] -= L[k, i] * x[k]
-        x[i] /= L[i, i]
-        total += x[i]
-    return np.isfinite(total)
 
 
 @kernel

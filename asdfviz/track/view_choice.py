@@ -90,7 +90,8 @@ def gather(points, offsets, column, sizes, views, shares, most, adaptive, out, o
         upto = min(wanted, int(wanted * so_far + 0.5))
         k = 0
         while filled < upto and k < points.shape[1]:
-            out[filled] = points[views[i], k]
+            for a in range(out.shape[1]):  # a row at once would take seconds more to compile
+                out[filled, a] = points[views[i], k, a]
             out_offsets[filled] = offsets[views[i], k, column]
             filled += 1
             k += 1

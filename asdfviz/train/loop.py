@@ -58,7 +58,7 @@ def train(
     Args:
         config: all of the run.
         assemblies: instead of loading config.assemblies.
-        progress: called every 20 s and after every validation.
+        progress: called after two seconds, then every 20 s and after every validation.
         stop: asked before every step; True ends the run with a checkpoint.
 
     Raises:

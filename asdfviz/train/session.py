@@ -44,6 +44,8 @@ from asdfviz.train.world import join_world
 LOSS_NAMES = ("box", "keypoint", "visibility", "classes", "bins", "rotation")
 LOG_COLUMNS = ("step", "minutes", "width", "rate", *LOSS_NAMES, "inputs_per_s", "objects")
 LOG_SECONDS = 20.0
+FIRST_LOG_SECONDS = 2.0
+"""The first line comes sooner: whoever waits for it wants to know whether it trains."""
 
 
 class Session(Sitting):
@@ -86,7 +88,8 @@ class Session(Sitting):
 
     def go(self, report: Callable[[TrainReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False)."""
-        checkpointed = validated = logged = self.seconds
+        checkpointed = validated = self.seconds
+        logged = self.seconds - LOG_SECONDS + FIRST_LOG_SECONDS
         meter = Meter()
         world = self.world
         with input_stream(
