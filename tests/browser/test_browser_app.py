@@ -430,6 +430,7 @@ def test_a_pose_is_typed_and_wrong_figures_are_told(page: Page, app: App) -> Non
         return 1000 * app.workspace.poses(0, view(app).base)["jaw"].T_camera_part[0, 3]
 
     page.keyboard.press("Home")
+    page.get_by_test_id("tab-annotate").click()
     page.get_by_test_id("part-jaw").click()
     before, field = x_mm(), page.get_by_test_id("pose-x")
     field.fill("61.5")
@@ -449,10 +450,16 @@ def test_a_pose_is_typed_and_wrong_figures_are_told(page: Page, app: App) -> Non
     page.keyboard.press("Escape")
 
 
+def edited(app: App) -> list[int]:
+    """Frames of all edits of poses and states; the first of all keeps what it started from, too."""
+    return [edit.frame for edit in app.workspace.store.history() if edit.frame is not None]
+
+
 def test_figures_go_to_the_frame_in_which_typing_began(page: Page, app: App) -> None:
     page.keyboard.press("Home")
+    page.get_by_test_id("tab-annotate").click()
     page.get_by_test_id("part-jaw").click()
-    edits = len(app.workspace.store.history())
+    edits = len(edited(app))
     page.get_by_test_id("pose-x").click()
     # As where playing stops late: a later frame's panel comes before the one that is held.
     page.evaluate(
@@ -465,9 +472,8 @@ def test_figures_go_to_the_frame_in_which_typing_began(page: Page, app: App) -> 
     page.keyboard.press("Tab")
     page.keyboard.type("12")
     page.keyboard.press("Enter")
-    until(lambda: len(app.workspace.store.history()) == edits + 2, "both are kept")
-    frames = {edit.frame for edit in app.workspace.store.history()[edits:]}
-    assert frames == {app.workspace.indices[0]}
+    until(lambda: len(edited(app)) == edits + 2, "both are kept")
+    assert set(edited(app)[edits:]) == {app.workspace.indices[0]}
     assert view(app).place == 0
     for _ in range(2):
         page.keyboard.press("Control+z")
@@ -476,8 +482,9 @@ def test_figures_go_to_the_frame_in_which_typing_began(page: Page, app: App) -> 
 
 def test_what_is_half_typed_survives_what_the_server_renews(page: Page, app: App) -> None:
     page.keyboard.press("Home")
+    page.get_by_test_id("tab-annotate").click()
     page.get_by_test_id("part-jaw").click()
-    edits, step = len(app.workspace.store.history()), view(app).step
+    edits, step = len(edited(app)), view(app).step
     page.keyboard.press("Space")  # every frame that is played renews the panel
     until(lambda: view(app).playing, "it plays")
     page.get_by_test_id("pose-x").click()
@@ -488,7 +495,7 @@ def test_what_is_half_typed_survives_what_the_server_renews(page: Page, app: App
     page.keyboard.type("1", delay=300)  # meanwhile the answer to x comes
     page.keyboard.type("2", delay=300)
     page.keyboard.press("Enter")
-    until(lambda: len(app.workspace.store.history()) == edits + 2, "both are kept")
+    until(lambda: len(edited(app)) == edits + 2, "both are kept")
     T = app.workspace.poses(place, view(app).base)["jaw"].T_camera_part
     assert 1000 * T[:2, 3] == pytest.approx([61.5, 12.0])
     assert view(app).step == step  # no figure was taken for a key
