@@ -86,10 +86,10 @@ class LyingConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if min(self.sides, self.refined, self.every, self.again) < 1:
+        if min(self.sides, self.refined, self.every, self.again, self.doubted) < 1:
             raise MethodError(
-                f"lying.sides is {self.sides}, refined {self.refined}, every {self.every} and again "
-                f"{self.again}: use 1 or more"
+                f"lying.sides is {self.sides}, refined {self.refined}, every {self.every}, again "
+                f"{self.again} and doubted {self.doubted}: use 1 or more"
             )
 
 

@@ -223,6 +223,7 @@ def test_an_option_out_of_range_is_named() -> None:
         lambda: LyingConfig(refined=0),
         lambda: LyingConfig(every=0),
         lambda: LyingConfig(again=0),
+        lambda: LyingConfig(doubted=0),
     ):
         with pytest.raises(MethodError, match="use 1 or more"):
             make()
