@@ -2,7 +2,7 @@
 
 Not in the paper. What lies on a table stands on one of few sides, so only its place on the table and its
 turn there are open, and a tilted pose that contours and depth settled in between is none of them. Each
-part is drawn on the sides and in the turns that are near, and the best few are refined by how they would
+part is drawn on the sides and in the turns that are near, and the best are refined by how they would
 look. Nothing is turned end for end here, and no tracker goes on from these poses.
 """
 
@@ -56,7 +56,7 @@ class LyingConfig:
     """so many at most, the nearest."""
     turned_deg: float = 65.0
     """No pose is turned by more than this in all."""
-    refined: int = 2
+    refined: int = 1
     """Of the poses that are drawn so many are refined."""
     ahead: float = 0.06
     """So much more like what is seen the best one must look, in units of `turns.drawn`."""
