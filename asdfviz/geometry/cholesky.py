@@ -44,3 +44,10 @@ def substitute(L, b, x):
         x[i] /= L[i, i]
         total += x[i]
     return np.isfinite(total)
+
+
+@kernel
+@no_type_check
+def solve(A, b, x):
+    """Fill x from A x = b, and A's lower half with its factor; False where there is no such x."""
+    return factorise(A) and substitute(A, b, x)

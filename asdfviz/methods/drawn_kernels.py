@@ -6,7 +6,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from asdfviz.geometry.cholesky import factorise, substitute
+from asdfviz.geometry.cholesky import solve
 from asdfviz.geometry.jit import kernel
 
 RIDGE = 0.01
@@ -45,8 +45,7 @@ def _factors(terms, bright, weight):
             for b in range(4):
                 A[a, b] += weighted * terms[i, b]
     factors = np.zeros(4)
-    factorise(A)  # positive definite, by the ridge
-    substitute(A, y, factors)
+    solve(A, y, factors)  # positive definite, by the ridge
     return factors
 
 

@@ -6,7 +6,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from asdfviz.geometry.cholesky import factorise, substitute
+from asdfviz.geometry.cholesky import solve
 from asdfviz.geometry.jit import kernel
 
 NEAREST = 0.01
@@ -68,7 +68,7 @@ def _seen(T, point):
 def _stepped(T, damping, points, pixels, K, weights, scale):
     """One damped Gauss-Newton step: a turn about the part's origin and a shift, camera axes.
 
-    None where the points leave the pose open.
+    The pose as it is where the points leave it open.
     """
     H, g, J = np.zeros((6, 6)), np.zeros(6), np.empty((2, 6))
     off = np.empty(2)
@@ -90,9 +90,7 @@ def _stepped(T, damping, points, pixels, K, weights, scale):
     for a in range(6):
         H[a, a] += damping * H[a, a] + 1e-12
     step = np.zeros(6)
-    if not (factorise(H) and substitute(H, -g, step)):
-        return T
-    return _moved(T, step)
+    return _moved(T, step) if solve(H, -g, step) else T
 
 
 @kernel

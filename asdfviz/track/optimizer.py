@@ -17,7 +17,7 @@ from typing import no_type_check
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from asdfviz.geometry.cholesky import factorise, substitute
+from asdfviz.geometry.cholesky import solve
 from asdfviz.geometry.shapes import Transforms
 from asdfviz.track.jit import kernel
 from asdfviz.track.links import Freedom, Link, gear
@@ -214,4 +214,4 @@ def newton_step(
     for p in range(len(gradients)):
         jacobian(Ts_root_member[p], p, owners, columns, screws, J)
         add_member(gradients[p], hessians[p], J, A, b)
-    return factorise(A) and substitute(A, b, theta)
+    return solve(A, b, theta)
