@@ -94,6 +94,7 @@ class AsdfPlus:
         shapes, contours = self._asdf.shapes, config.contours
         bodies = load_bodies(assembly) if contours.enabled else None
         followed = FollowedState(assembly, shapes, self._asdf.looker, config)
+        told = ToldPoses(assembly, shapes, config)
         self._scene = _Scene(
             assembly,
             {
@@ -111,11 +112,11 @@ class AsdfPlus:
             JoinedOdds(followed.assembly),
             PartNames(assembly, config=config.relative_pose),
             OnePlace(assembly),
-            ToldPoses(assembly, shapes, config),
+            told,
             Mistaken(assembly, config=config.still_there),
             None
             if bodies is None
-            else ContourFits(assembly.parts, bodies, camera, config=contours),
+            else ContourFits(assembly.parts, bodies, camera, config=contours, smear=told.smear),
             None
             if bodies is None or not contours.together
             else GroupContours(bodies, camera, base=assembly.base, config=contours),

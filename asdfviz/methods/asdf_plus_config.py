@@ -15,6 +15,7 @@ from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
 from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.tolerances import REGISTERED_PLACES
 from asdfviz.pose.confidence import ConfidenceConfig
@@ -54,6 +55,8 @@ class AsdfPlusConfig(AsdfConfig):
     """what lies on it is told as it looks most like what is seen,"""
     joint_turns: JointTurnsConfig = field(default_factory=JointTurnsConfig)
     """and so is what turns in its joint."""
+    smear: SmearConfig = field(default_factory=SmearConfig)
+    """How it is seen how the depth camera smears, for all that is drawn."""
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; runners-up are kept besides."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))

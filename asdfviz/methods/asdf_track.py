@@ -31,6 +31,7 @@ from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
+from asdfviz.methods.own_colors import OwnColors
 from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.spec import MethodSpec
@@ -58,6 +59,7 @@ class _Scene:
     places: JointPlaces
     still: StillThere
     unlike: UnlikeTwins
+    own: OwnColors
     told: ToldPoses
     state: StateEstimate | None = None
 
@@ -85,6 +87,8 @@ class AsdfTrack:
         config = self._config
         self._asdf.reset(assembly, camera, None)
         followed = FollowedState(assembly, self._asdf.shapes, self._asdf.looker, config)
+        own = OwnColors(assembly, config=config.own_colors)
+        told = ToldPoses(assembly, self._asdf.shapes, config)
         self._scene = _Scene(
             assembly=assembly,
             parts=PartTracks(
@@ -93,6 +97,8 @@ class AsdfTrack:
                 tracker=config.tracker,
                 refind=config.refind,
                 turns=config.turns,
+                own=own,
+                smear=told.smear,
             ),
             followed=followed,
             odds=JoinedOdds(followed.assembly),
@@ -100,7 +106,8 @@ class AsdfTrack:
             places=JointPlaces(assembly),
             still=StillThere(assembly, config=config.still_there),
             unlike=UnlikeTwins(assembly, config=config.unlike_twins),
-            told=ToldPoses(assembly, self._asdf.shapes, config),
+            own=own,
+            told=told,
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -123,6 +130,7 @@ class AsdfTrack:
             self._asdf.rename(names)
             scene.still.rename(names)
             scene.unlike.rename(names)
+            scene.own.rename(names)
             scene.told.rename(names)
         with timed("track"):
             joined = self._join(frame, scene)
@@ -133,6 +141,7 @@ class AsdfTrack:
             sure = {n: parts.tracks[n].T_now for n in surely_placed(parts.tracks)}
             scene.still.see(frame, sure, held=parts.joined)
             scene.unlike.see(frame, sure)
+            scene.own.see(frame, sure)
             if assembly.base in poses:
                 seen = {n: pose for n, pose in poses.items() if not parts.tracks[n].unsure}
                 scene.places.see(poses[assembly.base].T_camera_part, seen)
@@ -170,7 +179,8 @@ class AsdfTrack:
         self._asdf.rename(names)
         others = scene.still.others(frame, renamed(found, names), last, scene.parts.out_of_sight)
         mine, looks = renamed_poses(poses, names), renamed(self._asdf.looked_at, names)
-        others |= scene.unlike.strangers(frame, {n: p.T_camera_part for n, p in mine.items()})
+        at = {name: pose.T_camera_part for name, pose in mine.items()}
+        others |= scene.unlike.strangers(frame, at) | scene.own.others(frame, at, last)
         return (
             {name: pose for name, pose in mine.items() if name not in others},
             {name: look for name, look in looks.items() if name not in others},
@@ -187,6 +197,7 @@ class AsdfTrack:
         strangers = scene.unlike.strangers(frame, free)
         if strangers:
             scene.unlike.forget(strangers)
+            scene.own.forget(strangers)
             scene.parts.let_go(strangers)
         return {n: pose for n, pose in poses.items() if n not in strangers}
 

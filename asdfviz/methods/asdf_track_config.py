@@ -11,11 +11,13 @@ from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
+from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.tolerances import TRACKED_PLACES
-from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.state.fusion import FusionConfig
 from asdfviz.state.group_fit import GroupFitConfig
@@ -62,6 +64,8 @@ class AsdfTrackConfig(AsdfConfig):
     """what lies on it is told as it looks most like what is seen,"""
     joint_turns: JointTurnsConfig = field(default_factory=JointTurnsConfig)
     """and so is what turns in its joint."""
+    smear: SmearConfig = field(default_factory=SmearConfig)
+    """How it is seen how the depth camera smears, for all that is drawn."""
     second_look: SecondLookConfig = field(default_factory=lambda: SecondLookConfig(enabled=True))
     """Where the detector looks again for parts that it missed."""
     relative_pose: RelativePoseConfig = TRACKED_PLACES
@@ -82,6 +86,8 @@ class AsdfTrackConfig(AsdfConfig):
     """How a thing that lay there all along is told from a part that came to lie there."""
     unlike_twins: UnlikeTwinsConfig = field(default_factory=UnlikeTwinsConfig)
     """What looks quite unlike a part of the same kind is not the part."""
+    own_colors: OwnColorsConfig = field(default_factory=OwnColorsConfig)
+    """What has quite another tint than the part surely had is not the part."""
     join: JoinConfig = field(default_factory=JoinConfig)
     """When parts are tracked as one."""
     least_score: float = 0.0

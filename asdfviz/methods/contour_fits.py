@@ -17,7 +17,9 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.threads import side_by_side
 from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.drawn_looks import DrawnConfig
-from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
+from asdfviz.methods.seen_smear import SeenSmear
+from asdfviz.methods.turn_checks import TurnChecks
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.state.twins import renamed
 from asdfviz.track.bodies import Body
 from asdfviz.track.presets import FINE, TrackerConfig
@@ -88,10 +90,11 @@ class ContourFits:
         camera: Camera,
         *,
         config: ContourConfig,
+        smear: SeenSmear | None = None,
     ) -> None:
         self._config, self._bodies = config, bodies
         self._tracker = Tracker(bodies, camera, config.tracker)
-        self._checks = TurnChecks(parts, bodies, config=config.turns)
+        self._checks = TurnChecks(parts, bodies, config=config.turns, smear=smear)
         self._known: dict[str, _Settled] = {}
 
     def allows(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> bool:
@@ -124,6 +127,7 @@ class ContourFits:
         sure = tracker.confidence(frame)
         tracker.learn(frame, tuple(moved))
         free = {name: T for name, T in now.items() if name not in held}
+        self._checks.around = now
         turned = self._checks.step(frame, tracker, free)
         tracker.replace(frame, turned)
         moved |= turned

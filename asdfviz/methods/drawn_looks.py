@@ -9,6 +9,7 @@ normal, whatever the light is, in the right pose alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -21,6 +22,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Intrinsics, Points, Transform, Transforms
 from asdfviz.methods.drawn_colors import divided_so
 from asdfviz.methods.drawn_kernels import uneven
+from asdfviz.methods.drawn_smear import Plane, Smear
 from asdfviz.methods.group_views import grown
 from asdfviz.methods.registration import projected_box
 from asdfviz.pose.table import Table
@@ -28,8 +30,10 @@ from asdfviz.track import raster
 from asdfviz.track.confidence import HIDDEN_BY
 from asdfviz.track.viewpoint_model import face_normals
 
-Plane: TypeAlias = Float64[np.ndarray, "h w"]
 Where: TypeAlias = Bool[np.ndarray, "h w"]
+
+Placed: TypeAlias = tuple[Mesh, Transform]
+"""A part's mesh and its pose T_camera_part."""
 
 EDGE = 8
 """Pixels around the poses that are looked at too."""
@@ -39,8 +43,13 @@ BESIDE = 3
 """what is measured farther from it is taken as it is."""
 LEAST = 10
 """Fewer pixels tell nothing."""
+COVERED = 0.1
+"""A trail may lie in front of so much of what stands up; where more is hidden, something else does."""
 LARGEST_GAP = 0.01
 """Depth that is farther off than this counts as this far, metres;"""
+HIDDEN = 0.008
+"""and something nearer, which a pose says nothing of, for this much, or one that has the part in a hand's
+place would be the better the less of the part it explains."""
 LARGEST_UNEVEN = 0.5
 """the same for the logarithm of brightness."""
 DARK = 8.0
@@ -61,9 +70,6 @@ class DrawnConfig:
 
     enabled: bool = True
     """On or off: if off, depth at single points of the surface and the contour are compared."""
-    smear: float = 0.0043
-    """Deviation of the depth camera's smear at edges, as a share of the focal length: the real frames'
-    edges are about 10 pixels wide at a focal length of 607."""
     depth: float = 180.0
     """Weight of the mean gap between drawn and measured depth, per metre,"""
     shade: float = 2.1
@@ -75,10 +81,10 @@ class DrawnConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if self.smear <= 0 or min(self.depth, self.shade, self.outline) < 0:
+        if min(self.depth, self.shade, self.outline) < 0:
             raise MethodError(
-                f"turns.drawn.smear is {self.smear:g}, depth {self.depth:g}, shade {self.shade:g} and "
-                f"outline {self.outline:g}: smear must be above 0, the others 0 or more"
+                f"turns.drawn.depth is {self.depth:g}, shade {self.shade:g} and outline "
+                f"{self.outline:g}: use 0 or more"
             )
 
 
@@ -103,6 +109,8 @@ def drawn_looks(
     *,
     table: Table | None,
     config: DrawnConfig,
+    smear: Smear | None = None,
+    others: Sequence[Placed] = (),
 ) -> Float64[np.ndarray, "n"] | None:
     """How well each pose of a part agrees with how it would look; only differences mean anything.
 
@@ -112,17 +120,22 @@ def drawn_looks(
         T_camera_parts: its possible poses, about one place.
         table: under it, in the camera's frame, where it is known.
         config: what counts.
+        smear: the depth camera's, where it is known.
+        others: parts near it, where they are.
 
     Returns:
         None where too little of one of them is seen.
     """
+    smear = smear or Smear()
     pixels = _pixels_around(frame, mesh, T_camera_parts)
     if pixels is None:
         return None
     x0, y0, x1, y1 = pixels
     K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
-    planes = [_drawn(mesh, T, K, size_wh=(x1 - x0, y1 - y0)) for T in T_camera_parts]
-    shown = _shown(frame, pixels, K, [z for z, _ in planes], table)
+    size = (x1 - x0, y1 - y0)
+    before = _drawn(others, K, size_wh=size)[0]
+    planes = [_drawn([(mesh, T)], K, size_wh=size, before=before) for T in T_camera_parts]
+    shown = _shown(frame, pixels, K, [z for z, _ in planes], table, smear, before)
     values = config.outline * _outlined(frame, pixels, shown, [z for z, _ in planes])
     for k, (z, ids) in enumerate(planes):
         is_part = np.isfinite(z)
@@ -133,11 +146,38 @@ def drawn_looks(
             return None
         normals = face_normals(mesh, ids[seen], T_camera_parts[k]) @ T_camera_parts[k, :3, :3].T
         rest = _uneven(shown, seen, normals)
-        gap = _gap(shown, surface, is_hidden, smear_px=config.smear * float(K[0, 0]))
+        gap = _gap(shown, surface, is_hidden, smear=smear, focal=float(K[0, 0]))
         if gap is None:
             return None
         values[k] -= config.depth * gap + config.shade * rest
     return values
+
+
+def smear_gaps(
+    frame: Frame, mesh: Mesh, T_camera_part: Transform, *, table: Table, smears: Sequence[Smear]
+) -> Float64[np.ndarray, "s"] | None:
+    """How far depth, drawn with each smear, is from what is measured about a pose: means, metres.
+
+    None where something hides it, or too little is measured.
+    """
+    pixels = _pixels_around(frame, mesh, T_camera_part[None])
+    if pixels is None:
+        return None
+    x0, y0, x1, y1 = pixels
+    K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
+    z, _ = _drawn([(mesh, T_camera_part)], K, size_wh=(x1 - x0, y1 - y0))
+    widest = max(smears, key=lambda smear: abs(smear.trail))
+    shown = _shown(frame, pixels, K, [z], table, widest)
+    surface = np.where(np.isfinite(z), z, shown.bare)
+    is_hidden = (shown.depth > 0) & (shown.depth < surface - HIDDEN_BY)
+    is_measured = np.count_nonzero(shown.depth[np.isfinite(z)] > 0) >= LEAST
+    if not is_measured or not np.isfinite(surface).all():
+        return None
+    if float(is_hidden[np.isfinite(z)].mean()) > COVERED:
+        return None
+    focal = float(K[0, 0])
+    gaps = [_gap(shown, surface, is_hidden, smear=smear, focal=focal) for smear in smears]
+    return np.array(gaps, dtype=np.float64)
 
 
 def _pixels_around(
@@ -154,13 +194,19 @@ def _pixels_around(
 
 
 def _drawn(
-    mesh: Mesh, T_camera_part: Transform, K: Intrinsics, *, size_wh: tuple[int, int]
+    placed: Sequence[Placed],
+    K: Intrinsics,
+    *,
+    size_wh: tuple[int, int],
+    before: Plane | None = None,
 ) -> tuple[Plane, Int32[np.ndarray, "h w"]]:
-    """Depth of a pose, inf where it is not, and the faces that show."""
+    """Depth of parts, inf where none is or one of those before is nearer, and the last one's faces that
+    show."""
     inverse, ids = raster.new_buffers(*size_wh)
-    raster.draw(mesh, T_camera_part, K=K, inverse_depth=inverse, ids=ids)
-    z = np.where(inverse > 0, 1.0 / np.maximum(inverse, 1e-9), np.inf)
-    return z.astype(np.float64), ids
+    for mesh, T_camera_part in placed:
+        raster.draw(mesh, T_camera_part, K=K, inverse_depth=inverse, ids=ids)
+    z = np.where(inverse > 0, 1.0 / np.maximum(inverse, 1e-9), np.inf).astype(np.float64)
+    return (z if before is None else np.where(z <= before, z, np.inf)), ids
 
 
 def _shown(
@@ -169,6 +215,8 @@ def _shown(
     K: Intrinsics,
     planes: list[Plane],
     table: Table | None,
+    smear: Smear,
+    before: Plane | None = None,
 ) -> _Shown:
     """What the frame shows around the poses, and what it would show without the part."""
     x0, y0, x1, y1 = pixels
@@ -178,7 +226,10 @@ def _shown(
     )
     any_of_them = np.any(np.isfinite(np.stack(planes)), axis=0)
     group = any_of_them.astype(np.uint8)
-    bare = _without(measured, grown(group, BESIDE), K, table)
+    beside = smear.trailing(grown(group, BESIDE), focal=float(K[0, 0]))
+    bare = _without(measured, beside, K, table)
+    if before is not None:
+        bare = np.where(beside & np.isfinite(before), before, bare)
     grey = np.log(frame.rgb[here].astype(np.float64) + DARK).mean(axis=2)
     return _Shown(measured.astype(np.float64), grey, bare, grown(group, RIM))
 
@@ -209,7 +260,9 @@ def _outlined(
     return divided_so(frame.rgb[y0:y1, x0:x1], drawn, hidden)
 
 
-def _gap(shown: _Shown, surface: Plane, is_hidden: Where, *, smear_px: float) -> float | None:
+def _gap(
+    shown: _Shown, surface: Plane, is_hidden: Where, *, smear: Smear, focal: float
+) -> float | None:
     """Mean distance between drawn, smeared depth and the measured one, metres.
 
     0 where no depth was measured or nothing is known of what lies behind; None where too little is.
@@ -218,15 +271,16 @@ def _gap(shown: _Shown, surface: Plane, is_hidden: Where, *, smear_px: float) ->
         shown: the picture.
         surface: depth of the part, and of what is there without it elsewhere.
         is_hidden: where something nearer is measured.
-        smear_px: deviation of the smear.
+        smear: the depth camera's.
+        focal: length, pixels.
     """
     if not np.isfinite(shown.bare).all() or not (shown.depth[shown.rim] > 0).any():
         return 0.0
-    counted = shown.rim & (shown.depth > 0) & ~is_hidden
-    if np.count_nonzero(counted) < LEAST:
+    counted = shown.rim & (shown.depth > 0)
+    if np.count_nonzero(counted & ~is_hidden) < LEAST:
         return None
-    drawn = cv2.GaussianBlur(surface, (0, 0), smear_px)
-    return float(np.minimum(np.abs(drawn - shown.depth)[counted], LARGEST_GAP).mean())
+    gaps = np.minimum(np.abs(smear.applied(surface, focal=focal) - shown.depth), LARGEST_GAP)
+    return float(np.where(is_hidden, HIDDEN, gaps)[counted].mean())
 
 
 def _uneven(shown: _Shown, seen: Where, normals: Points) -> float:

@@ -8,7 +8,7 @@ from asdfviz.methods.first_pose import CropPoseConfig, FirstPose
 from asdfviz.methods.gbot import GbotConfig
 from asdfviz.methods.network import NetworkConfig
 from asdfviz.methods.thing_names import NamesConfig
-from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.pose.pnp import PnpConfig
 
 

@@ -25,6 +25,7 @@ from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
 from asdfviz.methods.on_table import MARGIN
 from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.methods.registration import projected_box
+from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.methods.seen_table import table_near
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import nearest_turn
@@ -100,9 +101,15 @@ class JointTurns:
     """The turns of the joined parts of one sequence."""
 
     def __init__(
-        self, assembly: Assembly, shapes: Mapping[str, PartShape], *, config: JointTurnsConfig
+        self,
+        assembly: Assembly,
+        shapes: Mapping[str, PartShape],
+        *,
+        config: JointTurnsConfig,
+        smear: SeenSmear | None = None,
     ) -> None:
         self._assembly, self._shapes, self._config = assembly, shapes, config
+        self._smear = smear
         self._places = JointPlaces(assembly)
         self._seen: dict[str, _Seen] = {}
         self._step = 0
@@ -198,6 +205,7 @@ class JointTurns:
             np.stack(turned),
             table=table_near(frame, box),
             config=self._config.drawn,
+            smear=self._smear and self._smear.now,
         )
         if looks is not None:
             seen.looks = self._config.kept * seen.looks + looks - looks.mean()

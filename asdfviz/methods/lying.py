@@ -30,6 +30,7 @@ from asdfviz.methods.lying_climb import climbed, spun
 from asdfviz.methods.on_table import OnTableConfig, on_table
 from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.methods.registration import projected_box
+from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.methods.seen_table import table_near
 from asdfviz.pose.standing import sides, standing_on
 from asdfviz.pose.table import Table
@@ -119,6 +120,7 @@ class Lying:
         *,
         laid: OnTableConfig,
         config: LyingConfig,
+        smear: SeenSmear | None = None,
     ) -> None:
         """Begin a sequence.
 
@@ -127,10 +129,11 @@ class Lying:
             shapes: of the parts.
             laid: what the table does to all poses, before.
             config: when one is replaced.
+            smear: what is seen of the depth camera's.
         """
         self._assembly, self._shapes, self._laid, self._config = assembly, shapes, laid, config
-        self._looked: dict[str, _Looked] = {}
-        self._step = 0
+        self._smear = smear
+        self._looked, self._step = dict[str, _Looked](), 0
 
     def step(self, poses: Mapping[str, PoseEstimate], frame: Frame) -> dict[str, PoseEstimate]:
         """The poses, those of loose parts other than the base that lie on the table as they lie there."""
@@ -293,5 +296,5 @@ class Lying:
         self, part: Part, Ts: Sequence[Transform], table: Table, frame: Frame
     ) -> Scores | None:
         """How much like what is seen each pose would look; None where that is unknown."""
-        config = self._config.drawn
-        return drawn_looks(frame, part.mesh, np.stack(Ts), table=table, config=config)
+        config, now = self._config.drawn, self._smear and self._smear.now
+        return drawn_looks(frame, part.mesh, np.stack(Ts), table=table, config=config, smear=now)

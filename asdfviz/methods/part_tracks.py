@@ -7,17 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from operator import attrgetter, itemgetter
+from operator import attrgetter
 from typing import TypeAlias
 
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import inverse, point_distance
+from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.disowned import is_disowned
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.one_place import OnePlace
+from asdfviz.methods.own_colors import OwnColors
 from asdfviz.methods.place_support import PlaceSupport
 from asdfviz.methods.refinding import (
     RefindConfig,
@@ -29,17 +30,18 @@ from asdfviz.methods.refinding import (
     places_in,
     preferred,
 )
-from asdfviz.methods.track_memory import Rival, Track
+from asdfviz.methods.rival_poses import believed, decided
+from asdfviz.methods.seen_smear import SeenSmear
+from asdfviz.methods.track_memory import Track
 from asdfviz.methods.tracking import load_bodies
-from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
+from asdfviz.methods.turn_checks import TurnChecks
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.state.twins import renamed
 from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
 Value: TypeAlias = Callable[[Trial], float]
-Ahead: TypeAlias = Callable[[Trial, Trial], tuple[float, bool]]
-"""By how much the second one fits better, and whether a single frame tells so."""
 
 
 class PartTracks:
@@ -53,15 +55,18 @@ class PartTracks:
         tracker: TrackerConfig,
         refind: RefindConfig,
         turns: TurnConfig,
+        own: OwnColors | None = None,
+        smear: SeenSmear | None = None,
     ) -> None:
-        """Load the parts' viewpoint models."""
+        """Load the parts' viewpoint models; others tell `own` their colours, and the camera's `smear`."""
         self.bodies = load_bodies(assembly)
         self.tracker = Tracker(self.bodies, camera, tracker)
         self.tracks: dict[str, Track] = {}
         self._assembly = assembly
         self._config = refind
         self._one_place = OnePlace(assembly)
-        self._checks = TurnChecks(assembly.parts, self.bodies, config=turns)
+        self._own = own
+        self._checks = TurnChecks(assembly.parts, self.bodies, config=turns, smear=smear)
         self._frames = 0
 
     def refind(
@@ -86,12 +91,13 @@ class PartTracks:
             self.tracks[name].support.fade(self._config.support)
             if name in proposed:
                 self._believe_the_detector(name, frame, proposed[name], looked_at.get(name))
+            self._checks.around = self._surely_there()
             self._look_for(name, frame, proposed.get(name), looked_at.get(name), state)
-        poses = self.tracker.poses
+        poses, self._checks.around = self.tracker.poses, self._surely_there()
         free = {name: poses[name] for name, track in self.tracks.items() if track.explore}
-        otherwise = self._checks.step(frame, self.tracker, free, looked_at)
-        self.tracker.replace(frame, otherwise)
-        for name in otherwise:
+        turned = self._checks.step(frame, self.tracker, free, looked_at)
+        self.tracker.replace(frame, turned)
+        for name in turned:
             self.tracks[name].rival = None
 
     @property
@@ -225,13 +231,18 @@ class PartTracks:
         ahead = partial(self._ahead, frame, name, value)
         rough = sorted(rough, key=value, reverse=True)[: config.kept]
         promising = [t.T_camera_part for t in rough if value(t) > value(best) - config.doubt]
+        seen = () if proposal is None else (proposal.T_camera_part,)
+        promising += [T for T in seen if self._checks.is_turn(name, best.T_camera_part, T)]
         settled = [t for t in tracker.trials(frame, name, promising) if allows(t.T_camera_part)]
-        best = self._decided(track, best, settled, ahead)
+        if self._own is not None:
+            other = partial(self._own.is_other, frame, name, T_last=track.T_now)
+            settled = [trial for trial in settled if not other(trial.T_camera_part)]
+        best = decided(track, best, settled, ahead)
         if track.rival is not None and track.explore:
             start = best.T_camera_part @ track.rival.T_track_rival
             if self._checks.allows(frame, name, best.T_camera_part, start):
                 trial = tracker.trials(frame, name, [start])[0]
-                best = self._believed(track, track.rival, best, trial, ahead)
+                best = believed(track, track.rival, best, trial, ahead, config=config)
         tracker.replace(frame, {name: best.T_camera_part})
         moved = point_distance(best.T_camera_part, track.T_now, centre)
         if moved > self._assembly.parts[name].diameter:
@@ -243,50 +254,27 @@ class PartTracks:
             tracker.drop([name])
             tracker.add(frame, {name: best.T_camera_part})
 
+    def _surely_there(self) -> dict[str, Transform]:
+        return {n: T for n, T in self.tracker.poses.items() if not self.tracks[n].unsure}
+
     def _ahead(
         self, frame: Frame, name: str, value: Value, now: Trial, other: Trial
     ) -> tuple[float, bool]:
         """By how much another pose of a part fits better, and whether a single frame tells so.
 
-        The tracker's own colours and depth do not where the part would only be turned otherwise. Parts
-        that the state joins are not drawn: what is beside them is not the table.
+        The tracker's own colours and depth do not where the part would only be turned otherwise: it learnt
+        them in the turn that it has. Parts that the state joins are not drawn: what is beside them is not
+        the table.
         """
         looks: float | None = None
         if not self.tracks[name].joined:
             T_now, T_other = now.T_camera_part, other.T_camera_part
             looks = self._checks.in_favour(frame, name, T_now, T_other)
+        if looks is not None and looks > self._config.plainly:
+            return looks, True
         is_clear = other.score - now.score > self._config.margin
         ahead = value(other) - value(now) + (looks or 0.0)
         return ahead, is_clear and (looks is None or looks > self._config.looks)
-
-    def _decided(self, track: Track, best: Trial, jumps: list[Trial], ahead_of: Ahead) -> Trial:
-        """The pose that carries on, or one that is clearly better; one a little better is watched."""
-        if not jumps:
-            return best
-        leads = [ahead_of(best, jump) for jump in jumps]
-        (ahead, is_clear), jump = max(zip(leads, jumps, strict=True), key=itemgetter(0))
-        if ahead > 0.0 and (track.is_new or is_clear):
-            track.rival = None
-            return jump
-        least = 0.0 if track.rival is None else track.rival.ahead
-        if ahead > least and track.explore:
-            track.rival = Rival(inverse(best.T_camera_part) @ jump.T_camera_part, ahead)
-        return best
-
-    def _believed(
-        self, track: Track, rival: Rival, best: Trial, trial: Trial, ahead_of: Ahead
-    ) -> Trial:
-        """The rival once it has been ahead for long enough; it is forgotten when it falls behind."""
-        ahead, _ = ahead_of(best, trial)
-        rival.lead += float(np.clip(ahead, -self._config.step, self._config.step))
-        if rival.lead > self._config.lead:
-            track.rival = None
-            return trial
-        if rival.lead < -self._config.margin:
-            track.rival = None
-        rival.ahead = max(ahead, 0.0)
-        rival.T_track_rival = inverse(best.T_camera_part) @ trial.T_camera_part
-        return best
 
     def _joined_places(
         self, name: str, track: Track, state: StateEstimate | None

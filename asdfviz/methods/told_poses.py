@@ -12,6 +12,10 @@ from asdfviz.methods.joint_turns import JointTurns, JointTurnsConfig
 from asdfviz.methods.lying import Lying, LyingConfig
 from asdfviz.methods.on_table import OnTableConfig
 from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.seen_smear import SeenSmear, SmearConfig
+
+SURE = 0.5
+"""Least score of a pose from which the smear is seen."""
 
 
 @runtime_checkable
@@ -38,6 +42,11 @@ class TellsPoses(Protocol):
         """What turns in its joint."""
         ...
 
+    @property
+    def smear(self) -> SmearConfig:
+        """How it is seen how the depth camera smears."""
+        ...
+
 
 class ToldPoses:
     """One for each sequence."""
@@ -47,8 +56,14 @@ class ToldPoses:
     ) -> None:
         self.rest = AtRest(assembly, config=config.at_rest)
         """Has to see a frame's poses before they are told."""
-        self._lying = Lying(assembly, shapes, laid=config.laid, config=config.lying)
-        self._joint_turns = JointTurns(assembly, shapes, config=config.joint_turns)
+        self.smear = SeenSmear(assembly.parts, config=config.smear)
+        """What parts that lie show of the depth camera's."""
+        self._lying = Lying(
+            assembly, shapes, laid=config.laid, config=config.lying, smear=self.smear
+        )
+        self._joint_turns = JointTurns(
+            assembly, shapes, config=config.joint_turns, smear=self.smear
+        )
 
     def step(
         self, poses: Mapping[str, PoseEstimate], frame: Frame, state: State | None
@@ -61,6 +76,8 @@ class ToldPoses:
             state: that joins them, if one is known.
         """
         lying = self._lying.step(self.rest.told(poses), frame)
+        loose = {n: p.T_camera_part for n, p in lying.items() if _is_sure_and_loose(p)}
+        self.smear.see(frame, loose)
         return self._joint_turns.step(lying, frame, state)
 
     def rename(self, names: Mapping[str, str]) -> None:
@@ -68,3 +85,7 @@ class ToldPoses:
         self.rest.rename(names)
         self._lying.rename(names)
         self._joint_turns.rename(names)
+
+
+def _is_sure_and_loose(pose: PoseEstimate) -> bool:
+    return pose.stage != "group" and pose.score >= SURE

@@ -8,23 +8,23 @@ looks more like what is seen, which a few frames tell; the wrong one often stand
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TypeAlias
 
 import numpy as np
 
 from asdfviz.datatypes import Frame, Part
-from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
 from asdfviz.geometry.threads import side_by_side
-from asdfviz.geometry.transforms import point_distance, rotation_angle
-from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
+from asdfviz.geometry.transforms import apply_to_point, point_distance, rotation_angle
+from asdfviz.methods.drawn_looks import Placed, drawn_looks
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned
+from asdfviz.methods.seen_smear import SeenSmear
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.turn_memory import SPUN, TURNS, TurnMemory
-from asdfviz.methods.turn_table import TurnTable, TurnTableConfig
+from asdfviz.methods.turn_table import TurnTable
 from asdfviz.state.twins import renamed
 from asdfviz.track.bodies import Body
 from asdfviz.track.starts import Trial
@@ -37,63 +37,28 @@ ROUGH = 2
 """Of all of them as many searches tell"""
 SETTLED = 4
 """which ones are settled to the end."""
+NEAR = 0.6
+"""Of the sum of their diameters: parts farther apart do not hide each other."""
 OVERLAPPING = 0.6
 """Poses whose centres are nearer than this share of a part's diameter show much the same of the picture:
 a wheel taken end for end has its middle a third of its diameter deeper, as its hub looks up."""
-
-
-@dataclass(frozen=True)
-class TurnConfig:
-    """When a part is believed to be turned otherwise."""
-
-    enabled: bool = True
-    """On or off."""
-    a_frame: int = 4
-    """Parts that are checked in a frame, one turn of each;"""
-    at_first: int = 3
-    """of a pose that is new so many, until each was tried once."""
-    visible: float = 0.5
-    """Share of the part that must be seen, 0 to 1."""
-    lead: float = 0.35
-    """A turn is right, or ruled out, that is ahead or behind by this in all;"""
-    step: float = 0.12
-    """no frame counts for more than this for it: a single one may deceive."""
-    slack: float = 0.03
-    """Taken from what every frame says for it: frames deceive alike as long as nothing moves."""
-    remembered: int = 6
-    """Turns that a part was in and that were wrong."""
-    again: int = 12
-    """Frames after which one that was ruled out is tried again, and those in which the part was."""
-    known: int = 6
-    """Frames for which it is kept what was found of a pose, while others say that the part is turned."""
-    same_deg: float = 20.0
-    """Poses turned less than this against each other are one."""
-    table: TurnTableConfig = field(default_factory=TurnTableConfig)
-    """What the table says, besides."""
-    drawn: DrawnConfig = field(default_factory=DrawnConfig)
-    """By what turns are compared: how they would look."""
-    liked: float = 0.1
-    """Weight of the crop network's preference for a turn, 0 to 1, where all of the part is seen;
-    `asdf_track` alone asks it."""
-
-    def __post_init__(self) -> None:
-        """Raise a MethodError where an option is out of its range."""
-        if min(self.a_frame, self.at_first) < 1 or not 0 < self.step <= self.lead:
-            raise MethodError(
-                f"turns.a_frame is {self.a_frame}, at_first {self.at_first}, step {self.step:g} and "
-                f"lead {self.lead:g}: a_frame and at_first must be 1 or more, step above 0 and no more "
-                "than lead"
-            )
 
 
 class TurnChecks:
     """Checks the turns of the parts of one sequence."""
 
     def __init__(
-        self, parts: Mapping[str, Part], bodies: Mapping[str, Body], *, config: TurnConfig
+        self,
+        parts: Mapping[str, Part],
+        bodies: Mapping[str, Body],
+        *,
+        config: TurnConfig,
+        smear: SeenSmear | None = None,
     ) -> None:
-        """Begin a sequence."""
-        self._parts, self._bodies, self._config = parts, bodies, config
+        """Begin a sequence; `smear` is what others see of the depth camera's."""
+        self._parts, self._bodies, self._config, self._smear = parts, bodies, config, smear
+        self.around: Mapping[str, Transform] = {}
+        """Where parts surely are, T_camera_part, as last told: they hide others."""
         self._table = TurnTable(parts, config=config.table)
         self._turns: dict[str, list[TurnMemory]] = {}
         self._same = float(np.deg2rad(config.same_deg))
@@ -126,6 +91,13 @@ class TurnChecks:
         traces = np.einsum("sij,tij->st", Rs_now_other, wrong)
         return bool(traces.max() < 1 + 2 * np.cos(self._same))
 
+    def is_turn(self, name: str, T_now: Transform, T_other: Transform) -> bool:
+        """Whether a pose of a part has it turned otherwise in about the same place."""
+        apart = point_distance(T_now, T_other, self._bodies[name].model.centre)
+        if not self._config.enabled or apart > OVERLAPPING * self._parts[name].diameter:
+            return False
+        return self._angle(name, T_now, T_other) >= self._same
+
     def in_favour(
         self, frame: Frame, name: str, T_now: Transform, T_other: Transform
     ) -> float | None:
@@ -133,10 +105,7 @@ class TurnChecks:
 
         None where that is unknown, for poses elsewhere, and for those that are much the same.
         """
-        apart = point_distance(T_now, T_other, self._bodies[name].model.centre)
-        if not self._config.enabled or apart > OVERLAPPING * self._parts[name].diameter:
-            return None
-        if self._angle(name, T_now, T_other) < self._same:
+        if not self.is_turn(name, T_now, T_other):
             return None
         return self._looks(frame, name, T_now, T_other)
 
@@ -266,12 +235,29 @@ class TurnChecks:
 
     def _looks(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> float | None:
         """By how much another pose of a part would look more like what is seen; None if unknown."""
-        config, both = self._config.drawn, np.stack([T_now, T_other])
+        config, mesh, both = self._config.drawn, self._parts[name].mesh, np.stack([T_now, T_other])
         if not config.enabled:
             return None
-        table = self._table.near(frame, name, T_now)
-        looks = drawn_looks(frame, self._parts[name].mesh, both, table=table, config=config)
+        table, smear = self._table.near(frame, name, T_now), self._smear and self._smear.now
+        others = self._near(name, T_now)
+        looks = drawn_looks(
+            frame, mesh, both, table=table, config=config, smear=smear, others=others
+        )
         return None if looks is None else float(looks[1] - looks[0])
+
+    def _near(self, name: str, T_camera_part: Transform) -> list[Placed]:
+        """Parts that may be before or behind one at this pose."""
+        middle, reach = self._middle(name, T_camera_part), self._parts[name].diameter
+        return [
+            (self._parts[other].mesh, T)
+            for other, T in self.around.items()
+            if other != name
+            and np.linalg.norm(self._middle(other, T) - middle)
+            < NEAR * (reach + self._parts[other].diameter)
+        ]
+
+    def _middle(self, name: str, T_camera_part: Transform) -> Vector:
+        return apply_to_point(T_camera_part, self._bodies[name].model.centre)
 
     def _next(self, known: TurnMemory) -> list[int]:
         """The turns to try: one that is ahead, or the next that are open; now and then any."""

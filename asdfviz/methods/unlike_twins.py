@@ -14,24 +14,13 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, Frame
 from asdfviz.errors import MethodError
-from asdfviz.geometry.camera import nearest_pixels
-from asdfviz.geometry.sampling import oriented_surface_points
-from asdfviz.geometry.shapes import Points, Transform, Vector
+from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply
+from asdfviz.methods.seen_colors import DARK, SeenSurface
 from asdfviz.state.twins import renamed, twin_groups
 
-POINTS = 300
-"""Of a part's surface."""
-LEAST = 8
-"""Fewer of them that can be seen tell nothing."""
-MOST_OF = 0.5
-"""Nor does less than this share of those that face the camera."""
-AGREES = 0.008
-"""Depth this near to a point of the surface shows it, metres: a finger on it is nearer, or beside it."""
 SAME_PLACE = 0.015
 """What is found this near to where it was lies still, metres."""
-DARK = 8.0
-"""Added to all brightness (0 to 255), so that noise in the dark is no contrast."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +59,7 @@ class UnlikeTwins:
             for name in group
             if config.enabled and len(group) > 1
         }
-        self._surfaces = {
-            name: oriented_surface_points(
-                self._parts[name].mesh.vertices, self._parts[name].mesh.faces, POINTS
-            )
-            for name in self._others
-        }
+        self._surfaces = {name: SeenSurface(self._parts[name].mesh) for name in self._others}
         self._known: dict[str, float] = {}
         self._unlike: dict[str, dict[int, Vector]] = {}
         """Where something unlike was taken for a part, by frame; so many as tell, since it looked right."""
@@ -139,20 +123,6 @@ class UnlikeTwins:
         )
 
     def _brightness(self, frame: Frame, name: str, T_camera_part: Transform) -> float | None:
-        """Of what can be seen of a part's surface, median logarithm; None where that is too little."""
-        points, normals = self._surfaces[name]
-        seen: Points = apply(T_camera_part, points)
-        is_facing = np.einsum("ni,ni->n", normals @ T_camera_part[:3, :3].T, seen) < 0
-        seen = seen[is_facing & (seen[:, 2] > 0)]
-        if not len(seen):
-            return None
-        inside, rows, columns = nearest_pixels(seen, frame.camera.K, frame.rgb.shape[:2])
-        facing = len(rows)
-        if frame.depth is not None:
-            measured = frame.depth[rows, columns]
-            shows = (measured <= 0) | (np.abs(measured - seen[inside, 2]) < AGREES)
-            rows, columns = rows[shows], columns[shows]
-        if len(rows) < max(LEAST, MOST_OF * facing):
-            return None
-        colors = frame.rgb[rows, columns].astype(np.float64)
-        return float(np.median(np.log(colors + DARK), axis=0).mean())
+        """Of what can be seen of a part, median logarithm; None where that is too little."""
+        seen = self._surfaces[name].seen(frame, T_camera_part)
+        return None if seen is None else float(seen.mean())

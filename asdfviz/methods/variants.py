@@ -23,14 +23,16 @@ from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.network import masks_path
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
+from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.part_poses import PAPER_ICP
 from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
+from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.methods.thing_names import NamesConfig
-from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.turn_table import TurnTableConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
@@ -218,6 +220,7 @@ def _beyond_asdf_track() -> list[Variant]:
         "never begun anew": replace(track, refind=stays),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
         "twins of any colour": replace(track, unlike_twins=UnlikeTwinsConfig(enabled=False)),
+        "elsewhere of any tint": replace(track, own_colors=OwnColorsConfig(enabled=False)),
     }
     return _rows("asdf_track", track, changed)
 
@@ -233,6 +236,7 @@ def _common(config: Any) -> dict[str, Any]:
         "camera not followed": replace(config, at_rest=AtRestConfig(enabled=False)),
         "not told as lying": replace(config, lying=LyingConfig(enabled=False)),
         "turned in joints as settled": replace(config, joint_turns=SETTLED),
+        "edges smeared alike": replace(config, smear=SmearConfig(enabled=False)),
         "told as settled": replace(
             config, laid=NO_TABLE, lying=LyingConfig(enabled=False), joint_turns=SETTLED
         ),

@@ -17,7 +17,7 @@ from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.track_memory import Track
-from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.track.presets import PROPOSED
 
 pytestmark = pytest.mark.usefixtures("small_models", "shapes_unchecked")

@@ -14,6 +14,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
+from asdfviz.methods.drawn_smear import Smear
 from asdfviz.pose.table import Table
 from asdfviz.track import raster
 from asdfviz.track.viewpoint_model import face_normals
@@ -91,8 +92,8 @@ def test_shading_tells_it_without_depth() -> None:
 
 def test_depth_that_was_smeared_fits_when_drawn_so() -> None:
     def fit(share: float) -> float:
-        config = DrawnConfig(shade=0.0, smear=share)
-        looks = drawn_looks(frame(Seen(noise=0)), roof(), BOTH, table=TABLE, config=config)
+        config, smear, shot = DrawnConfig(shade=0.0), Smear(share), frame(Seen(noise=0))
+        looks = drawn_looks(shot, roof(), BOTH, table=TABLE, config=config, smear=smear)
         assert looks is not None
         return float(looks[0])
 
@@ -114,7 +115,59 @@ def test_what_hides_a_part_leaves_nothing_to_compare() -> None:
     assert lead(replace(shot, depth=half)) > 0, "the other half still tells"
 
 
-@pytest.mark.parametrize("wrong", [{"smear": 0.0}, {"depth": -1.0}, {"shade": -0.1}])
+def bar(length: float, at: Transform) -> tuple[Mesh, Transform]:
+    """A rod of 8 by 8 mm about its own middle."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    triangles = [t for a, b, c, d in faces for t in ([a, b, c], [a, c, d])]
+    vertices = corners * np.array([length / 2, 0.004, 0.004])
+    return Mesh(vertices, np.array(triangles, np.int32)), at
+
+
+def test_a_part_that_others_cover_is_seen_where_they_leave_it() -> None:
+    """A pin through a sleeve: that what lies over its middle is no pin speaks for one on its end alone,
+    unless it is known what it is."""
+    pin, through = bar(0.08, transform_from(np.eye(3), np.array([0, 0, 0.57])))
+    sleeve = bar(0.04, transform_from(np.eye(3), np.array([0, 0, 0.558])))
+    on_end = transform_from(
+        rotation_about(np.array([0.0, 1, 0]), np.pi / 2), np.array([-0.034, 0, 0.59])
+    )
+    inverse, ids = raster.new_buffers(CAMERA.width, CAMERA.height)
+    raster.draw(pin, through, K=CAMERA.K, inverse_depth=inverse, ids=ids)
+    rgb = np.full((*inverse.shape, 3), 120.0)
+    rgb[inverse > 0] = (200, 60, 60)
+    bare = inverse.copy()
+    raster.draw(*sleeve, K=CAMERA.K, inverse_depth=inverse, ids=ids)
+    rgb[inverse > bare] = 40
+    flat = np.where(inverse > 0, 1 / np.maximum(inverse, 1e-9), 0.6).astype(np.float64)
+    depth = Smear().applied(flat, focal=300.0)
+    rgb += np.random.default_rng(0).normal(size=rgb.shape) * 2
+    shot = Frame(0, 0.0, np.clip(rgb, 0, 255).astype(np.uint8), depth, CAMERA)
+    leads: list[float] = []
+    for others in ((), (sleeve,)):
+        both = np.stack([through, on_end])
+        looks = drawn_looks(shot, pin, both, table=TABLE, config=DrawnConfig(), others=others)
+        assert looks is not None
+        leads.append(float(looks[0] - looks[1]))
+    assert leads[0] < 0 < leads[1]
+
+
+def test_what_a_pose_leaves_to_something_nearer_costs_it() -> None:
+    """Else a pose is the better the less of what is seen it explains."""
+    shot, depth_alone = frame(Seen(noise=0)), DrawnConfig(shade=0.0, outline=0.0)
+    assert shot.depth is not None
+    covered = shot.depth.copy()
+    covered[:, 160:] = 0.4
+    free, half = (
+        drawn_looks(one, roof(), BOTH, table=TABLE, config=depth_alone)
+        for one in (shot, replace(shot, depth=covered))
+    )
+    assert free is not None
+    assert half is not None
+    assert half[0] < free[0] - 0.3
+
+
+@pytest.mark.parametrize("wrong", [{"outline": -1.0}, {"depth": -1.0}, {"shade": -0.1}])
 def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match=r"turns\.drawn"):
         DrawnConfig(**wrong)

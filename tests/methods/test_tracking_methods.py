@@ -41,7 +41,7 @@ from asdfviz.methods.registry import available_methods, build_method, find_metho
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.step_places import StepPlacesConfig
 from asdfviz.methods.timing import StageTimer
-from asdfviz.methods.turn_checks import TurnConfig
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.track import raster
 from asdfviz.track.presets import FINE, GBOT, PROPOSED, RBOT_REGION, TrackerConfig
 

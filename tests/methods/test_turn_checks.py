@@ -12,7 +12,7 @@ from asdfviz.datatypes import Frame, Mesh, Part
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point, transform_from
-from asdfviz.methods import tracking
+from asdfviz.methods import tracking, turn_checks
 from asdfviz.methods.asdf_plus import AsdfPlus
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_track import AsdfTrack
@@ -20,7 +20,8 @@ from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned
-from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
+from asdfviz.methods.turn_checks import TurnChecks
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.turn_table import TurnTableConfig
 from asdfviz.state.part_names import PartNames
 from asdfviz.track.bodies import Body
@@ -143,6 +144,31 @@ def test_a_part_is_not_turned_into_the_table(lying: Lying, request: pytest.Fixtu
     assert allows(lying.frame, "base", UPRIGHT, elsewhere), "a part that was moved may lie deeper"
     unseen = replace(lying.frame, depth=None)
     assert allows(unseen, "base", UPRIGHT, sunk)
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig()], indirect=True)
+def test_parts_nearby_are_drawn_where_they_are_told_to_be(
+    lying: Lying, toy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = {**toy.assembly.parts, **lying.parts}
+    bodies = tracking.load_bodies(replace(toy.assembly, parts=parts))
+    checks = TurnChecks(parts, bodies, config=TurnConfig())
+    drawn: list[list[tuple[Mesh, Transform]]] = []
+
+    def looks(*_: object, others: list[tuple[Mesh, Transform]], **__: object) -> np.ndarray:
+        drawn.append(others)
+        return np.zeros(2)
+
+    monkeypatch.setattr(turn_checks, "drawn_looks", looks)
+    beside, away = UPRIGHT.copy(), UPRIGHT.copy()
+    beside[0, 3], away[0, 3] = 0.06, 0.5
+    checks.in_favour(lying.frame, "base", UPRIGHT, lying.wrong)
+    checks.around = {"base": UPRIGHT, "block": beside, "pin": away}
+    checks.in_favour(lying.frame, "base", UPRIGHT, lying.wrong)
+    assert [len(others) for others in drawn] == [0, 1]
+    mesh, pose = drawn[1][0]
+    assert mesh is parts["block"].mesh
+    np.testing.assert_array_equal(pose, beside)
 
 
 @pytest.mark.parametrize("wrong", [{"worse": -0.1}, {"place": -1.0}])

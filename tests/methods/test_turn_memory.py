@@ -14,7 +14,8 @@ from asdfviz.geometry.transforms import rotation_about, rotation_angle, transfor
 from asdfviz.methods import tracking
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.refinding import turned
-from asdfviz.methods.turn_checks import TurnChecks, TurnConfig
+from asdfviz.methods.turn_checks import TurnChecks
+from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.turn_memory import SPUN, TURNS, TurnMemory
 from asdfviz.methods.turn_table import TurnTableConfig
 from asdfviz.track.confidence import Evidence

@@ -1,0 +1,53 @@
+"""Options of how it is told over time that a part is turned otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from asdfviz.errors import MethodError
+from asdfviz.methods.drawn_looks import DrawnConfig
+from asdfviz.methods.turn_table import TurnTableConfig
+
+
+@dataclass(frozen=True)
+class TurnConfig:
+    """When a part is believed to be turned otherwise."""
+
+    enabled: bool = True
+    """On or off."""
+    a_frame: int = 4
+    """Parts that are checked in a frame, one turn of each;"""
+    at_first: int = 3
+    """of a pose that is new so many, until each was tried once."""
+    visible: float = 0.5
+    """Share of the part that must be seen, 0 to 1."""
+    lead: float = 0.35
+    """A turn is right, or ruled out, that is ahead or behind by this in all;"""
+    step: float = 0.12
+    """no frame counts for more than this for it: a single one may deceive."""
+    slack: float = 0.03
+    """Taken from what every frame says for it: frames deceive alike as long as nothing moves."""
+    remembered: int = 6
+    """Turns that a part was in and that were wrong."""
+    again: int = 12
+    """Frames after which one that was ruled out is tried again, and those in which the part was."""
+    known: int = 6
+    """Frames for which it is kept what was found of a pose, while others say that the part is turned."""
+    same_deg: float = 20.0
+    """Poses turned less than this against each other are one."""
+    table: TurnTableConfig = field(default_factory=TurnTableConfig)
+    """What the table says, besides."""
+    drawn: DrawnConfig = field(default_factory=DrawnConfig)
+    """By what turns are compared: how they would look."""
+    liked: float = 0.1
+    """Weight of the crop network's preference for a turn, 0 to 1, where all of the part is seen;
+    `asdf_track` alone asks it."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if min(self.a_frame, self.at_first) < 1 or not 0 < self.step <= self.lead:
+            raise MethodError(
+                f"turns.a_frame is {self.a_frame}, at_first {self.at_first}, step {self.step:g} and "
+                f"lead {self.lead:g}: a_frame and at_first must be 1 or more, step above 0 and no more "
+                "than lead"
+            )
