@@ -133,7 +133,7 @@ def drawn_looks(
     x0, y0, x1, y1 = pixels
     K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
     size = (x1 - x0, y1 - y0)
-    before = _drawn(others, K, size_wh=size)[0]
+    before = _drawn(others, K, size_wh=size)[0] if others else None
     planes = [_drawn([(mesh, T)], K, size_wh=size, before=before) for T in T_camera_parts]
     shown = _shown(frame, pixels, K, [z for z, _ in planes], table, smear, before)
     values = config.outline * _outlined(frame, pixels, shown, [z for z, _ in planes])

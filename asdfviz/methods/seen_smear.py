@@ -24,7 +24,7 @@ from asdfviz.methods.seen_table import table_near
 
 DEVIATIONS = (0.0024, 0.0034, Smear().deviation, 0.0055)
 """That are tried, shares of the focal length;"""
-TRAILS = tuple(0.0033 * k for k in range(-8, 11))
+TRAILS = tuple(0.005 * k for k in range(-5, 8))
 """trails that are, the same: 0.018 is 11 pixels of an Azure Kinect's picture of 1280x720."""
 NONE = TRAILS.index(0.0)
 TRIES = 5
