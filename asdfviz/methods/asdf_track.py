@@ -177,9 +177,9 @@ class AsdfTrack:
         found = {name: pose.T_camera_part for name, pose in poses.items()}
         names = scene.twins.follows(found, last, sure=sure)
         self._asdf.rename(names)
-        others = scene.still.others(frame, renamed(found, names), last, scene.parts.out_of_sight)
-        mine, looks = renamed_poses(poses, names), renamed(self._asdf.looked_at, names)
-        at = {name: pose.T_camera_part for name, pose in mine.items()}
+        at, mine = renamed(found, names), renamed_poses(poses, names)
+        looks = renamed(self._asdf.looked_at, names)
+        others = scene.still.others(frame, at, last, scene.parts.out_of_sight)
         others |= scene.unlike.strangers(frame, at) | scene.own.others(frame, at, last)
         return (
             {name: pose for name, pose in mine.items() if name not in others},

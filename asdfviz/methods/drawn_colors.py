@@ -13,9 +13,8 @@ from jaxtyping import Bool, Float64
 
 from asdfviz.geometry.shapes import Rgb
 from asdfviz.methods.group_views import grown
+from asdfviz.methods.seen_colors import DARK
 
-DARK = 8.0
-"""Added to all brightness (0 to 255), so that noise in the dark is no contrast."""
 BESIDE = 3
 """Pixels beside the outlines that may show a mixture, or the part;"""
 AROUND = 8

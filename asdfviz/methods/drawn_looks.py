@@ -15,22 +15,21 @@ from typing import TypeAlias
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32
+from jaxtyping import Float32, Float64, Int32
 
 from asdfviz.datatypes import Frame, Mesh
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Intrinsics, Points, Transform, Transforms
+from asdfviz.geometry.shapes import Intrinsics, Mask, Points, Transform, Transforms
 from asdfviz.methods.drawn_colors import divided_so
 from asdfviz.methods.drawn_kernels import uneven
 from asdfviz.methods.drawn_smear import Plane, Smear
 from asdfviz.methods.group_views import grown
 from asdfviz.methods.registration import projected_box
+from asdfviz.methods.seen_colors import DARK
 from asdfviz.pose.table import Table
 from asdfviz.track import raster
 from asdfviz.track.confidence import HIDDEN_BY
 from asdfviz.track.viewpoint_model import face_normals
-
-Where: TypeAlias = Bool[np.ndarray, "h w"]
 
 Placed: TypeAlias = tuple[Mesh, Transform]
 """A part's mesh and its pose T_camera_part."""
@@ -52,8 +51,6 @@ HIDDEN = 0.008
 place would be the better the less of the part it explains."""
 LARGEST_UNEVEN = 0.5
 """the same for the logarithm of brightness."""
-DARK = 8.0
-"""Added to all brightness (0 to 255), so that noise in the dark is no contrast."""
 ROUNDS = 3
 """In which glints and prints are found, to count less."""
 
@@ -98,8 +95,12 @@ class _Shown:
     """Logarithm."""
     bare: Plane
     """Depth without the part, metres; not finite where it is not known."""
-    rim: Where
+    rim: Mask
     """Where any of the poses is, or its rim."""
+
+    def hides(self, surface: Plane | float) -> Mask:
+        """Where something is measured that is nearer than a surface."""
+        return (self.depth > 0) & (self.depth < surface - HIDDEN_BY)
 
 
 def drawn_looks(
@@ -127,12 +128,10 @@ def drawn_looks(
         None where too little of one of them is seen.
     """
     smear = smear or Smear()
-    pixels = _pixels_around(frame, mesh, T_camera_parts)
-    if pixels is None:
+    window = _window_around(frame, mesh, T_camera_parts)
+    if window is None:
         return None
-    x0, y0, x1, y1 = pixels
-    K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
-    size = (x1 - x0, y1 - y0)
+    pixels, size, K = window
     before = _drawn(others, K, size_wh=size)[0] if others else None
     planes = [_drawn([(mesh, T)], K, size_wh=size, before=before) for T in T_camera_parts]
     shown = _shown(frame, pixels, K, [z for z, _ in planes], table, smear, before)
@@ -140,7 +139,7 @@ def drawn_looks(
     for k, (z, ids) in enumerate(planes):
         is_part = np.isfinite(z)
         surface = np.where(is_part, z, shown.bare)
-        is_hidden = (shown.depth > 0) & (shown.depth < surface - HIDDEN_BY)
+        is_hidden = shown.hides(surface)
         seen = is_part & ~is_hidden
         if np.count_nonzero(seen) < LEAST:
             return None
@@ -160,16 +159,15 @@ def smear_gaps(
 
     None where something hides it, or too little is measured.
     """
-    pixels = _pixels_around(frame, mesh, T_camera_part[None])
-    if pixels is None:
+    window = _window_around(frame, mesh, T_camera_part[None])
+    if window is None:
         return None
-    x0, y0, x1, y1 = pixels
-    K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
-    z, _ = _drawn([(mesh, T_camera_part)], K, size_wh=(x1 - x0, y1 - y0))
+    pixels, size, K = window
+    z, _ = _drawn([(mesh, T_camera_part)], K, size_wh=size)
     widest = max(smears, key=lambda smear: abs(smear.trail))
     shown = _shown(frame, pixels, K, [z], table, widest)
     surface = np.where(np.isfinite(z), z, shown.bare)
-    is_hidden = (shown.depth > 0) & (shown.depth < surface - HIDDEN_BY)
+    is_hidden = shown.hides(surface)
     is_measured = np.count_nonzero(shown.depth[np.isfinite(z)] > 0) >= LEAST
     if not is_measured or not np.isfinite(surface).all():
         return None
@@ -180,17 +178,21 @@ def smear_gaps(
     return np.array(gaps, dtype=np.float64)
 
 
-def _pixels_around(
+def _window_around(
     frame: Frame, mesh: Mesh, T_camera_parts: Transforms
-) -> tuple[int, int, int, int] | None:
-    """x0 y0 x1 y1 around the poses; None where they are not in the picture."""
+) -> tuple[tuple[int, int, int, int], tuple[int, int], Intrinsics] | None:
+    """x0 y0 x1 y1 around the poses, width and height, and K there; None where they are not in the
+    picture."""
     height, width = frame.rgb.shape[:2]
     boxes = np.stack([projected_box(T, mesh.vertices, frame) for T in T_camera_parts])
-    x0, y0 = np.maximum(np.floor(boxes[:, :2].min(axis=0)).astype(int) - EDGE, 0)
-    x1, y1 = np.minimum(np.ceil(boxes[:, 2:].max(axis=0)).astype(int) + EDGE + 1, (width, height))
+    x0, y0 = np.maximum(np.floor(boxes[:, :2].min(axis=0)).astype(int) - EDGE, 0).tolist()
+    x1, y1 = np.minimum(
+        np.ceil(boxes[:, 2:].max(axis=0)).astype(int) + EDGE + 1, (width, height)
+    ).tolist()
     if min(x1 - x0, y1 - y0) <= 2 * EDGE:
         return None
-    return int(x0), int(y0), int(x1), int(y1)
+    K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
+    return (x0, y0, x1, y1), (x1 - x0, y1 - y0), K
 
 
 def _drawn(
@@ -235,7 +237,7 @@ def _shown(
 
 
 def _without(
-    measured: Float32[np.ndarray, "h w"], beside: Where, K: Intrinsics, table: Table | None
+    measured: Float32[np.ndarray, "h w"], beside: Mask, K: Intrinsics, table: Table | None
 ) -> Plane:
     """Depth without the part: the table where it may be, what is measured elsewhere."""
     if table is not None:
@@ -255,13 +257,12 @@ def _outlined(
     """What `divided_so` says of each pose."""
     x0, y0, x1, y1 = pixels
     drawn = np.isfinite(np.stack(planes))
-    nearest = min(float(z.min()) for z in planes)
-    hidden = (shown.depth > 0) & (shown.depth < nearest - HIDDEN_BY)
+    hidden = shown.hides(min(float(z.min()) for z in planes))
     return divided_so(frame.rgb[y0:y1, x0:x1], drawn, hidden)
 
 
 def _gap(
-    shown: _Shown, surface: Plane, is_hidden: Where, *, smear: Smear, focal: float
+    shown: _Shown, surface: Plane, is_hidden: Mask, *, smear: Smear, focal: float
 ) -> float | None:
     """Mean distance between drawn, smeared depth and the measured one, metres.
 
@@ -283,7 +284,7 @@ def _gap(
     return float(np.where(is_hidden, HIDDEN, gaps)[counted].mean())
 
 
-def _uneven(shown: _Shown, seen: Where, normals: Points) -> float:
+def _uneven(shown: _Shown, seen: Mask, normals: Points) -> float:
     """What a linear function of the normal leaves of the brightness' logarithm, root mean square.
 
     Args:

@@ -7,10 +7,11 @@ from typing import TypeAlias
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Float64
+
+from asdfviz.geometry.shapes import Depth, Mask
 
 Plane: TypeAlias = Float64[np.ndarray, "h w"]
-Where: TypeAlias = Bool[np.ndarray, "h w"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +24,7 @@ class Smear:
     """By how much what is near is drawn out to the right, away from the camera's light; below 0 to the
     left."""
 
-    def applied(self, depth: Plane, *, focal: float) -> Float32[np.ndarray, "h w"]:
+    def applied(self, depth: Plane, *, focal: float) -> Depth:
         """Planar depth, metres, smeared; `focal` in pixels."""
         depth = depth.astype(np.float32)  # twice as fast
         reach = self._reach(focal)
@@ -31,7 +32,7 @@ class Smear:
             depth = np.minimum(depth, cv2.blur(depth, (reach, 1), anchor=self._anchor(reach)))
         return np.asarray(cv2.GaussianBlur(depth, (0, 0), self.deviation * focal))
 
-    def trailing(self, mask: Where, *, focal: float) -> Where:
+    def trailing(self, mask: Mask, *, focal: float) -> Mask:
         """A mask, and where the trails of what it shows are."""
         reach = self._reach(focal)
         if reach <= 1:
