@@ -13,18 +13,13 @@ from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.bop_writer import SceneFolder, require_size
+from asdfviz.synth.depth_sensor import measure_depth, random_depth_sensor
 from asdfviz.synth.kinect import camera_for
 from asdfviz.synth.packs import PackConfig, render_pack
 from asdfviz.synth.photo_grounds import recorded
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, TrueScene, make_scene
-from asdfviz.synth.sensor import (
-    blur_moving,
-    measure_depth,
-    photograph,
-    random_depth_sensor,
-    random_rgb_sensor,
-)
+from asdfviz.synth.sensor import blur_moving, photograph, random_rgb_sensor
 from asdfviz.synth.workers import Crew, Piece, do_all
 
 MERGE_EVERY = 100

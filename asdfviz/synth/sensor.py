@@ -1,9 +1,4 @@
-"""The camera's faults: colour as a cheap RGB module gives it, depth as a time-of-flight camera does.
-
-Modelled after an Azure Kinect's 1280x720 colour image with depth warped into it (narrow view, 2x2
-binned); the constants were read off real frames: smeared edges about 10 px wide, holes on black
-plastic and at edges, a hexagonal field of view that leaves 40 % of the image without depth.
-"""
+"""The colour camera's faults, as a cheap RGB module has them (an Azure Kinect's, 1280x720)."""
 
 from __future__ import annotations
 
@@ -13,14 +8,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float32
 
-from asdfviz.geometry.shapes import Depth, Mask, Rgb
-from asdfviz.synth.kinect import CENTER, FOCAL, KINECT_LENS, whole_image
+from asdfviz.geometry.shapes import Mask, Rgb
 from asdfviz.synth.optics import developed, fringed, grain, rolled_off
-
-FIELD_OF_VIEW = np.array(
-    [[188, 462], [247, 115], [376, 0], [890, 0], [1041, 250], [1044, 442], [886, 719], [323, 719]]
-) / np.array([1280.0, 720.0])
-"""Outline of the depth image within the colour image, as shares of width and height."""
 
 Linear = Float32[np.ndarray, "h w 3"]
 Plane = Float32[np.ndarray, "h w"]
@@ -60,32 +49,6 @@ class RgbSensor:
     """Movement of the camera while the shutter was open."""
 
 
-@dataclass(frozen=True, slots=True)
-class DepthSensor:
-    """One setting of the depth camera; pixels are those of an image 1280 wide."""
-
-    noise: float = 0.0019
-    """Standard deviation of the range at 0.6 m, metres; grows with the square of the range."""
-    smear_px: float = 7.0
-    """Width of the ramps at depth edges."""
-    trail_px: float = 11.0
-    """Width of the longer ramps on the side of near things away from the illuminator."""
-    dark_albedo: float = 0.014
-    """Below this linear albedo returns are lost now and then, or come too far."""
-    dark_loss: float = 0.4
-    """Share of lost returns on black."""
-    edge_jump: float = 0.045
-    """Depth step, metres, beyond which the side away from the illuminator is lost."""
-    field_of_view: bool = True
-    shift_px: tuple[float, float] = (0.0, 0.0)
-    """Misregistration of depth against colour."""
-    lens: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Radial coefficients k1, k2, k3 of a colour lens that nobody took out of the colour image: depth
-    then lies nearer to the image's centre than colour does."""
-    bias: float = 0.0
-    """Constant range error, metres."""
-
-
 def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
     """Draw a setting, from a good camera in good light to a poor one."""
     temperature = rng.normal() * 0.06
@@ -114,22 +77,6 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
         jpeg_quality=int(rng.integers(78, 97)),
         motion_px=(float(motion[0]), float(motion[1])),
         shading=(float(rng.normal() * 0.06), float(rng.normal() * 0.1 + 0.05)),
-    )
-
-
-def random_depth_sensor(rng: np.random.Generator, *, shifted: bool = False) -> DepthSensor:
-    """Draw a setting; `shifted` adds a misregistration and half the time the real frames' lens."""
-    shift = (float(rng.normal() * 3), float(rng.normal() * 1.5)) if shifted else (0.0, 0.0)
-    return DepthSensor(
-        noise=float(rng.uniform(0.0008, 0.003)),
-        smear_px=float(rng.uniform(3, 10)),
-        trail_px=float(rng.uniform(2, 20)),
-        dark_loss=float(rng.uniform(0.1, 0.5)),
-        edge_jump=float(rng.uniform(0.03, 0.09)),
-        field_of_view=bool(rng.random() < 0.7),
-        shift_px=shift,
-        lens=KINECT_LENS if shifted and rng.random() < 0.5 else (0.0, 0.0, 0.0),
-        bias=float(rng.normal() * 0.002),
     )
 
 
@@ -199,102 +146,3 @@ def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator)
     if sensor.sharpening > 0 or thin > 0:
         image = developed(image, sharpening=sensor.sharpening, halo_px=halo, thin_px=thin)
     return (np.clip(image, 0, 1) * 255 + 0.5).astype(np.uint8)
-
-
-def measure_depth(
-    depth: Depth,
-    albedo: Plane,
-    *,
-    sensor: DepthSensor,
-    rng: np.random.Generator,
-) -> Depth:
-    """Turn true planar depth (0 = nothing there) into what the camera would report.
-
-    Args:
-        depth: exact depth, metres.
-        albedo: mean linear albedo at every pixel.
-        sensor: the setting.
-        rng: source of noise.
-    """
-    height, width = depth.shape
-    whole = whole_image(width, height)[0]
-    scale = whole / 1280
-    known = depth > 0
-    far = float(depth.max()) if known.any() else 1.0
-    filled = np.where(known, depth, far).astype(np.float32)
-    darkness = np.clip(1.4 - albedo / sensor.dark_albedo, 0, 1)
-    measured = _smeared(filled, sensor, scale)
-    spread = sensor.noise * (filled / 0.6) ** 2
-    measured += _range_noise(rng, height, width) * spread + sensor.bias + 0.005 * darkness
-    # Seen from the illuminator, 32 mm aside, the far side of a high step lies in shadow.
-    reach = max(1, round(0.032 * FOCAL * whole / far * 0.3))
-    shadow = np.zeros_like(known)
-    shadow[:, reach:] = (filled[:, reach:] - filled[:, :-reach]) > sensor.edge_jump
-    share = np.clip(sensor.dark_loss * darkness, 1e-6, 1 - 1e-6)
-    # The logistic curve stands for the normal one (Bowling et al. 2009).
-    lost = _patches(rng, height, width, scale) < np.log(share / (1 - share)) / 1.702
-    measured = np.where(shadow | lost | ~known, 0, measured).astype(np.float32)
-    measured = _misregistered(measured, sensor, scale)
-    if sensor.field_of_view:
-        measured[~field_of_view(height, width)] = 0
-    return measured
-
-
-def _smeared(depth: Plane, sensor: DepthSensor, scale: float) -> Plane:
-    """Depth with edges drawn out, the long ramps to the right of near things."""
-    height, width = depth.shape
-    reach = round(sensor.trail_px * scale)
-    if reach > 1:
-        trailing = cv2.blur(depth, (reach, 1), anchor=(reach - 1, 0))
-        depth = np.minimum(depth, trailing)
-    soft = cv2.GaussianBlur(depth, (0, 0), max(sensor.smear_px * scale / 3, 0.3))
-    coarse = (max(2, round(width * 0.5)), max(2, round(height * 0.5)))
-    return cv2.resize(cv2.resize(soft, coarse, interpolation=cv2.INTER_AREA), (width, height))
-
-
-def _range_noise(rng: np.random.Generator, height: int, width: int) -> Plane:
-    """Noise of deviation 1 whose neighbours agree: over 5, 13 and 64 pixels at 1280 width."""
-    total = np.zeros((height, width), np.float32)
-    for cells, weight in ((256, 0.42), (96, 0.62), (20, 0.66)):
-        size = (cells, max(2, cells * height // width))
-        grain = rng.standard_normal((size[1], size[0]), dtype=np.float32)
-        # Cubic interpolation keeps about seven tenths of the deviation.
-        total += weight * 1.35 * cv2.resize(grain, (width, height), interpolation=cv2.INTER_CUBIC)
-    return total
-
-
-def _patches(rng: np.random.Generator, height: int, width: int, scale: float) -> Plane:
-    """Smooth noise of about deviation 1, from which lost patches are cut."""
-    total = np.zeros((height, width), np.float32)
-    for size_px, weight in ((28, 0.9), (8, 0.44)):
-        rows, columns = (max(2, round(n / (size_px * scale))) for n in (height, width))
-        grain = rng.standard_normal((rows, columns), dtype=np.float32)
-        total += weight * 1.35 * cv2.resize(grain, (width, height), interpolation=cv2.INTER_CUBIC)
-    return total
-
-
-def _misregistered(measured: Plane, sensor: DepthSensor, scale: float) -> Plane:
-    """Depth moved against colour: p shows what colour has at lens(p - shift)."""
-    if sensor.shift_px == (0.0, 0.0) and not any(sensor.lens):
-        return measured
-    height, width = measured.shape
-    v, u = np.mgrid[0:height, 0:width].astype(np.float32)
-    whole = np.array(whole_image(width, height))
-    focal = FOCAL * float(whole[0])
-    cx, cy = CENTER * whole + ([width, height] - whole) / 2
-    x = (u - sensor.shift_px[0] * scale - cx) / focal
-    y = (v - sensor.shift_px[1] * scale - cy) / focal
-    r2 = x * x + y * y
-    k1, k2, k3 = sensor.lens
-    stretch = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    at_u = (x * stretch * focal + cx).astype(np.float32)
-    at_v = (y * stretch * focal + cy).astype(np.float32)
-    return cv2.remap(measured, at_u, at_v, cv2.INTER_NEAREST)
-
-
-def field_of_view(height: int, width: int) -> Mask:
-    """Where the depth camera sees at all."""
-    mask = np.zeros((height, width), np.uint8)
-    outline = np.round(FIELD_OF_VIEW * [width, height]).astype(np.int32)
-    cv2.fillPoly(mask, [outline], 1)
-    return mask.astype(bool)

@@ -13,6 +13,7 @@ from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Depth
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.bop_writer import SceneFolder
+from asdfviz.synth.depth_sensor import DepthSensor, measure_depth, random_depth_sensor
 from asdfviz.synth.gbuffer import Views
 from asdfviz.synth.images import check_seed
 from asdfviz.synth.kinect import camera_for
@@ -20,14 +21,7 @@ from asdfviz.synth.photo_grounds import recorded
 from asdfviz.synth.play import Play, plan_sequence
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import TrueScene
-from asdfviz.synth.sensor import (
-    DepthSensor,
-    RgbSensor,
-    blur_moving,
-    measure_depth,
-    photograph,
-    random_depth_sensor,
-)
+from asdfviz.synth.sensor import RgbSensor, blur_moving, photograph
 from asdfviz.synth.sequence_config import SequenceConfig, check_config, condition_config
 from asdfviz.synth.studio import Studio
 

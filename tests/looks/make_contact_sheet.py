@@ -18,10 +18,11 @@ import numpy as np
 from asdfviz.data.assembly import load_assembly
 from asdfviz.geometry.shapes import Depth, Rgb
 from asdfviz.synth.assets import Assets, load_assets
+from asdfviz.synth.depth_sensor import DepthSensor, measure_depth
 from asdfviz.synth.packs import PackConfig, draw_pack
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, make_scene
-from asdfviz.synth.sensor import DepthSensor, measure_depth, photograph, random_rgb_sensor
+from asdfviz.synth.sensor import photograph, random_rgb_sensor
 
 TILE = (426, 240)
 DRAWN = (852, 480)

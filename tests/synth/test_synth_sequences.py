@@ -15,9 +15,9 @@ from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Depth
 from asdfviz.geometry.transforms import apply, inverse, rotation_angle
 from asdfviz.synth.assets import Assets
+from asdfviz.synth.depth_sensor import DepthSensor, measure_depth
 from asdfviz.synth.grasping import hand_points, scaled
 from asdfviz.synth.images import generate_images
-from asdfviz.synth.sensor import DepthSensor, measure_depth
 from asdfviz.synth.sequence_config import check_config
 from asdfviz.synth.sequences import Play, SequenceConfig, generate_sequence, plan_sequence
 
