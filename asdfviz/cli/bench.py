@@ -9,6 +9,7 @@ from typing import Annotated
 
 import tyro
 
+from asdfviz.cli.judged_runs import known_assembly, known_truth
 from asdfviz.cli.progress import progress_bar
 from asdfviz.errors import InputError
 
@@ -170,6 +171,48 @@ class BenchSynth:
 
 
 @dataclass(frozen=True)
+class BenchFirstPoses:
+    """Time first poses from crops: the crop network alone, and all of it with settling.
+
+    Example: asdfviz bench first-poses sample --parts 9
+    """
+
+    scene: Annotated[str, tyro.conf.Positional] = "sample"
+    """Scene folder with true poses, or `sample`."""
+    assembly: str | None = None
+    """assembly.yaml, its folder, or a bundled name. Default: what the scene names."""
+    parts: int = 9
+    """Looked at in every frame: those that are seen, as often as it takes."""
+    frames: int = 20
+    """Timed frames, evenly from the whole scene."""
+    device: str = "cpu"
+    """Where torch runs: cpu or cuda."""
+    json: bool = False
+    """Print JSON."""
+
+    def __call__(self) -> None:
+        """Print milliseconds a frame, and the machine's load."""
+        from asdfviz.bench.first_poses import first_pose_table, measure_first_poses, some_frames
+        from asdfviz.data.assembly import load_assembly
+        from asdfviz.data.sequences import open_sequence
+        from asdfviz.methods.first_pose import CropPoseConfig
+
+        known = None if self.assembly is None else load_assembly(self.assembly)
+        sequence = open_sequence(self.scene, assembly=known)
+        assembly = known_assembly(sequence, "--assembly")
+        truth = known_truth(sequence, assembly)
+        with progress_bar("first poses") as report:
+            measured = measure_first_poses(
+                assembly,
+                some_frames(sequence, truth, self.frames),
+                parts=self.parts,
+                config=CropPoseConfig(device=self.device),
+                progress=lambda done, total: report(done, total, ""),
+            )
+        print(json.dumps(asdict(measured), indent=2) if self.json else first_pose_table(measured))
+
+
+@dataclass(frozen=True)
 class Bench:
     """Measure speed; figures are ratios within one run, the machine's load is printed."""
 
@@ -177,6 +220,7 @@ class Bench:
         Annotated[BenchTrack, tyro.conf.subcommand("track")]
         | Annotated[BenchLoss, tyro.conf.subcommand("loss")]
         | Annotated[BenchSynth, tyro.conf.subcommand("synth")]
+        | Annotated[BenchFirstPoses, tyro.conf.subcommand("first-poses")]
     )
 
     def __call__(self) -> None:
