@@ -241,10 +241,8 @@ class AsdfPlus:
         )
         if not settled:
             return poses
-        sure = {
-            name: confidence_held(poses[name].score, config=self._config.confidence)
-            for name in settled
-        }
+        fits, config = scene.together.fits, self._config.confidence
+        sure = {n: confidence_held(poses[n].score, fits.get(n), config=config) for n in settled}
         fitted = {n: PoseEstimate(n, T, sure[n], "group") for n, T in settled.items()}
         scene.group.see(settled[scene.assembly.base], fitted)
         scene.followed.settle(settled[scene.assembly.base])

@@ -23,6 +23,8 @@ STILL_TURN = 0.05
 SLACK = 0.97
 """A settled group must fit nearly as well as before by the trackers' plain questions, which tell
 parts in place from lost ones and hardly millimetres."""
+SEEN = 0.3
+"""Visible share of a part from which depth is asked whether it is there."""
 
 
 class GroupContours:
@@ -44,6 +46,9 @@ class GroupContours:
         """in so many frames one after another,"""
         self._frames = 0
         """and so many frames ago."""
+        self.fits: dict[str, float] = {}
+        """Of the parts of the group that are seen, as told last: the share of the depth readings on each
+        that are on its surface, 0 to 1."""
 
     def step(
         self, frame: Frame, poses: Mapping[str, Transform], state: State
@@ -55,6 +60,7 @@ class GroupContours:
             poses: of the base and of what is joined to it.
             state: that joins them; other parts that it joins are left out.
         """
+        self.fits = {}
         if frame.depth is None or self._base not in poses:
             return {}
         joined = {
@@ -77,7 +83,9 @@ class GroupContours:
         if not self._config.rests(self._times, self._frames) or not self._is_still(poses):
             return False
         self._tracker.replace(frame, self._settled)
-        return self._value(self._tracker.evidence(frame)) > SLACK * self._fitted
+        evidence = self._tracker.evidence(frame)
+        self.fits = _fits(evidence)
+        return self._value(evidence) > SLACK * self._fitted
 
     def _is_still(self, poses: Mapping[str, Transform]) -> bool:
         """Whether the base is where it was settled, with the same parts as then."""
@@ -108,9 +116,13 @@ class GroupContours:
             return {}
         sure = [n for n, e in evidence.items() if tracker.judged(e) >= self._config.sure]
         tracker.learn(frame, sure)
-        self._fitted = value
+        self._fitted, self.fits = value, _fits(evidence)
         return settled
 
     def _value(self, evidence: Mapping[str, Evidence]) -> float:
         """How well the group fits; parts count by what is seen of them."""
         return sum(e.visible * self._tracker.judged(e) for e in evidence.values())
+
+
+def _fits(evidence: Mapping[str, Evidence]) -> dict[str, float]:
+    return {n: e.fit for n, e in evidence.items() if e.measured and e.visible >= SEEN}

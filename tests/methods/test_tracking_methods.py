@@ -855,6 +855,23 @@ def test_joined_parts_are_settled_as_one(scene: Scene, together: GroupContours) 
     np.testing.assert_allclose(T_base_block, state.T_base_part["block"], atol=1e-9)
 
 
+def test_depth_tells_that_a_part_is_not_where_the_group_has_it(
+    scene: Scene, together: GroupContours
+) -> None:
+    true, state = scene.truth[ARRIVED], scene.assembly.states[1]
+    both = {n: T for n, T in true.items() if n != "lid"}
+    together.step(scene.frames[ARRIVED], both, state)
+    assert min(together.fits.values()) > 0.7
+    aside = state.T_base_part["block"] @ transform_from(np.eye(3), np.array([0, 0.03, 0.02]))
+    wrong = replace(state, T_base_part={**state.T_base_part, "block": aside})
+    there = {"base": true["base"], "block": true["base"] @ aside}
+    assert together.step(scene.frames[ARRIVED], there, wrong)
+    assert together.fits["base"] > 0.7
+    assert together.fits["block"] < 0.3
+    together.step(replace(scene.frames[ARRIVED], depth=None), there, wrong)
+    assert together.fits == {}
+
+
 def test_a_joint_is_settled_too(scene: Scene, together: GroupContours) -> None:
     """The block may slide along the base and is said to be 6 mm off."""
     state, true = scene.assembly.states[1], scene.truth[ARRIVED]
