@@ -113,7 +113,7 @@ class AsdfPlus:
             PartNames(assembly, config=config.relative_pose),
             OnePlace(assembly),
             told,
-            Mistaken(assembly, config=config.still_there),
+            Mistaken(assembly, config=config.still_there, own=config.own_colors),
             None
             if bodies is None
             else ContourFits(assembly.parts, bodies, camera, config=contours, smear=told.smear),

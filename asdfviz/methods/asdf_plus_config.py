@@ -13,6 +13,7 @@ from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
+from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.seen_smear import SmearConfig
@@ -71,6 +72,8 @@ class AsdfPlusConfig(AsdfConfig):
     """The hidden Markov model, online."""
     still_there: StillThereConfig = field(default_factory=StillThereConfig)
     """What stood there while a part was surely elsewhere is not that part."""
+    own_colors: OwnColorsConfig = field(default_factory=OwnColorsConfig)
+    """What has quite another tint than the part surely had is not the part."""
     least_score: float = 0.5
     """Poses that are more probably wrong than right are withheld, unless a state places the part; 0
     gives all. They are kept, and speak for states. Without depth too little is known, and all are given."""

@@ -1,8 +1,8 @@
-"""What `asdf_plus` takes for a part, though it stood there while the part was surely elsewhere.
+"""What `asdf_plus` takes for a part, though it stood there while the part was elsewhere, or has another tint.
 
-Not in the paper. See `still_there`: once a hand has a small part, the networks find the next best thing
-of its look, which lay there all along. What a state would have there is left alone: a pin that is put in
-changes its place by a few pixels.
+Not in the paper. See `still_there` and `own_colors`: once a hand has a small part, the networks find the
+next best thing of its look, which lay there all along. What a state would have there is left alone: a pin
+that is put in changes its place by a few pixels.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import point_distance
+from asdfviz.methods.own_colors import OwnColors, OwnColorsConfig
 from asdfviz.methods.still_there import AWAY, StillThere, StillThereConfig
 from asdfviz.state.joined_spots import JoinedSpots
 from asdfviz.state.twins import renamed
@@ -20,16 +21,25 @@ SURE = 0.8
 """Score from which a part surely is where its pose has it."""
 LAIN = 8
 """A part surely lay somewhere that was there for so many frames; what is in a hand may be anything."""
+PATIENCE = 30
+"""In so many frames one after the other a part may have another tint; then the one that is known was wrong."""
 
 
 class Mistaken:
     """Remembers where the parts of one sequence surely were, and what the picture showed then."""
 
-    def __init__(self, assembly: Assembly, *, config: StillThereConfig) -> None:
+    def __init__(
+        self, assembly: Assembly, *, config: StillThereConfig, own: OwnColorsConfig
+    ) -> None:
         """Begin a sequence."""
         self._base, self._parts = assembly.base, assembly.parts
         self._spots = JoinedSpots(assembly)
         self._still = StillThere(assembly, config=config)
+        self._own = OwnColors(assembly, config=own)
+        self._refused: dict[str, int] = {}
+        """For how many frames one after the other parts had another tint,"""
+        self._unlike: frozenset[str] = frozenset()
+        """and which have it in this one."""
         self._now: dict[str, tuple[Transform, int]] = {}
         """Where parts surely were in the last frame, for so many frames."""
 
@@ -48,7 +58,10 @@ class Mistaken:
             for name, pose in proposed.items()
             if name != self._base and self._is_away(pose, T_camera_base)
         }
-        return self._still.others(frame, loose, self._still.lay, lambda _, names: names)
+        lay = self._still.lay
+        unlike = self._own.others(frame, loose, lay)
+        self._unlike |= unlike
+        return unlike | self._still.others(frame, loose, lay, lambda _, names: names)
 
     def see(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> None:
         """What the frame's poses are in the end."""
@@ -56,11 +69,17 @@ class Mistaken:
         self._now = {name: (T, self._frames_at(name, T)) for name, T in sure.items()}
         lying = {name: T for name, (T, frames) in self._now.items() if frames >= LAIN}
         self._still.see(frame, lying)
+        self._own.see(frame, lying)
+        self._refused = {n: self._refused.get(n, 0) + 1 for n in self._unlike}
+        self._own.forget(frozenset(n for n, frames in self._refused.items() if frames > PATIENCE))
+        self._unlike = frozenset()
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._now = renamed(self._now, names)
         self._still.rename(names)
+        self._own.rename(names)
+        self._refused = renamed(self._refused, names)
 
     def _frames_at(self, name: str, T_camera_part: Transform) -> int:
         """For how many frames one after the other a part has been where it is."""

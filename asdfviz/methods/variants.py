@@ -220,7 +220,6 @@ def _beyond_asdf_track() -> list[Variant]:
         "never begun anew": replace(track, refind=stays),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
         "twins of any colour": replace(track, unlike_twins=UnlikeTwinsConfig(enabled=False)),
-        "elsewhere of any tint": replace(track, own_colors=OwnColorsConfig(enabled=False)),
     }
     return _rows("asdf_track", track, changed)
 
@@ -237,6 +236,7 @@ def _common(config: Any) -> dict[str, Any]:
         "not told as lying": replace(config, lying=LyingConfig(enabled=False)),
         "turned in joints as settled": replace(config, joint_turns=SETTLED),
         "edges smeared alike": replace(config, smear=SmearConfig(enabled=False)),
+        "elsewhere of any tint": replace(config, own_colors=OwnColorsConfig(enabled=False)),
         "told as settled": replace(
             config, laid=NO_TABLE, lying=LyingConfig(enabled=False), joint_turns=SETTLED
         ),

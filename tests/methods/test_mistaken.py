@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, transform_from
-from asdfviz.methods.mistaken import LAIN, SURE, Mistaken
+from asdfviz.methods.mistaken import LAIN, PATIENCE, SURE, Mistaken
+from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.still_there import StillThereConfig
 
 
@@ -17,6 +20,7 @@ def at(x: float) -> Transform:
 
 
 RIGHT, LEFT = at(0.1), at(-0.15)
+RED, WHITE = (190, 30, 30), (200, 200, 205)
 
 
 def block(T_camera_part: Transform, score: float = 0.9) -> dict[str, PoseEstimate]:
@@ -26,7 +30,7 @@ def block(T_camera_part: Transform, score: float = 0.9) -> dict[str, PoseEstimat
 @pytest.fixture
 def mistaken(toy) -> Mistaken:
     """It saw the block on the right, while the other thing was on the left."""
-    made = Mistaken(toy.assembly, config=StillThereConfig())
+    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
     see(made, toy.photo(0, [RIGHT, LEFT]), block(RIGHT))
     return made
 
@@ -55,7 +59,7 @@ def test_where_a_state_has_the_part_is_left_alone(toy, mistaken: Mistaken) -> No
 
 
 def test_only_what_was_sure_is_remembered(toy) -> None:
-    unsure = Mistaken(toy.assembly, config=StillThereConfig())
+    unsure = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
     see(unsure, toy.photo(0, [RIGHT, LEFT]), block(RIGHT, score=SURE - 0.1))
     assert unsure.found(toy.photo(5, [LEFT]), block(LEFT), None) == frozenset()
     see(unsure, toy.photo(0, [RIGHT, LEFT]), block(RIGHT), frames=LAIN - 1)
@@ -63,7 +67,7 @@ def test_only_what_was_sure_is_remembered(toy) -> None:
 
 
 def test_where_a_twin_was_the_twin_may_be(toy) -> None:
-    made = Mistaken(toy.assembly, config=StillThereConfig())
+    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
     pins = {"pin": RIGHT, "pin-copy": LEFT}
     seen = {n: PoseEstimate(n, T, 1.0, "refined") for n, T in pins.items()}
     see(made, toy.photo(0, [RIGHT, LEFT]), seen)
@@ -72,9 +76,51 @@ def test_where_a_twin_was_the_twin_may_be(toy) -> None:
 
 
 def test_twins_go_by_their_new_names(toy) -> None:
-    made = Mistaken(toy.assembly, config=StillThereConfig())
+    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
     seen = {"pin": PoseEstimate("pin", RIGHT, 1.0, "refined")}
     see(made, toy.photo(0, [RIGHT, LEFT]), seen)
     made.rename({"pin": "pin-copy", "pin-copy": "pin"})
     both = {n: PoseEstimate(n, LEFT, 0.9, "refined") for n in ("pin", "pin-copy")}
     assert made.found(toy.photo(5, [LEFT]), both, None) == {"pin-copy"}
+
+
+def painted(toy, things: list[tuple[Transform, tuple[int, int, int]]]) -> Frame:
+    """Blocks of some colours on a grey table."""
+    depths = [toy.depth({"block": T}) for T, _ in things]
+    rgb = np.full((*depths[0].shape, 3), 110, np.uint8)
+    for depth, (_, color) in zip(depths, things, strict=True):
+        rgb[depth < 0.7] = color
+    return replace(toy.frame(0), rgb=rgb, depth=np.minimum.reduce(depths))
+
+
+def test_what_came_there_with_another_tint_is_something_else(toy) -> None:
+    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    see(made, painted(toy, [(RIGHT, RED)]), block(RIGHT))
+    assert made.found(painted(toy, [(LEFT, WHITE)]), block(LEFT), None) == {"block"}
+    assert made.found(painted(toy, [(LEFT, RED)]), block(LEFT), None) == frozenset()
+    blind = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig(enabled=False))
+    see(blind, painted(toy, [(RIGHT, RED)]), block(RIGHT))
+    assert blind.found(painted(toy, [(LEFT, WHITE)]), block(LEFT), None) == frozenset()
+
+
+def test_a_tint_that_nobody_sees_again_was_a_wrong_one(toy) -> None:
+    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    see(made, painted(toy, [(RIGHT, WHITE)]), block(RIGHT))
+    shot, refused = painted(toy, [(LEFT, RED)]), 0
+    for _ in range(PATIENCE + 5):
+        refused += made.found(shot, block(LEFT), None) == {"block"}
+        made.see(shot, {})
+    assert refused == PATIENCE + 1
+
+
+def test_a_tint_that_is_seen_now_and_then_stays_known(toy) -> None:
+    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    mine, other = painted(toy, [(RIGHT, RED)]), painted(toy, [(LEFT, WHITE)])
+    see(made, mine, block(RIGHT))
+    for k in range(3 * PATIENCE):
+        if k % PATIENCE == PATIENCE - 1:
+            assert made.found(mine, block(RIGHT), None) == frozenset()
+            made.see(mine, block(RIGHT))
+        else:
+            assert made.found(other, block(LEFT), None) == {"block"}
+            made.see(other, {})
