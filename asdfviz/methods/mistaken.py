@@ -1,8 +1,8 @@
 """What `asdf_plus` takes for a part, though it stood there while the part was elsewhere, or has another tint.
 
 Not in the paper. See `still_there` and `own_colors`: once a hand has a small part, the networks find the
-next best thing of its look, which lay there all along. What a state would have there is left alone: a pin
-that is put in changes its place by a few pixels.
+next best thing of its look, which lay there all along. Where a state would have the part only its tint is
+asked for: a pin that is put in changes its place by a few pixels.
 """
 
 from __future__ import annotations
@@ -53,13 +53,10 @@ class Mistaken:
             proposed: first poses.
             T_camera_base: where the base is; None: it is not known.
         """
-        loose = {
-            name: pose.T_camera_part
-            for name, pose in proposed.items()
-            if name != self._base and self._is_away(pose, T_camera_base)
-        }
         lay = self._still.lay
-        unlike = self._own.others(frame, loose, lay)
+        poses = {n: pose.T_camera_part for n, pose in proposed.items() if n != self._base}
+        unlike = self._own.others(frame, poses, lay)
+        loose = {n: T for n, T in poses.items() if self._is_away(proposed[n], T_camera_base)}
         self._unlike |= unlike
         return unlike | self._still.others(frame, loose, lay, lambda _, names: names)
 

@@ -98,6 +98,8 @@ def test_what_came_there_with_another_tint_is_something_else(toy) -> None:
     see(made, painted(toy, [(RIGHT, RED)]), block(RIGHT))
     assert made.found(painted(toy, [(LEFT, WHITE)]), block(LEFT), None) == {"block"}
     assert made.found(painted(toy, [(LEFT, RED)]), block(LEFT), None) == frozenset()
+    T_camera_base = LEFT @ inverse(toy.assembly.states[1].T_base_part["block"])
+    assert made.found(painted(toy, [(LEFT, WHITE)]), block(LEFT), T_camera_base) == {"block"}
     blind = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig(enabled=False))
     see(blind, painted(toy, [(RIGHT, RED)]), block(RIGHT))
     assert blind.found(painted(toy, [(LEFT, WHITE)]), block(LEFT), None) == frozenset()
