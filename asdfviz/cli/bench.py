@@ -213,6 +213,43 @@ class BenchFirstPoses:
 
 
 @dataclass(frozen=True)
+class BenchKeypoints:
+    """What keypoint scores are worth: whether surer ones are nearer, and PnP with them and without.
+
+    Example: asdfviz run --method yolov8pose my_sequence --out runs/first
+    Example: asdfviz bench keypoints runs/first
+    """
+
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Folders of runs of sequences with truth, whose detections have keypoints; judged together."""
+    json: bool = False
+    """Print JSON."""
+
+    def __call__(self) -> None:
+        """Print distances by score, their rank correlation, and how far off rotations are."""
+        from asdfviz.bench.keypoints import (
+            KnownBox,
+            keypoint_table,
+            known_boxes,
+            measure_keypoints,
+        )
+        from asdfviz.evaluate.inputs import open_result
+
+        boxes: list[KnownBox] = []
+        for path in self.runs:
+            result = open_result(path)
+            predictions, camera_of = result.run.predictions, result.sequence.camera_of
+            boxes += known_boxes(result.assembly, predictions, result.truth, camera_of)
+        figures = measure_keypoints(boxes)
+        if figures is None:
+            raise InputError(
+                "bench keypoints: no box with keypoints lies on a part: name runs of methods with a "
+                "detector, as in: asdfviz bench keypoints runs/asdf"
+            )
+        print(json.dumps(asdict(figures), indent=2) if self.json else keypoint_table(figures))
+
+
+@dataclass(frozen=True)
 class Bench:
     """Measure speed; figures are ratios within one run, the machine's load is printed."""
 
@@ -221,6 +258,7 @@ class Bench:
         | Annotated[BenchLoss, tyro.conf.subcommand("loss")]
         | Annotated[BenchSynth, tyro.conf.subcommand("synth")]
         | Annotated[BenchFirstPoses, tyro.conf.subcommand("first-poses")]
+        | Annotated[BenchKeypoints, tyro.conf.subcommand("keypoints")]
     )
 
     def __call__(self) -> None:
