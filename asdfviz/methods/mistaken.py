@@ -77,6 +77,7 @@ class Mistaken:
         self._still.rename(names)
         self._own.rename(names)
         self._refused = renamed(self._refused, names)
+        self._unlike = frozenset(names.get(name, name) for name in self._unlike)
 
     def _frames_at(self, name: str, T_camera_part: Transform) -> int:
         """For how many frames one after the other a part has been where it is."""

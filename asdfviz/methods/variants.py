@@ -199,6 +199,7 @@ def _beyond_asdf_plus() -> list[Variant]:
         "one look": replace(plus, second_look=ONE_LOOK),
         "depth alone over time": replace(plus, hypotheses=deaf),
         "what rests looked at too": replace(plus, hypotheses=restless),
+        "held parts believed": replace(plus, confidence=replace(plus.confidence, elsewhere=0.0)),
         "like things anywhere": replace(plus, still_there=StillThereConfig(enabled=False)),
     }
     return _rows("asdf_plus", plus, changed)
