@@ -18,7 +18,6 @@ from asdfviz.datatypes import Assembly, Detection, Frame, FrameTruth
 from asdfviz.datatypes import Sequence as Recording
 from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import InputError
-from asdfviz.geometry.sampling import hull_corners
 from asdfviz.methods.first_pose import CropPoseConfig, CropPoses, load_looker
 from asdfviz.methods.registration import projected_box
 from asdfviz.pose.table import SunkConfig
@@ -79,9 +78,10 @@ def measure_first_poses(
     if parts < 1 or not shown:
         raise InputError(f"{parts} parts in {len(shown)} frames: 1 or more of both are needed")
     looker, times = load_looker(config, assembly), list[tuple[float, float]]()
+    each = CropPoses.of(assembly, looker, config=config.hypotheses, sunk=SunkConfig())
     for k, (frame, truth) in enumerate(shown):
-        many, found = _repeated(assembly, frame, truth, parts)
-        crops = CropPoses.of(many, looker, config=config.hypotheses, sunk=SunkConfig())
+        crops, found = _repeated(each, frame, truth, parts)
+        many = crops.assembly
         boxes = {n: (class_name(many, many.parts[n]), d.box_xyxy) for n, d in found.items()}
         network = partial(looker.look, frame.rgb, frame.camera.K, boxes)
         whole = partial(crops.looked_at, found, frame, use_depth=frame.depth is not None)
@@ -110,8 +110,8 @@ def _best_ms(work: Callable[[], object]) -> float:
 
 
 def _repeated(
-    assembly: Assembly, frame: Frame, truth: FrameTruth, count: int
-) -> tuple[Assembly, Mapping[str, Detection]]:
+    each: CropPoses, frame: Frame, truth: FrameTruth, count: int
+) -> tuple[CropPoses, dict[str, Detection]]:
     """The parts that are seen, as often as it takes, and a box about each."""
     poses = truth.T_camera_part
     seen = [name for name in poses if truth.visible.get(name, 1.0) >= SEEN]
@@ -121,12 +121,15 @@ def _repeated(
             "give a scene with scene_gt.json"
         )
     names = {f"part {k + 1}": seen[k % len(seen)] for k in range(count)}
-    many = replace(assembly, parts={new: assembly.parts[old] for new, old in names.items()})
+    parts = {new: each.assembly.parts[old] for new, old in names.items()}
+    many = replace(
+        each,
+        assembly=replace(each.assembly, parts=parts),
+        surfaces={new: each.surfaces[old] for new, old in names.items()},
+        middles={new: each.middles[old] for new, old in names.items()},
+    )
     nothing = np.zeros((0, 2)), np.zeros(0)
-    boxes = {
-        old: projected_box(poses[old], hull_corners(assembly.parts[old].mesh.vertices), frame)
-        for old in set(names.values())
-    }
+    boxes = {old: projected_box(poses[old], each.surfaces[old].corners, frame) for old in seen}
     return many, {new: Detection(old, boxes[old], *nothing, 1.0) for new, old in names.items()}
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Camera, Detection, FramePrediction, FrameTruth, Part
 from asdfviz.geometry.boxes import box_around, iou_matrix
 from asdfviz.geometry.camera import project
-from asdfviz.geometry.shapes import Scores, Transform
+from asdfviz.geometry.shapes import Box, Scores, Transform
 from asdfviz.geometry.symmetry import canonical, symmetric_angle
 from asdfviz.geometry.transforms import apply
 from asdfviz.pose.pnp import ROBUST_PNP, PnpSolution, solve_pnp
@@ -80,28 +80,29 @@ def known_boxes(
     for said in predictions:
         if said.frame_index not in truth:
             continue
-        camera = camera_of(said.frame_index)
+        camera, poses = camera_of(said.frame_index), truth[said.frame_index].T_camera_part
+        true = {
+            name: box_around(project(apply(T, assembly.parts[name].mesh.vertices), camera.K))
+            for name, T in poses.items()
+        }
         for detection in said.detections:
-            found = _part_below(detection, assembly, truth[said.frame_index], camera)
-            if found is not None:
-                yield KnownBox(detection, *found, camera)
+            name = _part_below(detection, assembly, true)
+            if name is not None:
+                yield KnownBox(detection, assembly.parts[name], poses[name], camera)
 
 
-def _part_below(
-    detection: Detection, assembly: Assembly, truth: FrameTruth, camera: Camera
-) -> tuple[Part, Transform] | None:
-    """The part of a detection's class that it overlaps most, and its true pose."""
+def _part_below(detection: Detection, assembly: Assembly, true: Mapping[str, Box]) -> str | None:
+    """The part of a detection's class whose box it overlaps most."""
     best, found = OVERLAP, None
-    for name, T_camera_part in truth.T_camera_part.items():
+    for name, box in true.items():
         part = assembly.parts[name]
         if part.detector_class != detection.label:
             continue
         if len(detection.keypoints_px) != len(part.keypoints):
             continue
-        box = box_around(project(apply(T_camera_part, part.mesh.vertices), camera.K))
         overlap = float(iou_matrix(box[None], detection.box_xyxy[None])[0, 0])
         if overlap >= best:
-            best, found = overlap, (part, T_camera_part)
+            best, found = overlap, name
     return found
 
 
