@@ -16,6 +16,7 @@ from asdfviz.datatypes import Assembly, Camera, Frame, PoseEstimate, State, Stat
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.disowned import is_disowned
+from asdfviz.methods.held_colors import learn_held
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.own_colors import OwnColors
@@ -168,6 +169,8 @@ class PartTracks:
         if base in poses and self.tracks[base].unsure > self._config.patience:  # it holds nothing
             said = {n: p for n, p in said.items() if self.tracks[n].unsure <= self._config.patience}
         self.tracker.learn(frame, [name for name in said if name in shown])
+        held = {name: evidence[name] for name in joined & evidence.keys()}
+        learn_held(frame, self.tracker, self.tracks, held, config=self._config.held)
         self.let_go(intruders)  # and all that were held move freely
         self.tracker.replace(frame, back)
         return said

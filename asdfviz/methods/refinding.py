@@ -24,6 +24,7 @@ from asdfviz.geometry.transforms import (
     transform_from,
 )
 from asdfviz.methods.disowned import DisownedConfig
+from asdfviz.methods.held_colors import HeldConfig
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.track_memory import Track
@@ -82,6 +83,8 @@ class RefindConfig:
     """Visible share below which a part is not lost but hidden: it is taken to stay where it was,"""
     patience: int = 15
     """for so many frames."""
+    held: HeldConfig = field(default_factory=HeldConfig)
+    """When parts that the state holds have their colours learnt anew."""
 
 
 def quarter_turns() -> tuple[Rotation, ...]:

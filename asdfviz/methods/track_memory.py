@@ -56,6 +56,8 @@ class Track:
     """Whether the base held it in the last frame."""
     disowned: int = 0
     """By so many frames more the networks spoke against it than for it."""
+    unlike: int = 0
+    """Frames in which the state held it, depth agreed, and its colours alone did not."""
     support: PlaceSupport = field(default_factory=PlaceSupport)
     """What the detector says of its place."""
 

@@ -18,6 +18,7 @@ from asdfviz.methods.disowned import DisownedConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.held_colors import HeldConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
@@ -210,6 +211,7 @@ def _beyond_asdf_track() -> list[Variant]:
     turned = replace(track.refind, rotation_weight=0.0, box_weight=0.0)
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
+    faithful = replace(track.refind, held=HeldConfig(unlike=0.0))
     changed = {
         **_common(track),
         "nothing turned": replace(track, turns=STILL),
@@ -219,6 +221,7 @@ def _beyond_asdf_track() -> list[Variant]:
         "rivals by picture alone": replace(track, refind=turned),
         "never disowned": replace(track, refind=replace(track.refind, disowned=OWNED)),
         "never begun anew": replace(track, refind=stays),
+        "held parts keep their colours": replace(track, refind=faithful),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
         "twins of any colour": replace(track, unlike_twins=UnlikeTwinsConfig(enabled=False)),
     }

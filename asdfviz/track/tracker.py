@@ -118,6 +118,13 @@ class Tracker:
         if colors is not None:
             colors.forget()
 
+    def begin_colors(self, frame: Frame, name: str) -> None:
+        """Learn all colours of a body anew at the pose that it has; links stay, raises as `learn` does."""
+        rgb, depth = self._images(frame)
+        i = self._place(name)
+        self.forget_colors(name)
+        self._tracked[i].start(rgb, depth, self._Ts_camera_centre[i])
+
     def release(self) -> None:
         """Let every body move freely."""
         self._groups = [Group(i, (), self.config.optimizer) for i in range(len(self.names))]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import Camera, Frame
+from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.track.bodies import Body
 from asdfviz.track.presets import FINE, PRESETS
@@ -140,3 +141,18 @@ def test_forgotten_colors_are_learnt_anew(
     assert tracker.evidence(frame)["box"].alike is None
     tracker.learn(frame, ["box"])
     assert tracker.evidence(frame)["box"].alike == pytest.approx(1.0)
+
+
+def test_colors_are_begun_anew_at_the_pose_that_a_part_has(
+    tracker: Tracker, box_body: Body, box_poses: list[Transform], draw: Draw
+) -> None:
+    blue = _colored(box_body, np.array([40, 60, 190]))
+    frames = [draw({"box": blue}, {"box": box_poses[0]}, index) for index in (7, 8)]
+    T_before = tracker.poses["box"]
+    assert tracker.confidence(frames[0])["box"] < 0.2
+    tracker.begin_colors(frames[0], "box")
+    tracker.learn(frames[0], ["box"])
+    assert tracker.confidence(frames[1])["box"] > 0.9
+    np.testing.assert_array_equal(tracker.poses["box"], T_before)
+    with pytest.raises(InputError, match="'lid' is not tracked"):
+        tracker.begin_colors(frames[0], "lid")
