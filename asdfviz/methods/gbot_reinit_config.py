@@ -41,9 +41,9 @@ class GbotReinitConfig(GbotConfig):
     """A tracked pose this near to the detector's (metres) is kept."""
     keep_angle_deg: float = 20.0
     """And turned by less than this, degrees; symmetric poses count as the same."""
-    turns: TurnConfig = field(default_factory=lambda: TurnConfig(a_frame=2))
-    """Whether parts that do not hang on the base are not rather turned otherwise; as published, nobody
-    asks."""
+    turns: TurnConfig = field(default_factory=lambda: TurnConfig(a_frame=2, slack=0.03))
+    """Whether parts that do not hang on the base are not rather turned otherwise: more must speak for it
+    where all were begun at the truth. As published, nobody asks."""
     faithful: bool = False
     """Take every detected pose, as the published code does by a slip."""
 

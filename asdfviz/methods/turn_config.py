@@ -25,7 +25,7 @@ class TurnConfig:
     """A turn is right, or ruled out, that is ahead or behind by this in all;"""
     step: float = 0.12
     """no frame counts for more than this for it: a single one may deceive."""
-    slack: float = 0.03
+    slack: float = 0.02
     """Taken from what every frame says for it: frames deceive alike as long as nothing moves."""
     remembered: int = 6
     """Turns that a part was in and that were wrong."""
