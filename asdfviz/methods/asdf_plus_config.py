@@ -12,7 +12,7 @@ from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
-from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
+from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
@@ -48,7 +48,7 @@ class AsdfPlusConfig(AsdfConfig):
     """State helps pose, after the registration."""
     on_table: OnTableConfig = NO_TABLE
     """Off: contours settle poses here."""
-    laid: OnTableConfig = LAID
+    laid: OnTableConfig = field(default_factory=OnTableConfig)
     """How the table mends poses that are settled, as they are told; none goes on from there."""
     at_rest: AtRestConfig = field(default_factory=AtRestConfig)
     """What lies still is told as most frames have it;"""

@@ -10,7 +10,7 @@ from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
-from asdfviz.methods.on_table import LAID, NO_TABLE, OnTableConfig
+from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
@@ -56,7 +56,7 @@ class AsdfTrackConfig(AsdfConfig):
     """Of the network in the rotation of the frame before; the tracker holds what is right."""
     on_table: OnTableConfig = NO_TABLE
     """Off: contours settle poses here."""
-    laid: OnTableConfig = LAID
+    laid: OnTableConfig = field(default_factory=OnTableConfig)
     """How the table mends poses, as they are told; the tracker goes on from its own."""
     at_rest: AtRestConfig = field(default_factory=AtRestConfig)
     """What lies still is looked for where it was, and told as most frames have it;"""

@@ -46,11 +46,6 @@ NO_TABLE = OnTableConfig(enabled=False)
 table says of turns (`turn_checks`) is another matter."""
 
 
-LAID = OnTableConfig(standing=StandingConfig(angle_deg=25.0, above=0.005))
-"""For poses that contours have settled, as they are told: rather more tilted ones may be meant to lie
-flat than where poses go on from there."""
-
-
 def on_table(
     poses: Mapping[str, PoseEstimate],
     assembly: Assembly,

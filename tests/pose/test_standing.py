@@ -65,7 +65,7 @@ def test_a_block_that_nearly_lies_there_is_laid_flat_where_it_is_seen(rise: floa
     assert found is not None
     lowest = np.sort(heights(found))[:4]
     np.testing.assert_allclose(lowest, lowest[0], atol=1e-6)
-    assert -0.002 - 1e-6 < lowest[0] < 0.003
+    assert -0.001 - 1e-6 < lowest[0] < 0.003
     assert rotation_angle(found[:3, :3].T @ T[:3, :3]) == pytest.approx(0.15, abs=0.01)
     np.testing.assert_allclose(found[:2, 3] / found[2, 3], T[:2, 3] / T[2, 3], atol=1e-9)
 
@@ -75,7 +75,7 @@ def test_what_does_not_lie_there_stays(case: str) -> None:
     T = LYING.copy()
     if case == "tilted":
         T = T @ transform_from(rotation_about(np.array([1.0, 0, 0]), 0.5), np.zeros(3))
-    T[:3, 3] += {"held": 0.005, "deep": -0.03}.get(case, 0.0) * NORMAL
+    T[:3, 3] += {"held": 0.008, "deep": -0.03}.get(case, 0.0) * NORMAL
     assert flat(T) is None
 
 
