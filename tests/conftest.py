@@ -11,6 +11,8 @@ from pathlib import Path
 import jaxtyping
 import pytest
 import shape_checks
+from safetensors import safe_open
+from safetensors.numpy import load_file, save_file
 
 # Modules imported from here on check their jaxtyping annotations at every call.
 shape_checks.install("asdfviz")
@@ -76,3 +78,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put some files first; all else keeps its order."""
     place = {name: i for i, name in enumerate(FIRST)}
     items.sort(key=lambda item: place.get(item.path.name, len(FIRST)))
+
+
+@pytest.fixture(scope="session")
+def another_file() -> Callable[[Path, Path], Path]:
+    """Writes the network of one file to another, whose hash is another one."""
+
+    def written(weights: Path, other: Path) -> Path:
+        with safe_open(weights, framework="numpy") as file:
+            metadata = {**file.metadata(), "written": "again"}
+        save_file(load_file(weights), other, metadata=metadata)
+        return other
+
+    return written

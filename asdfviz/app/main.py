@@ -28,11 +28,9 @@ from asdfviz.data.resources import bundled_assemblies, models_folder
 from asdfviz.data.result_csv import load_run_or_csv
 from asdfviz.data.run_files import RUN, RUNS, load_run
 from asdfviz.data.sequences import open_sequence
-from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError, SequenceError
+from asdfviz.methods.network import NetworkConfig, has_detector
 from asdfviz.methods.registry import available_methods, find_method
-
-WEIGHTS = "weights.safetensors"
 
 
 @dataclass(frozen=True)
@@ -130,7 +128,7 @@ class App:
         start_check(self.workspace)
         workspace = self.workspace
         is_wanted = not workspace.runs and not is_stopped(workspace.store, FIRST_METHOD)
-        if is_wanted and _has_weights(workspace.assembly):
+        if is_wanted and has_detector(NetworkConfig(), workspace.assembly):
             self.background.run(find_method(FIRST_METHOD))
 
     def _close_tab(self, client: Any) -> None:
@@ -242,10 +240,6 @@ def _is_ours_to_write(scene: Path) -> bool:
     # The bits are asked as well: root may write everywhere, but a folder marked read-only is meant so.
     is_open = bool(scene.stat().st_mode & stat.S_IWUSR) and os.access(scene, os.W_OK)
     return is_open and not scene.is_relative_to(models_folder())
-
-
-def _has_weights(assembly: Assembly) -> bool:
-    return (Path(assembly.path).parent / WEIGHTS).is_file()
 
 
 def _login_name() -> str:

@@ -93,6 +93,20 @@ def has_own_detector(config: NetworkConfig, assembly: Assembly) -> bool:
     return path.suffix != ".safetensors" or len(assemblies_known(path)) < 2
 
 
+def has_detector(config: NetworkConfig, assembly: Assembly) -> bool:
+    """Whether there is a network for an assembly: weights of its own, or those of several that name it.
+
+    Raises:
+        WeightsError: weights of several assemblies cannot be read.
+    """
+    path = weights_path(config, assembly)
+    if not path.is_file() or path.parent == Path(assembly.path).resolve().parent:
+        return path.is_file()
+    from asdfviz.detector.weights import assemblies_known
+
+    return path.suffix != ".safetensors" or assembly.name in assemblies_known(path)
+
+
 def load_detector(
     config: NetworkConfig, assembly: Assembly, *, masks: Path | None = None
 ) -> Detects:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -40,13 +41,19 @@ def test_without_its_weights_it_says_how_to_get_some(tmp_path: Path) -> None:
         method.reset(assembly, camera, None)
 
 
-def test_masks_of_another_detector_are_refused() -> None:
-    joint = masks_path(None, NetworkConfig(), load_assembly("vise"))
-    assert joint.is_file()
-    config = AsdfSegConfig(masks=joint, first_pose="keypoints")
+def test_masks_of_another_detector_are_refused(
+    tmp_path: Path, another_file: Callable[[Path, Path], Path]
+) -> None:
+    assembly = load_assembly("corner_clamp")
+    masks = masks_path(None, NetworkConfig(), assembly)
+    weights = weights_path(NetworkConfig(), assembly)
+    other = another_file(weights, tmp_path / "weights.safetensors")
+    config = AsdfSegConfig(
+        detector=NetworkConfig(weights=other), masks=masks, first_pose="keypoints"
+    )
     method = build_method(find_method("asdf_seg"), config)
     with pytest.raises(WeightsError, match="other weights"):
-        method.reset(load_assembly("corner_clamp"), open_sequence("sample").camera, None)
+        method.reset(assembly, open_sequence("sample").camera, None)
 
 
 @pytest.fixture

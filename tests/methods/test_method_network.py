@@ -10,7 +10,7 @@ from asdfviz.datatypes import Assembly, Detection
 from asdfviz.errors import InputError, WeightsError
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
-from asdfviz.methods.network import NetworkConfig, load_detector, weights_path
+from asdfviz.methods.network import NetworkConfig, has_detector, load_detector, weights_path
 
 
 def save_random(path: Path, classes: tuple[str, ...]) -> Path:
@@ -27,6 +27,23 @@ def test_weights_lie_beside_the_assembly_unless_named(assembly: Assembly, tmp_pa
     assert weights_path(NetworkConfig(), assembly) == Path("/toy/weights.safetensors")
     named = NetworkConfig(weights=tmp_path / "mine.safetensors")
     assert weights_path(named, assembly) == tmp_path / "mine.safetensors"
+
+
+def test_a_network_of_several_assemblies_is_theirs_alone(toy, tmp_path: Path) -> None:
+    folder = tmp_path / "toy"
+    folder.mkdir()
+    assembly = dataclasses.replace(toy.assembly, path=str(folder / "assembly.yaml"))
+    assert not has_detector(NetworkConfig(), assembly)
+    joint = tmp_path / "weights.safetensors"
+    save_random(joint, ("boat/hull", "kite/tail"))
+    assert not has_detector(NetworkConfig(), assembly)
+    save_random(joint, ("boat/hull", f"{assembly.name}/base"))
+    assert has_detector(NetworkConfig(), assembly)
+    joint.write_bytes(b"broken")
+    with pytest.raises(WeightsError, match=r"weights\.safetensors"):
+        has_detector(NetworkConfig(), assembly)
+    (folder / "weights.safetensors").write_bytes(b"read when it runs")
+    assert has_detector(NetworkConfig(), assembly)
 
 
 def test_a_network_runs_as_configured(toy, tmp_path: Path) -> None:
