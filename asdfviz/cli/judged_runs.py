@@ -7,7 +7,7 @@ import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from asdfviz.cli.progress import progress_bar, stop_on_interrupt
 from asdfviz.errors import InputError, RunError, Stopped
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from asdfviz.evaluate.judgement import Judgement
     from asdfviz.evaluate.paper_layout import Layout
     from asdfviz.methods.spec import MethodSpec
+
+WEIGHTS = ("weights", "masks")
+"""Options that name files whose content a run's hashes have."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +84,10 @@ def made_run(
 
 
 def kept_run(folder: Path, sequence: FolderSequence, config: object) -> Run | None:
-    """The run in a folder if it is whole, of this version, these inputs and this config; else None."""
+    """The run in a folder if it is whole, of this version, these inputs and this config; else None.
+
+    Weights are the same wherever they lie: their content tells.
+    """
     from asdfviz import __version__
     from asdfviz.data.run_files import load_run
     from asdfviz.run import input_hashes, resolved_config
@@ -141,5 +147,11 @@ def give_table(table: str, note: str, out: Path | None) -> None:
 
 
 def _plain(config: object) -> object:
-    """A config as its file holds it."""
-    return json.loads(json.dumps(config, default=str))
+    """A config as its file holds it, without the files of weights."""
+    return json.loads(json.dumps(config, default=str), object_hook=_without_weights)
+
+
+def _without_weights(options: dict[str, Any]) -> dict[str, Any]:
+    """`translation.weights` is a kind of weights, no file, and stays."""
+    files = {k for k in WEIGHTS if isinstance(options.get(k), str) and Path(options[k]).suffix}
+    return {key: value for key, value in options.items() if key not in files}

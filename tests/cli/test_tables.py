@@ -23,6 +23,7 @@ from asdfviz.data.run_files import save_run
 from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import FramePrediction, PoseEstimate, Run
 from asdfviz.errors import InputError
+from asdfviz.methods.network import weights_path
 from asdfviz.methods.registry import find_method
 from asdfviz.run import input_hashes, resolved_config
 
@@ -120,6 +121,31 @@ def test_a_kept_run_is_taken_only_with_the_same_config_and_version(tmp_path: Pat
     other = dataclasses.replace(config, refinement="none")
     assert kept_run(tmp_path / "kept", sequence, other) is None
     assert kept_run(tmp_path / "elsewhere", sequence, config) is None
+
+
+def test_a_kept_run_is_taken_wherever_the_same_weights_lie(tmp_path: Path) -> None:
+    sequence = open_sequence("sample")
+    assert sequence.assembly is not None
+    config: Any = find_method("asdf").config()
+    save_run(empty_run(sequence, "asdf", sequence.frame_indices), tmp_path / "kept")
+    ours = weights_path(config.detector, sequence.assembly)
+    moved = tmp_path / ours.name
+    shutil.copy(ours, moved)
+    there = dataclasses.replace(
+        config, detector=dataclasses.replace(config.detector, weights=moved)
+    )
+    assert kept_run(tmp_path / "kept", sequence, there) is not None
+    moved.write_bytes(b"others")
+    assert kept_run(tmp_path / "kept", sequence, there) is None
+
+
+def test_a_kept_run_of_other_weighting_is_not_taken(tmp_path: Path) -> None:
+    sequence = open_sequence("sample")
+    config: Any = find_method("asdf").config()
+    save_run(empty_run(sequence, "asdf", sequence.frame_indices), tmp_path / "kept")
+    uniform = dataclasses.replace(config.translation, weights="uniform")
+    other = dataclasses.replace(config, translation=uniform)
+    assert kept_run(tmp_path / "kept", sequence, other) is None
 
 
 @pytest.mark.parametrize(
