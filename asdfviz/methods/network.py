@@ -96,15 +96,17 @@ def has_own_detector(config: NetworkConfig, assembly: Assembly) -> bool:
 def has_detector(config: NetworkConfig, assembly: Assembly) -> bool:
     """Whether there is a network for an assembly: weights of its own, or those of several that name it.
 
-    Raises:
-        WeightsError: weights of several assemblies cannot be read.
+    What cannot be read counts as one: whoever loads it is told what is wrong.
     """
     path = weights_path(config, assembly)
     if not path.is_file() or path.parent == Path(assembly.path).resolve().parent:
         return path.is_file()
     from asdfviz.detector.weights import assemblies_known
 
-    return path.suffix != ".safetensors" or assembly.name in assemblies_known(path)
+    try:
+        return path.suffix != ".safetensors" or assembly.name in assemblies_known(path)
+    except WeightsError:
+        return True
 
 
 def load_detector(

@@ -40,8 +40,7 @@ def test_a_network_of_several_assemblies_is_theirs_alone(toy, tmp_path: Path) ->
     save_random(joint, ("boat/hull", f"{assembly.name}/base"))
     assert has_detector(NetworkConfig(), assembly)
     joint.write_bytes(b"broken")
-    with pytest.raises(WeightsError, match=r"weights\.safetensors"):
-        has_detector(NetworkConfig(), assembly)
+    assert has_detector(NetworkConfig(), assembly)  # whoever loads it is told what is wrong
     (folder / "weights.safetensors").write_bytes(b"read when it runs")
     assert has_detector(NetworkConfig(), assembly)
 
