@@ -19,7 +19,7 @@ from asdfviz.track.presets import PROPOSED
 pytestmark = pytest.mark.usefixtures("small_models", "shapes_unchecked")
 
 BLOCK = transform_from(np.eye(3), np.array([-0.15, -0.05, 0.6]))
-ORANGE, SKIN = (220, 120, 20), (40, 190, 90)
+ORANGE, GREEN = (220, 120, 20), (40, 190, 90)
 
 
 def _frame(toy, index: int, color: tuple[int, int, int], *, nearer: float = 0.0) -> Frame:
@@ -42,9 +42,9 @@ def _scores(
         refind=RefindConfig(held=config or HeldConfig()),
         turns=TurnConfig(),
     )
-    parts.begin(_frame(toy, 0, SKIN), {"block": BLOCK})
+    parts.begin(_frame(toy, 0, GREEN), {"block": BLOCK})
     for index in range(1, 4):
-        parts.settle(_frame(toy, index, SKIN), frozenset())
+        parts.settle(_frame(toy, index, GREEN), frozenset())
     held = frozenset({"block"}) if joined else frozenset[str]()
     scores: list[float] = []
     for index in range(4, 12):
