@@ -51,12 +51,13 @@ def nearest_point(depth, lens, x, y, z, distance, stride_length, out):
 @kernel
 @no_type_check
 def find_matches(
-    depth, points, count, T, lens, search, scale_by_depth,
+    depth, points, count, T, lens, search, scale_by_depth, least_edge,
     hide, offsets, occlusion, ids, crop, own, matches,
 ):  # fmt: skip
     """Match the first `count` surface points to measured points; return how many found one.
 
-    `search` is (considered distance, stride) in metres, both times z if `scale_by_depth`. `hide`
+    `search` is (considered distance, stride) in metres, both times z if `scale_by_depth`. Points that
+    are nearer to the outline than `least_edge` pixels are left out. `hide`
     asks for the test of measured occlusion, (radius, threshold) in metres; an empty id image
     switches the test of other parts off.
     """
@@ -67,6 +68,8 @@ def find_matches(
         y = T[1, 0] * p[0] + T[1, 1] * p[1] + T[1, 2] * p[2] + T[1, 3]
         z = T[2, 0] * p[0] + T[2, 1] * p[1] + T[2, 2] * p[2] + T[2, 3]
         if z <= 0.0:
+            continue
+        if p[6] * lens[0] < least_edge * z:
             continue
         u, v = lens[0] * x / z + lens[2], lens[1] * y / z + lens[3]
         if ids.size > 0 and id_at(ids, crop, u, v) != own:

@@ -17,7 +17,7 @@ from asdfviz.track import depth_kernels
 from asdfviz.track.confidence import HIDDEN_BY, depth_gaps, surface_evidence
 from asdfviz.track.gathered_points import GatheredPoints
 from asdfviz.track.region_modality import at_iteration
-from asdfviz.track.viewpoint_model import ViewpointModel, Views
+from asdfviz.track.viewpoint_model import EDGE_COLUMN, ViewpointModel, Views
 from asdfviz.track.visibility import NO_SILHOUETTES, MaybeDepth, Silhouettes
 
 
@@ -43,6 +43,12 @@ class DepthConfig:
     """By how much it must be nearer, metres."""
     unoccluded_frames: int = 10
     """First frames without that test, whose pose may still be poor."""
+    edge_px: float = 0.0
+    """Surface points nearer to the outline than this, pixels, are left out, as sensors draw what lies
+    behind over them; what is left weighs as much together."""
+    edge_share: float = 0.5
+    """But never those farther from it than this share of the part's farthest: of what is thin in the
+    picture the middle stays."""
 
 
 class DepthModality:
@@ -89,7 +95,8 @@ class DepthModality:
         """
         self.wanted = self._surface.gather(views)
         self._search[0] = at_iteration(self.config.considered_distances, iteration)
-        self._sigma = at_iteration(self.config.sigmas, iteration)
+        least_edge, kept = self._inner(T_camera_centre)
+        self._sigma = at_iteration(self.config.sigmas, iteration) * kept**0.5
         self.count = depth_kernels.find_matches(
             depth,
             self._surface.points,
@@ -98,6 +105,7 @@ class DepthModality:
             self._lens,
             self._search,
             self.config.scale_by_depth,
+            least_edge,
             hide,
             self._surface.offsets,
             self._occlusion,
@@ -106,6 +114,15 @@ class DepthModality:
             number,
             self._matches,
         )
+
+    def _inner(self, T_camera_centre: Transform) -> tuple[float, float]:
+        """From which distance of the outline on (pixels) points count, and what share of them does."""
+        if self.config.edge_px <= 0.0 or self.wanted == 0:
+            return 0.0, 1.0
+        scale = self._lens[0] / max(T_camera_centre[2, 3], 1e-3)
+        px = self._surface.points[: self.wanted, EDGE_COLUMN] * scale
+        least = min(self.config.edge_px, self.config.edge_share * float(px.max()))
+        return least, float((px >= least).mean())
 
     def calculate_gradient_and_hessian(
         self,

@@ -27,7 +27,7 @@ from asdfviz.track.viewpoint_model import (
     build_viewpoint_model,
 )
 
-VERSION = 1
+VERSION = 2
 """Of the file's layout and of how a view is sampled; part of the name."""
 FOLDER = ".viewpoints"
 _STEPS = 32767.0
@@ -81,7 +81,8 @@ def pack_viewpoint_model(model: ViewpointModel) -> bytes:
         widths=np.minimum(model.contours[..., 6:] * 1e3, 6e4).astype(np.float16),
         contour_lengths=model.contour_lengths,
         contour_offsets=_coded_offsets(model.contour_offsets),
-        surfaces=_coded(model.surfaces, reach),
+        surfaces=_coded(model.surfaces[..., :6], reach),
+        edges=(model.surfaces[..., 6:] * 1e3).astype(np.float16),
         surface_areas=model.surface_areas,
         surface_offsets=_coded_offsets(model.surface_offsets),
         occlusion_radii=np.array(model.occlusion_radii),
@@ -98,13 +99,14 @@ def unpack_viewpoint_model(packed: bytes) -> ViewpointModel:
     held = unpacked(packed)
     reach = float(held["reach"])
     widths = held["widths"].astype(np.float32) / 1e3
+    edges = held["edges"].astype(np.float32) / 1e3
     return ViewpointModel(
         centre=held["centre"],
         directions=held["directions"],
         contours=np.concatenate([_decoded(held["contours"], reach), widths], axis=2),
         contour_lengths=held["contour_lengths"],
         contour_offsets=held["contour_offsets"].astype(np.float32) * _OFFSET_STEP,
-        surfaces=_decoded(held["surfaces"], reach),
+        surfaces=np.concatenate([_decoded(held["surfaces"], reach), edges], axis=2),
         surface_areas=held["surface_areas"],
         surface_offsets=held["surface_offsets"].astype(np.float32) * _OFFSET_STEP,
         occlusion_radii=tuple(held["occlusion_radii"].tolist()),

@@ -49,6 +49,15 @@ def outline(
     return np.concatenate(pixels), np.concatenate(normals)
 
 
+def edge_distances(
+    inverse_depth: Float32[np.ndarray, "h w"],
+) -> Float32[np.ndarray, "h w"]:
+    """How far the middle of each pixel of the silhouette is from where that ends, pixels."""
+    mask = (inverse_depth > 0).astype(np.uint8)
+    # To the next pixel outside, half of which is not its middle yet.
+    return np.maximum(cv2.distanceTransform(mask, cv2.DIST_L2, 3) - np.float32(0.5), 0)
+
+
 @kernel
 @no_type_check
 def spread_pixels(ids, wanted, start):
@@ -151,12 +160,16 @@ def contour_points(pixels, normals, inverse_depth, T, lens, radii, points, offse
 
 @kernel
 @no_type_check
-def surface_points(pixels, normals, inverse_depth, T, lens, radii, points, offsets):
-    """Fill rows of SURFACE_COLUMNS from flat pixel indices (n,) and normals in part axes (n,3)."""
+def surface_points(pixels, normals, edges, inverse_depth, T, lens, radii, points, offsets):
+    """Fill rows of SURFACE_COLUMNS from flat pixel indices (n,) and normals in part axes (n,3).
+
+    `edges` is how far each pixel is from the outline, pixels.
+    """
     width = inverse_depth.shape[1]
     for k in range(len(pixels)):
         u, v = pixels[k] % width, pixels[k] // width
         _to_part(T, float(u), float(v), 1.0 / inverse_depth[v, u], lens, points[k])
         for i in range(3):
             points[k, 3 + i] = normals[k, i]
+        points[k, 6] = edges[v, u] / (inverse_depth[v, u] * lens[0])
         _offsets(inverse_depth, u, v, lens, radii, offsets[k])

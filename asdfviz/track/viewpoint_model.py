@@ -30,8 +30,9 @@ FaceIndices: TypeAlias = Int32[np.ndarray, "n"]
 CONTOUR_COLUMNS = 8
 """x y z, normal x y z, foreground width, background width."""
 GOLDEN = (5**0.5 - 1) / 2
-SURFACE_COLUMNS = 6
-"""x y z, normal x y z."""
+SURFACE_COLUMNS = 7
+"""x y z, normal x y z, distance from the outline across the line of sight."""
+EDGE_COLUMN = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,7 @@ class ViewpointModel:
     """Length of the contour in the plane through the centre, metres; 0 = no contour."""
     contour_offsets: Float32[np.ndarray, "v n r"]
     """How much nearer to the camera the part's own surface comes within each occlusion radius."""
-    surfaces: Float32[np.ndarray, "v n 6"]
+    surfaces: Float32[np.ndarray, "v n 7"]
     surface_areas: ViewNumbers
     """Area of the silhouette in the plane through the centre, square metres."""
     surface_offsets: Float32[np.ndarray, "v n r"]
@@ -166,7 +167,7 @@ class _View:
     contour: Float32[np.ndarray, "n 8"]
     contour_offsets: Float32[np.ndarray, "n r"]
     length: float
-    surface: Float32[np.ndarray, "n 6"]
+    surface: Float32[np.ndarray, "n 7"]
     surface_offsets: Float32[np.ndarray, "n r"]
     area: float
 
@@ -204,8 +205,9 @@ def _view(
     surface_offsets = np.zeros((config.points, len(radii)), np.float32)
     if count:
         normals = face_normals(mesh, faces.ravel()[pixels], T)
+        edges = viewpoint_kernels.edge_distances(inverse_depth)
         viewpoint_kernels.surface_points(
-            pixels, normals, inverse_depth, T, lens, radii, surface, surface_offsets
+            pixels, normals, edges, inverse_depth, T, lens, radii, surface, surface_offsets
         )
     pixel = camera.radius / camera.focal
     return _View(

@@ -1,12 +1,24 @@
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
-from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.datatypes import Camera, Frame
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import point_distance, rotation_about, transform_from
 from asdfviz.track import depth_kernels
+from asdfviz.track.bodies import Body
+from asdfviz.track.depth_modality import DepthConfig, DepthModality
 from asdfviz.track.optimizer import move
+from asdfviz.track.presets import TrackerConfig
+from asdfviz.track.tracker import Tracker
 from asdfviz.track.visibility import occluded
+
+Draw = Callable[[Mapping[str, Body], Mapping[str, Transform], int], Frame]
 
 T = transform_from(rotation_about(np.array([0.3, -0.8, 0.2]), 0.7), np.array([0.02, -0.03, 0.5]))
 LENS = np.array([300.0, 310.0, 79.5, 59.5])
@@ -91,14 +103,14 @@ def test_nearer_depth_within_the_radius_occludes(u: int, expected: bool) -> None
 
 def test_other_parts_and_hands_leave_points_out() -> None:
     depth = np.full((120, 160), 0.5, np.float32)
-    points = np.array([[x, 0.0, 0.0, 0.0, 0.0, -1.0] for x in (-0.1, 0.1)], np.float32)
+    points = np.array([[x, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0] for x in (-0.1, 0.1)], np.float32)
     T_front = transform_from(np.eye(3), np.array([0.0, 0.0, 0.5]))
     ids = np.zeros((120, 160), np.int32)
     out = np.zeros((2, depth_kernels.MATCH_COLUMNS))
 
     def count(hide: bool, ids: np.ndarray, depth: np.ndarray) -> int:
         return depth_kernels.find_matches(
-            depth, points, 2, T_front, LENS, np.array([0.02, 0.005]), False,
+            depth, points, 2, T_front, LENS, np.array([0.02, 0.005]), False, 0.0,
             hide, np.zeros(2, np.float32), np.array([0.01, 0.03]), ids, np.array([0.0, 0.0, 1.0]), 0, out,
         )  # fmt: skip
 
@@ -110,3 +122,55 @@ def test_other_parts_and_hands_leave_points_out() -> None:
     none = np.zeros((0, 0), np.int32)
     assert count(False, none, hand) == 2
     assert count(True, none, hand) == 1
+
+
+def smeared(frame: Frame, sigma_px: float) -> Frame:
+    """As sensors see depth: edges drawn out into what lies behind."""
+    assert frame.depth is not None
+    return replace(frame, depth=cv2.GaussianBlur(frame.depth, (0, 0), sigma_px))
+
+
+def test_smeared_edges_do_not_push_a_part_back(
+    box_body: Body, box_poses: list[Transform], camera: Camera, draw: Draw
+) -> None:
+    T = box_poses[0]
+    frame = smeared(draw({"box": box_body}, {"box": T}, 0), 2.0)
+    middle = box_body.model.centre
+    off: dict[float, float] = {}
+    for edge_px in (0.0, 4.0):
+        config = TrackerConfig(region=None, depth=DepthConfig(edge_px=edge_px, stride=0.002))
+        tracker = Tracker({"box": box_body}, camera, config)
+        tracker.start(frame, {"box": T})
+        for _ in range(3):
+            tracker.update(frame)
+        off[edge_px] = point_distance(tracker.poses["box"], T, middle)
+    assert off[4.0] < 0.5 * off[0.0]
+    assert off[4.0] < 1.5e-3
+
+
+@pytest.mark.parametrize(("edge_px", "share"), [(0.0, 1.0), (4.0, 0.8), (1000.0, 0.25)])
+def test_the_middle_of_a_part_stays_however_thin_it_is_and_weighs_as_much(
+    box_body: Body,
+    box_poses: list[Transform],
+    draw: Draw,
+    edge_px: float,
+    share: float,
+) -> None:
+    frame = draw({"box": box_body}, {"box": box_poses[0]}, 0)
+    assert frame.depth is not None
+    T = box_poses[0].copy()
+    T[:3, 3] += T[:3, :3] @ box_body.model.centre
+    K = frame.camera.K
+    modality = DepthModality(
+        box_body.model, np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]]), DepthConfig(edge_px=edge_px)
+    )
+    views = box_body.model.views(T)
+    modality.calculate_correspondences(frame.depth, T, views=views, iteration=0)
+    assert modality.count == pytest.approx(share * modality.wanted, abs=0.15 * modality.wanted)
+    gradient, hessian = np.zeros(6), np.zeros((6, 6))
+    modality.calculate_gradient_and_hessian(T, gradient=gradient, hessian=hessian)
+    whole = 200 / (0.05 * T[2, 3]) ** 2
+    # Along the line of sight, which all faces that show lean against.
+    z = T[2, :3]
+    full = hessian + np.tril(hessian, -1).T
+    assert 0.3 * whole < z @ full[3:, 3:] @ z < 1.1 * whole

@@ -2,13 +2,15 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+import cv2
 import numpy as np
 import pytest
 
 from asdfviz.datatypes import Mesh
 from asdfviz.errors import Stopped
-from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.geometry.transforms import apply, rotation_about, transform_from
 from asdfviz.track.viewpoint_model import (
+    EDGE_COLUMN,
     ViewpointConfig,
     ViewpointModel,
     build_viewpoint_model,
@@ -50,7 +52,7 @@ def test_points_lie_on_the_surface(
 
 
 def test_surface_normals_are_the_box_axes_and_face_the_camera(box_model: ViewpointModel) -> None:
-    normals = box_model.surfaces[..., 3:]
+    normals = box_model.surfaces[..., 3:6]
     np.testing.assert_allclose(np.abs(normals).max(axis=-1), 1.0, atol=1e-6)
     away = np.einsum("vni,vi->vn", normals, box_model.directions)
     assert away.max() < 0.15
@@ -110,3 +112,21 @@ def test_progress_is_told_and_stop_is_heard(box: Mesh, small_views: ViewpointCon
             stop=lambda: len(told) == 5,
         )
     assert told == [(k, 162) for k in range(1, 6)]
+
+
+def test_surface_points_know_how_far_the_outline_is(
+    box_model: ViewpointModel, half: np.ndarray, small_views: ViewpointConfig
+) -> None:
+    """Of a box the outline is the hull of its projected corners."""
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+    radius = max(small_views.radius, 4 * float(np.linalg.norm(half)))
+    pixel = 2 * np.linalg.norm(half) / small_views.image_size
+    for direction, surface in zip(box_model.directions, box_model.surfaces, strict=True):
+        T = view_transform(direction.astype(np.float64), radius)
+        seen = apply(T, corners)
+        hull = cv2.convexHull((seen[:, :2] / seen[:, 2:]).astype(np.float32))
+        points = apply(T, surface[:, :3].astype(np.float64))
+        for (x, y, z), edge in zip(points[::10], surface[::10, EDGE_COLUMN], strict=True):
+            expected = cv2.pointPolygonTest(hull, (x / z, y / z), measureDist=True) * z
+            # OpenCV's distances, by steps to neighbours, are a little off the straight ones.
+            assert abs(edge - expected) < 1.5 * pixel + 0.05 * expected
