@@ -29,6 +29,7 @@ from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.followed_state import FollowedState
+from asdfviz.methods.hidden_parts import sure_as_the_base
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
 from asdfviz.methods.own_colors import OwnColors
@@ -159,6 +160,8 @@ class AsdfTrack:
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
         runtime = {**proposed.runtime, **timed.seconds}
+        share = config.refind.hidden
+        poses = sure_as_the_base(poses, parts.tracks, base=assembly.base, share=share)
         said = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)
 

@@ -83,6 +83,10 @@ class RefindConfig:
     """Visible share below which a part is not lost but hidden: it is taken to stay where it was,"""
     patience: int = 15
     """for so many frames."""
+    hidden: float = 0.8
+    """As sure as the base, times this, is a part that the state holds and that is hidden, 0 to 1. Behind
+    rendered hands 385 of 689 such poses are right; of a screw clamp's parts the base is above 0.68 in
+    nine of ten that are right, and below 0.03 in three of four that are wrong."""
     held: HeldConfig = field(default_factory=HeldConfig)
     """When parts that the state holds have their colours learnt anew."""
 
