@@ -160,8 +160,14 @@ class AsdfTrack:
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
         runtime = {**proposed.runtime, **timed.seconds}
-        share = config.refind.hidden
-        poses = sure_as_the_base(poses, parts.tracks, base=assembly.base, share=share)
+        poses = sure_as_the_base(
+            poses,
+            parts.tracks,
+            frame,
+            meshes={name: part.mesh for name, part in assembly.parts.items()},
+            base=assembly.base,
+            share=config.refind.hidden,
+        )
         said = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)
 

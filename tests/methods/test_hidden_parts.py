@@ -5,20 +5,37 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import PoseEstimate
+from asdfviz.datatypes import Camera, Frame, Mesh, PoseEstimate
+from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.hidden_parts import sure_as_the_base
 from asdfviz.methods.track_memory import Track
 
-POSES = {
-    "base": PoseEstimate("base", np.eye(4), 0.9, "tracked"),
-    "part": PoseEstimate("part", np.eye(4), 0.02, "group"),
-}
+CAMERA = Camera(np.array([[300.0, 0.0, 159.5], [0.0, 300.0, 119.5], [0.0, 0.0, 1.0]]), 320, 240)
+FRAME = Frame(0, 0.0, np.zeros((240, 320, 3), np.uint8), None, CAMERA)
 
 
-def told(track: Track, *, share: float = 0.8) -> float:
+def square(half: float) -> Mesh:
+    """Across the line of sight, metres."""
+    corners = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * half
+    return Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+
+
+MESHES = {"base": square(0.05), "part": square(0.02)}
+
+
+def posed(name: str, score: float, x: float, z: float) -> PoseEstimate:
+    stage = "tracked" if name == "base" else "group"
+    return PoseEstimate(name, transform_from(np.eye(3), np.array([x, 0.0, z])), score, stage)
+
+
+def told(
+    track: Track, *, share: float = 0.8, x: float = 0.0, z: float = 0.49, base: float = 0.9
+) -> float:
+    """The score of a part at 0.02 by itself, with its base half a metre off."""
+    poses = {"base": posed("base", base, 0.0, 0.5), "part": posed("part", 0.02, x, z)}
     tracks = {"base": Track(np.eye(4)), "part": track}
-    said = sure_as_the_base(POSES, tracks, base="base", share=share)
-    assert said["base"] is POSES["base"]
+    said = sure_as_the_base(poses, tracks, FRAME, meshes=MESHES, base="base", share=share)
+    assert said["base"] is poses["base"]
     return said["part"].score
 
 
@@ -26,6 +43,7 @@ def test_a_hidden_part_that_the_state_holds_is_almost_as_sure_as_its_base() -> N
     hidden = Track(np.eye(4), unsure=4, joined=True)
     assert told(hidden) == pytest.approx(0.72)
     assert told(hidden, share=0.0) == 0.02
+    assert told(hidden, base=0.01) == 0.02
 
 
 @pytest.mark.parametrize(
@@ -41,9 +59,14 @@ def test_all_others_are_as_sure_as_what_is_seen_of_them(track: Track) -> None:
     assert told(track) == 0.02
 
 
-def test_a_surer_word_of_its_own_stays_and_without_a_base_all_do() -> None:
-    hidden = {"base": Track(np.eye(4)), "part": Track(np.eye(4), unsure=1, joined=True)}
-    low = POSES | {"base": PoseEstimate("base", np.eye(4), 0.01, "tracked")}
-    assert sure_as_the_base(low, hidden, base="base", share=0.8)["part"].score == 0.02
-    alone = {"part": POSES["part"]}
-    assert sure_as_the_base(alone, hidden, base="base", share=0.8) == alone
+def test_a_part_close_behind_another_is_hidden_too_though_depth_does_not_tell() -> None:
+    missing = Track(np.eye(4), unsure=4, missing=4, joined=True)
+    assert told(missing, z=0.505) == pytest.approx(0.72)
+    assert told(missing, z=0.505, x=0.05) == 0.02, "half of it shows"
+    assert told(missing, z=0.505, x=3.0) == 0.02, "out of the picture"
+
+
+def test_without_the_base_all_stays() -> None:
+    alone = {"part": posed("part", 0.02, 0.0, 0.5)}
+    tracks = {"part": Track(np.eye(4), unsure=1, joined=True)}
+    assert sure_as_the_base(alone, tracks, FRAME, meshes=MESHES, base="base", share=0.8) == alone
