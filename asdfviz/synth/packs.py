@@ -28,7 +28,7 @@ from asdfviz.synth.sensor import photograph, random_rgb_sensor
 from asdfviz.synth.shading import ShadingConfig, look_at
 from asdfviz.synth.strays import stray
 
-PACK_LIGHT = ShadingConfig(interleave=2, occlusion=0.35, shadow_pixels=320)
+PACK_LIGHT = ShadingConfig(interleave=2, occlusion=0.35, shadow_pixels=320, directions=6)
 """Objects in the air cast few shadows on one another: four points of a light do."""
 
 

@@ -60,10 +60,10 @@ def render(
     triangles = place_all(scenes, bank)
     casters = triangles if bank.casters is None else place_all(scenes, bank.casters)
     with torch.inference_mode():
-        fine = build_gbuffer(
-            scenes, triangles, Views.of(scenes, scale=supersampling, device=device)
-        )
-        radiance = shade(scenes, casters, fine, rng=rng, config=shading or ShadingConfig())
+        views = Views.of(scenes, scale=supersampling, device=device)
+        fine = build_gbuffer(scenes, triangles, views)
+        light = shading or ShadingConfig()
+        radiance = shade(scenes, casters, fine, views, rng=rng, config=light)
         camera = scenes[0].camera
         albedo = fine.albedo.mean(dim=3, keepdim=True)
         exact = (fine.depth, fine.owner) if supersampling == 1 else None

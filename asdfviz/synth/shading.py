@@ -13,8 +13,9 @@ from torch.nn.functional import avg_pool2d, interpolate, pad
 
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import transform_from
+from asdfviz.synth.contact import horizons
 from asdfviz.synth.description import Light, Scene
-from asdfviz.synth.gbuffer import GBuffer
+from asdfviz.synth.gbuffer import GBuffer, Views
 from asdfviz.synth.mesh_bank import Triangles
 from asdfviz.synth.raster import Projected, depth_map
 from asdfviz.synth.tensors import box_mean, dot, length, to_tensor, transform_each, unit
@@ -41,6 +42,8 @@ class ShadingConfig:
     """Strength of the darkening in corners and round things that stand close."""
     shadow_pixels: int = 448
     """Side of a shadow map."""
+    directions: int = 8
+    """In which close surfaces are looked for that keep light off; 0 = none."""
     bias: float = 0.0022
     """Metres by which a surface is lifted along its normal before it is tested."""
 
@@ -61,6 +64,7 @@ def shade(
     scenes: Sequence[Scene],
     triangles: Triangles,
     buffer: GBuffer,
+    views: Views,
     *,
     rng: np.random.Generator,
     config: ShadingConfig,
@@ -69,16 +73,20 @@ def shade(
     device = buffer.depth.device
     total = torch.zeros_like(buffer.albedo)
     wrap = _wrapped(buffer)
+    near = horizons(buffer, views, directions=config.directions) if config.directions else None
     for k in range(max(len(s.lights) for s in scenes)):
         lights = [s.lights[min(k, len(s.lights) - 1)] for s in scenes]
         on = torch.tensor([float(k < len(s.lights)) for s in scenes], device=device)
         visible = _visibility(scenes, lights, triangles, buffer, rng, config)
+        if near is not None:
+            visible = visible.minimum(near.light(_tensor([l.position for l in lights], device)))
         color = (
             _tensor([light.color for light in lights], device)[:, None, None]
             * on[:, None, None, None]
         )
         total += color * _reflect(buffer, lights, wrap) * _through(visible, buffer.translucency)
-    return total + _ambient(scenes, buffer, config.occlusion)
+    sky = ambient_occlusion(buffer.depth, strength=config.occlusion)
+    return total + _ambient(scenes, buffer, sky if near is None else sky * near.sky())
 
 
 def _through(
@@ -201,7 +209,7 @@ def _fifth(share: Tensor) -> Tensor:
 
 
 def _ambient(
-    scenes: Sequence[Scene], buffer: GBuffer, strength: float
+    scenes: Sequence[Scene], buffer: GBuffer, open_sky: Float32[Tensor, "b h w"]
 ) -> Float32[Tensor, "b h w 3"]:
     """Light from all around: sky above, what the ground throws back below, less in corners."""
     device = buffer.depth.device
@@ -214,7 +222,7 @@ def _ambient(
     )
     # The floor lies too far below the table to be darkened by it.
     deep = buffer.position[..., 2] < LOWEST_OCCLUDED
-    occlusion = torch.where(deep, 1.0, ambient_occlusion(buffer.depth, strength=strength))
+    occlusion = torch.where(deep, 1.0, open_sky)
     n_view = dot(buffer.normal, buffer.view).clamp(0, 1)
     fresnel = 0.04 + 0.5 * _fifth(1 - n_view) * (1 - buffer.roughness[..., None])
     mirrored = 2 * n_view * buffer.normal - buffer.view
