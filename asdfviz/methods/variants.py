@@ -40,6 +40,7 @@ from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.relative_pose import PlaceOdds, RelativePoseConfig
+from asdfviz.track.presets import FINE_DEPTH, PROPOSED
 
 ONE_LOOK = SecondLookConfig(enabled=False)
 OWNED = DisownedConfig(enabled=False)
@@ -212,6 +213,7 @@ def _beyond_asdf_track() -> list[Variant]:
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
     faithful = replace(track.refind, held=HeldConfig(unlike=0.0))
+    whole = replace(PROPOSED, depth=replace(FINE_DEPTH, edge_px=0.0))
     changed = {
         **_common(track),
         "nothing turned": replace(track, turns=STILL),
@@ -222,6 +224,8 @@ def _beyond_asdf_track() -> list[Variant]:
         "never disowned": replace(track, refind=replace(track.refind, disowned=OWNED)),
         "never begun anew": replace(track, refind=stays),
         "held parts keep their colours": replace(track, refind=faithful),
+        "hidden parts unsure": replace(track, refind=replace(track.refind, hidden=0.0)),
+        "depth at outlines too": replace(track, tracker=whole),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
         "twins of any colour": replace(track, unlike_twins=UnlikeTwinsConfig(enabled=False)),
     }

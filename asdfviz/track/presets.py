@@ -73,6 +73,15 @@ GBOT = TrackerConfig(
 )
 """The settings of GBOT's evaluator, which are M3T's for assemblies."""
 
+FINE_DEPTH = DepthConfig(
+    considered_distances=(0.07, 0.05, 0.03, 0.02, 0.01, 0.008),
+    sigmas=(0.05, 0.04, 0.03, 0.02, 0.02, 0.015, 0.01),
+    stride=0.003,
+    unoccluded_frames=0,
+    edge_px=3.0,
+)
+"""Of `FINE`."""
+
 FINE = TrackerConfig(
     region=RegionConfig(
         scales=(5, 2, 2, 1),
@@ -81,13 +90,7 @@ FINE = TrackerConfig(
         slope=0.0,
         unoccluded_frames=0,
     ),
-    depth=DepthConfig(
-        considered_distances=(0.07, 0.05, 0.03, 0.02, 0.01, 0.008),
-        sigmas=(0.05, 0.04, 0.03, 0.02, 0.02, 0.015, 0.01),
-        stride=0.003,
-        unoccluded_frames=0,
-        edge_px=3.0,
-    ),
+    depth=FINE_DEPTH,
     correspondence_iterations=7,
 )
 """Our own, for hand-sized parts on a table: SRT3D's sharp contours, and depth that starts as wide as
