@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from asdfviz.datatypes import Assembly, PoseEstimate, State
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Intrinsics, Rotation, Transform, Vector
 from asdfviz.geometry.transforms import (
     apply_to_point,
@@ -89,6 +90,11 @@ class RefindConfig:
     nine of ten that are right, and below 0.03 in three of four that are wrong."""
     held: HeldConfig = field(default_factory=HeldConfig)
     """When parts that the state holds have their colours learnt anew."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        if not 0 <= self.hidden <= 1:
+            raise MethodError(f"refind.hidden is {self.hidden:g}, use 0 to 1")
 
 
 def quarter_turns() -> tuple[Rotation, ...]:

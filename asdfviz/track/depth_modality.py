@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
+from asdfviz.errors import InputError
 from asdfviz.geometry.median import median
 from asdfviz.geometry.shapes import Transform
 from asdfviz.track import depth_kernels
@@ -49,6 +50,13 @@ class DepthConfig:
     edge_share: float = 0.5
     """But never those farther from it than this share of the part's farthest: of what is thin in the
     picture the middle stays."""
+
+    def __post_init__(self) -> None:
+        """Raise an InputError where no points would be left."""
+        if not self.edge_px >= 0:
+            raise InputError(f"edge_px is {self.edge_px}: 0 or more pixels are left out")
+        if not 0 <= self.edge_share < 1:
+            raise InputError(f"edge_share is {self.edge_share}: it lies between 0 and 1, below 1")
 
 
 class DepthModality:

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import Camera, Frame, Mesh, PoseEstimate
+from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.hidden_parts import sure_as_the_base
+from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.track_memory import Track
 
 CAMERA = Camera(np.array([[300.0, 0.0, 159.5], [0.0, 300.0, 119.5], [0.0, 0.0, 1.0]]), 320, 240)
@@ -70,3 +72,9 @@ def test_without_the_base_all_stays() -> None:
     alone = {"part": posed("part", 0.02, 0.0, 0.5)}
     tracks = {"part": Track(np.eye(4), unsure=1, joined=True)}
     assert sure_as_the_base(alone, tracks, FRAME, meshes=MESHES, base="base", share=0.8) == alone
+
+
+@pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
+def test_a_share_that_is_none_is_refused(share: float) -> None:
+    with pytest.raises(MethodError, match="hidden"):
+        RefindConfig(hidden=share)

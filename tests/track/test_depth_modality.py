@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import Camera, Frame
+from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import point_distance, rotation_about, transform_from
 from asdfviz.track import depth_kernels
@@ -174,3 +175,11 @@ def test_the_middle_of_a_part_stays_however_thin_it_is_and_weighs_as_much(
     z = T[2, :3]
     full = hessian + np.tril(hessian, -1).T
     assert 0.3 * whole < z @ full[3:, 3:] @ z < 1.1 * whole
+
+
+@pytest.mark.parametrize(
+    ("edge_px", "edge_share"), [(-1.0, 0.5), (float("nan"), 0.5), (3.0, 1.0), (3.0, -0.1)]
+)
+def test_options_that_would_leave_no_point_are_refused(edge_px: float, edge_share: float) -> None:
+    with pytest.raises(InputError, match="edge_"):
+        DepthConfig(edge_px=edge_px, edge_share=edge_share)
