@@ -15,7 +15,7 @@ from asdfviz.errors import MethodError
 from asdfviz.methods.following import FollowConfig, Follower
 from asdfviz.methods.timing import StageTimer
 from asdfviz.track.bodies import Body
-from asdfviz.track.presets import FINE, GBOT, TrackerConfig
+from asdfviz.track.presets import FOLLOWED, GBOT, TrackerConfig
 from asdfviz.track.tracker import Tracker
 from asdfviz.track.viewpoint_cache import load_viewpoint_models
 
@@ -24,7 +24,7 @@ from asdfviz.track.viewpoint_cache import load_viewpoint_models
 class PartTrackerConfig:
     """Options of a method that tracks every part alone."""
 
-    tracker: TrackerConfig = FINE
+    tracker: TrackerConfig = FOLLOWED
     """What evidence is used, and how."""
     follow: FollowConfig = field(default_factory=FollowConfig)
     """How parts are followed that move fast or are hidden."""

@@ -213,7 +213,7 @@ def _beyond_asdf_track() -> list[Variant]:
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
     faithful = replace(track.refind, held=HeldConfig(unlike=0.0))
-    whole = replace(PROPOSED, depth=replace(FINE_DEPTH, edge_px=0.0))
+    whole = replace(PROPOSED, depth=FINE_DEPTH)
     changed = {
         **_common(track),
         "nothing turned": replace(track, turns=STILL),

@@ -78,7 +78,6 @@ FINE_DEPTH = DepthConfig(
     sigmas=(0.05, 0.04, 0.03, 0.02, 0.02, 0.015, 0.01),
     stride=0.003,
     unoccluded_frames=0,
-    edge_px=3.0,
 )
 """Of `FINE`."""
 
@@ -95,10 +94,13 @@ FINE = TrackerConfig(
 )
 """Our own, for hand-sized parts on a table: SRT3D's sharp contours, and depth that starts as wide as
 ICG for YCB and ends finer. ICG's last 40 mm let such a part match the table beside it, which turns
-it by ten degrees; and without the test for occlusion from the first frame on, it follows a hand. With
-its edges a part of 40 px is measured 4 mm too deep, as sensors draw what lies behind over them."""
+it by ten degrees; and without the test for occlusion from the first frame on, it follows a hand."""
 
-PROPOSED = replace(FINE, colors=SurfaceColorsConfig(choose=False))
+FOLLOWED = replace(FINE, depth=replace(FINE_DEPTH, edge_px=3.0))
+"""The same for parts that are followed from frame to frame. With its edges a part of 40 px is measured
+4 mm too deep, as sensors draw what lies behind over them; a single frame's fit needs them for turns."""
+
+PROPOSED = replace(FOLLOWED, colors=SurfaceColorsConfig(choose=False))
 """The same for parts that a detector began, which may have taken another thing for them."""
 
 PRESETS = {
