@@ -79,35 +79,27 @@ def horizons(buffer: GBuffer, views: Views, *, directions: int) -> Horizons:
     focal = views.K[:, 0, 0]
     index = _near_things(buffer, focal).reshape(-1).nonzero()[:, 0]
     image = torch.div(index, height * width, rounding_mode="floor")
-    normals = buffer.normal.reshape(-1, 3)[index]
-    scale = focal[image] / buffer.depth.reshape(-1)[index]
+    row = torch.div(index, width, rounding_mode="floor")
+    u, v = index - row * width, row % height
     places = buffer.position.reshape(-1, 3).T.contiguous()
+    here, normals = places[:, index], buffer.normal.reshape(-1, 3)[index]
+    normal, scale = normals.T.contiguous(), focal[image] / buffer.depth.reshape(-1)[index]
     angles = [0.2 + 2 * math.pi * k / directions for k in range(directions)]
     turns = torch.tensor([[math.cos(a), math.sin(a)] for a in angles], device=index.device)
     sines = torch.zeros((directions, len(index)), device=index.device)
-    for horizon, angle in zip(sines, angles, strict=True):
-        for step in STEPS:
-            there = _stepped(index, (step * scale).clamp_(min=1.0), angle, (height, width))
-            away = places[:, there] - places[:, index]
+    for step in STEPS:
+        px = (step * scale).clamp_(min=1.0)
+        for horizon, angle in zip(sines, angles, strict=True):
+            # The pixel so far away, of the same image and inside of it.
+            i: Tensor = (u + (px * math.cos(angle)).round_()).clamp_(0, width - 1).long()
+            j: Tensor = (v + (px * math.sin(angle)).round_()).clamp_(0, height - 1).long()
+            away = places[:, (row - v + j) * width + i] - here
             square = away.square().sum(dim=0).clamp_(min=1e-12)
-            rise = (away * normals.T).sum(dim=0) * square.rsqrt()
+            rise = (away * normal).sum(dim=0) * square.rsqrt()
             counts = (1 - square / HEIGHT**2).clamp_(min=0) * (1 - (step / REACH) ** 2)
             torch.maximum(horizon, (rise - SLOPE) / (1 - SLOPE) * counts, out=horizon)
     across = torch.einsum("di,bij->dbj", turns, views.R[:, :2])
-    seen = places[:, index].T
-    return Horizons(index, sines, across, seen, normals, image, (count, height, width))
-
-
-def _stepped(
-    index: Int64[Tensor, "n"], px: Float32[Tensor, "n"], angle: float, size: tuple[int, int]
-) -> Int64[Tensor, "n"]:
-    """The pixels so many away, of the same image and inside of it."""
-    height, width = size
-    row = torch.div(index, width, rounding_mode="floor")
-    u, v = index - row * width, row % height
-    i: Tensor = (u + (px * math.cos(angle)).round_()).clamp_(0, width - 1).long()
-    j: Tensor = (v + (px * math.sin(angle)).round_()).clamp_(0, height - 1).long()
-    return (row - v + j) * width + i
+    return Horizons(index, sines, across, here.T, normals, image, (count, height, width))
 
 
 def _near_things(buffer: GBuffer, focal: Float32[Tensor, "b"]) -> Bool[Tensor, "b h w"]:
