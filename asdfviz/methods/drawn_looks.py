@@ -24,7 +24,7 @@ from asdfviz.methods.drawn_colors import divided_so
 from asdfviz.methods.drawn_kernels import uneven
 from asdfviz.methods.drawn_smear import Plane, Smear
 from asdfviz.methods.group_views import grown
-from asdfviz.methods.registration import projected_box
+from asdfviz.methods.registration import projected_box, window
 from asdfviz.methods.seen_colors import DARK
 from asdfviz.pose.table import Table
 from asdfviz.track import raster
@@ -128,10 +128,10 @@ def drawn_looks(
         None where too little of one of them is seen.
     """
     smear = smear or Smear()
-    window = _window_around(frame, mesh, T_camera_parts)
-    if window is None:
+    cut = _window_around(frame, mesh, T_camera_parts)
+    if cut is None:
         return None
-    pixels, size, K = window
+    pixels, size, K = cut
     before = _drawn(others, K, size_wh=size)[0] if others else None
     planes = [_drawn([(mesh, T)], K, size_wh=size, before=before) for T in T_camera_parts]
     shown = _shown(frame, pixels, K, [z for z, _ in planes], table, smear, before)
@@ -159,10 +159,10 @@ def smear_gaps(
 
     None where something hides it, or too little is measured.
     """
-    window = _window_around(frame, mesh, T_camera_part[None])
-    if window is None:
+    cut = _window_around(frame, mesh, T_camera_part[None])
+    if cut is None:
         return None
-    pixels, size, K = window
+    pixels, size, K = cut
     z, _ = _drawn([(mesh, T_camera_part)], K, size_wh=size)
     widest = max(smears, key=lambda smear: abs(smear.trail))
     shown = _shown(frame, pixels, K, [z], table, widest)
@@ -183,16 +183,11 @@ def _window_around(
 ) -> tuple[tuple[int, int, int, int], tuple[int, int], Intrinsics] | None:
     """x0 y0 x1 y1 around the poses, width and height, and K there; None where they are not in the
     picture."""
-    height, width = frame.rgb.shape[:2]
     boxes = np.stack([projected_box(T, mesh.vertices, frame) for T in T_camera_parts])
-    x0, y0 = np.maximum(np.floor(boxes[:, :2].min(axis=0)).astype(int) - EDGE, 0).tolist()
-    x1, y1 = np.minimum(
-        np.ceil(boxes[:, 2:].max(axis=0)).astype(int) + EDGE + 1, (width, height)
-    ).tolist()
-    if min(x1 - x0, y1 - y0) <= 2 * EDGE:
-        return None
-    K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
-    return (x0, y0, x1, y1), (x1 - x0, y1 - y0), K
+    around = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])
+    pixels, K = window(around, frame, margin=EDGE)
+    size_wh = pixels[2] - pixels[0], pixels[3] - pixels[1]
+    return None if min(size_wh) <= 2 * EDGE else (pixels, size_wh, K)
 
 
 def _drawn(

@@ -8,10 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from asdfviz.datatypes import Frame, Mesh, PoseEstimate
-from asdfviz.methods.registration import projected_box
+from asdfviz.methods.registration import projected_box, window
 from asdfviz.methods.track_memory import Track
 from asdfviz.track.raster import draw, new_buffers
 
@@ -58,13 +56,10 @@ def _is_covered(
 ) -> bool:
     """Whether the other parts, where they are told to be, leave less than LEAST of a part free."""
     T_camera_part = poses[name].T_camera_part
-    height, width = frame.rgb.shape[:2]
     box = projected_box(T_camera_part, meshes[name].vertices, frame)
-    x0, y0 = np.maximum(np.floor(box[:2]).astype(int), 0).tolist()
-    x1, y1 = np.minimum(np.ceil(box[2:]).astype(int) + 1, (width, height)).tolist()
+    (x0, y0, x1, y1), K = window(box, frame)
     if min(x1 - x0, y1 - y0) < 1:
         return False
-    K = frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
     inverse_depth, ids = new_buffers(x1 - x0, y1 - y0)
     draw(meshes[name], T_camera_part, K=K, inverse_depth=inverse_depth, ids=ids, number=0)
     whole = int((ids == 0).sum())

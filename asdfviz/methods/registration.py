@@ -10,7 +10,7 @@ import numpy as np
 from asdfviz.datatypes import Frame
 from asdfviz.geometry.boxes import box_around, overlap
 from asdfviz.geometry.camera import project
-from asdfviz.geometry.shapes import Box, Points, Transform
+from asdfviz.geometry.shapes import Box, Intrinsics, Points, Transform
 from asdfviz.geometry.transforms import apply
 from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.pose.icp import IcpConfig, register
@@ -103,3 +103,16 @@ def projected_box(T_camera_part: Transform, corners: Points, frame: Frame) -> Bo
     points = apply(T_camera_part, corners)
     points[:, 2] = np.maximum(points[:, 2], 0.01)
     return box_around(project(points, frame.camera.K))
+
+
+def window(
+    box: Box, frame: Frame, *, margin: int = 0
+) -> tuple[tuple[int, int, int, int], Intrinsics]:
+    """The whole pixels x0 y0 x1 y1 of a box and some about it that lie in the picture, and K there.
+
+    Beside the picture it ends before it begins.
+    """
+    height, width = frame.rgb.shape[:2]
+    x0, y0 = np.maximum(np.floor(box[:2]).astype(int) - margin, 0).tolist()
+    x1, y1 = np.minimum(np.ceil(box[2:]).astype(int) + margin + 1, (width, height)).tolist()
+    return (x0, y0, x1, y1), frame.camera.K - np.array([[0, 0, x0], [0, 0, y0], [0, 0, 0]])
