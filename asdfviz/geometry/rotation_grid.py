@@ -14,7 +14,6 @@ from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Rotation, Scores, Vector
 from asdfviz.geometry.symmetry import Axis, Symmetries
-from asdfviz.geometry.transforms import rotation_about
 
 Quaternions: TypeAlias = Float64[np.ndarray, "_ 4"]
 """One unit quaternion (x, y, z, w) a row."""
@@ -124,13 +123,19 @@ def rotation_to_ray(ray: Vector) -> Rotation:
 
     Seen along the ray through its middle, a part looks the same wherever it is in the image; its
     rotation in that frame is called allocentric.
+
+    Args:
+        ray: of any length, not straight backwards.
     """
-    direction = ray / np.linalg.norm(ray)
-    axis = np.cross([0.0, 0.0, 1.0], direction)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-12:
-        return np.eye(3)
-    return rotation_about(axis, float(np.arctan2(sine, direction[2])))
+    x, y, z = map(float, ray / np.linalg.norm(ray))
+    bend = 1 / (1 + z)
+    return np.array(
+        [
+            [1 - bend * x * x, -bend * x * y, x],
+            [-bend * x * y, 1 - bend * y * y, y],
+            [-x, -y, z],
+        ]
+    )
 
 
 def highest_mode(probabilities: Scores, grid: Quaternions, *, reach: float) -> Quaternions:

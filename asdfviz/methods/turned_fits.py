@@ -220,9 +220,8 @@ class _Place:
                 kept.append(i)
             if len(kept) == self._config.settled:
                 break
-        return [
-            self._T_camera_view @ refined(Ts[i], self._surface, self._view, self._how) for i in kept
-        ]
+        fitted = refined(Ts[kept], self._surface, self._view, self._how)
+        return [self._T_camera_view @ T for T in fitted]
 
     def scored(self, T_camera_part: Transform, trial: Trial) -> _Scored:
         """With the number by which poses are compared: close depth, outline, and a little contrast."""

@@ -17,7 +17,8 @@ from jaxtyping import Float64
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.pose.hypothesis_kernels import agreement, plane_fit, slid, surface_fit
+from asdfviz.pose.hypothesis_fits import fits
+from asdfviz.pose.hypothesis_kernels import agreement, slid
 from asdfviz.pose.part_view import PartView, Surface
 from asdfviz.pose.placing import placed
 from asdfviz.pose.table import SunkConfig, depth_in_table
@@ -123,9 +124,7 @@ def settle(
     Ts = slid(surface.points, Ts, *seen, config.max_shift, surface.middle)
     _, score, _ = _compared(Ts, prior, surface, view, config, sunk)
     best = np.argsort(-score)[: config.refined]
-    both = np.concatenate(
-        [np.stack([refined(Ts[i], surface, view, config) for i in best]), Ts[best]]
-    )
+    both = np.concatenate([refined(Ts[best], surface, view, config), Ts[best]])
     likely = np.tile(prior[best], 2)
     agreed, score, found = _compared(both, likely, surface, view, config, sunk)
     T_camera_view = transform_from(view.R_camera_view, np.zeros(3))
@@ -166,17 +165,17 @@ def _agreement(Ts: Poses, surface: Surface, view: PartView, config: HypothesisCo
 
 
 def refined(
-    T_view_part: Transform, surface: Surface, view: PartView, config: HypothesisConfig
-) -> Transform:
-    """By depth where there is enough of it, by the outline otherwise."""
-    if np.count_nonzero(view.measured > 0) < config.min_readings:
-        return _by_outline(T_view_part, surface, view, config)
-    points, seen = surface.points, (view.focal, view.outline, view.measured)
-    T = surface_fit(points, surface.normals, T_view_part, *seen, config.reach, config.steps)
+    Ts_view_part: Poses, surface: Surface, view: PartView, config: HypothesisConfig
+) -> Poses:
+    """Each by depth where there is enough of it, by the outline otherwise."""
+    least = config.min_readings
+    if np.count_nonzero(view.measured > 0) < least:
+        return np.stack([_by_outline(T, surface, view, config) for T in Ts_view_part])
     middle = surface.corners.mean(axis=0)
     radius = float(np.linalg.norm(surface.corners - middle, axis=1).max())
-    weight, least = config.depth_weight, config.min_readings
-    return plane_fit(points, T, *seen, config.margin, weight, least, middle, radius)
+    seen = (view.focal, view.outline, view.measured)
+    how = (config.reach, config.steps, config.margin, config.depth_weight, least)
+    return fits(surface.points, surface.normals, Ts_view_part, seen, how, middle, radius)
 
 
 def _by_outline(
