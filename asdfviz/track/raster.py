@@ -70,8 +70,12 @@ def _triangle(u0, v0, w0, u1, v1, w1, u2, v2, w2, number, inverse_depth, ids):
     height, width = inverse_depth.shape
     first = int(np.ceil(max(min(v0, min(v1, v2)), 0.0)))
     last = int(np.floor(min(max(v0, max(v1, v2)), height - 1.0)))
+    if first > last:
+        return
+    if np.ceil(max(min(u0, min(u1, u2)), 0.0)) > min(max(u0, max(u1, u2)), width - 1.0):
+        return  # between two columns, as many triangles of a small picture are
     area = (u1 - u0) * (v2 - v0) - (v1 - v0) * (u2 - u0)
-    if first > last or abs(area) < 1e-6:
+    if abs(area) < 1e-6:
         return
     slope_u = ((w1 - w0) * (v2 - v0) - (w2 - w0) * (v1 - v0)) / area
     slope_v = ((w2 - w0) * (u1 - u0) - (w1 - w0) * (u2 - u0)) / area
