@@ -16,7 +16,7 @@ from jaxtyping import Float32, Shaped
 from asdfviz.synth.creases import creased
 from asdfviz.synth.fractals import Plane, fractal, unit_axes
 
-FINE = 0.00022
+FINE = 0.0004
 """Height of a drape's fine wrinkles, metres."""
 Map = Float32[np.ndarray, "n n 4"]
 Weight = Shaped[np.ndarray, "n n"] | float
@@ -36,14 +36,15 @@ def _drape(rng: np.random.Generator, n: int) -> Map:
     # Fine wrinkles run as the folds do, in some places more than in others.
     fine = cv2.resize(fractal(rng, n, base=34, octaves=3, gain=0.6)[: n // 9].copy(), (n, n))
     fine *= np.clip(0.6 + 0.6 * fractal(rng, n, base=5, octaves=2), 0, 1.6)
-    height = folds + 0.0046 * broad + 0.0028 * along + FINE * fine
+    height = 1.1 * folds + 0.0054 * broad + 0.0034 * along + FINE * fine
     # Worn folds are a little paler than the cloth, whatever the light.
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
-    blotches = fractal(rng, n, base=18, octaves=5, gain=0.6)
-    shade = 1 + 0.02 * blotches + np.clip(120 * np.abs(worn), 0, 0.08)
+    # What is paler and darker is drawn out along the folds, too, as in the real drape.
+    blotches = cv2.resize(fractal(rng, n, base=30, octaves=4, gain=0.6)[: n // 4].copy(), (n, n))
+    shade = 1 + 0.028 * blotches + np.clip(120 * np.abs(worn), 0, 0.08)
     bands = cv2.resize(fractal(rng, n, base=16, octaves=3)[: n // 3].copy(), (n, n))
-    hue = 0.45 + 0.2 * fractal(rng, n, base=7, octaves=5, gain=0.7) + 0.15 * bands
-    return _stack(np.clip(hue, 0, 1), 0.6 * _specks(rng, n), shade, height.astype(np.float32))
+    hue = 0.45 + 0.22 * fractal(rng, n, base=7, octaves=5, gain=0.7) + 0.3 * bands
+    return _stack(np.clip(hue, 0, 1), 0.4 * _specks(rng, n), shade, height.astype(np.float32))
 
 
 def _specks(rng: np.random.Generator, n: int) -> Plane:
@@ -168,10 +169,12 @@ def _nonwoven(rng: np.random.Generator, n: int) -> Map:
     fibres = fibres - np.mean([np.roll(fibres, k, axis=1) for k in (-3, -2, 2, 3)], axis=0)
     fibres = fibres / fibres.std() + 0.6 * fractal(rng, n, base=60, octaves=3, gain=0.9)
     shade = (
-        1 + 0.08 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.022 * (1 + 0.5 * clouds) * fibres
+        1 + 0.08 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.026 * (1 + 0.5 * clouds) * fibres
     )
     # Worn and pressed spots of a few millimetres.
-    spots = 0.026 * fractal(rng, n, base=22, octaves=3, gain=0.9)
+    spots = 0.026 * cv2.resize(
+        fractal(rng, n, base=22, octaves=3, gain=0.9)[: n // 2].copy(), (n, n)
+    )
     return _stack(0.0, 0.0, shade + 0.006 * clouds + spots, (0.000012 * fibres).astype(np.float32))
 
 
