@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from asdfviz.datatypes import Frame
-from asdfviz.geometry.boxes import box_around, overlap
-from asdfviz.geometry.camera import project
+from asdfviz.geometry.boxes import overlap
+from asdfviz.geometry.outline_box import outline_box
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Transform
-from asdfviz.geometry.transforms import apply
 from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.pose.icp import IcpConfig, register
 
@@ -100,9 +99,7 @@ def registered(
 
 def projected_box(T_camera_part: Transform, corners: Points, frame: Frame) -> Box:
     """The box around a part's outline, pixels, which corners in its frame span, metres."""
-    points = apply(T_camera_part, corners)
-    points[:, 2] = np.maximum(points[:, 2], 0.01)
-    return box_around(project(points, frame.camera.K))
+    return outline_box(T_camera_part, corners, frame.camera.K)
 
 
 def window(
