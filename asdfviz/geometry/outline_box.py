@@ -27,7 +27,7 @@ def outline_box(T_camera_part: Transform, points_part: Points, K: Intrinsics) ->
 @kernel
 @no_type_check
 def _box(T, points, K):
-    """As above."""
+    """The corners of `outline_box`."""
     x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(points)):
         a, b, c = points[i, 0], points[i, 1], points[i, 2]
