@@ -16,7 +16,7 @@ from jaxtyping import Float32, Shaped
 from asdfviz.synth.creases import creased
 from asdfviz.synth.fractals import Plane, fractal, unit_axes
 
-FINE = 0.0004
+FINE = 0.00025
 """Height of a drape's fine wrinkles, metres."""
 Map = Float32[np.ndarray, "n n 4"]
 Weight = Shaped[np.ndarray, "n n"] | float
@@ -32,17 +32,17 @@ def _stack(w1: Weight, w2: Weight, shade: Weight, height: Weight) -> Map:
 def _drape(rng: np.random.Generator, n: int) -> Map:
     folds = creased(rng, n, side=1.0)
     broad = fractal(rng, n, base=5, octaves=3, gain=0.45)
-    along = cv2.resize(fractal(rng, n, base=6, octaves=3)[:, : n // 3].copy(), (n, n))
+    along = fractal(rng, n, base=6, octaves=3, drawn_out=3).T
     # Fine wrinkles run as the folds do, in some places more than in others.
-    fine = cv2.resize(fractal(rng, n, base=34, octaves=3, gain=0.6)[: n // 9].copy(), (n, n))
+    fine = fractal(rng, n, base=34, octaves=3, gain=0.6, drawn_out=7)
     fine *= np.clip(0.6 + 0.6 * fractal(rng, n, base=5, octaves=2), 0, 1.6)
     height = 1.1 * folds + 0.0054 * broad + 0.0034 * along + FINE * fine
     # Worn folds are a little paler than the cloth, whatever the light.
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
     # What is paler and darker is drawn out along the folds, too, as in the real drape.
-    blotches = cv2.resize(fractal(rng, n, base=30, octaves=4, gain=0.6)[: n // 4].copy(), (n, n))
-    shade = 1 + 0.028 * blotches + np.clip(120 * np.abs(worn), 0, 0.08)
-    bands = cv2.resize(fractal(rng, n, base=16, octaves=3)[: n // 3].copy(), (n, n))
+    blotches = fractal(rng, n, base=30, octaves=4, gain=0.6, drawn_out=3)
+    shade = 1 + 0.018 * blotches + np.clip(120 * np.abs(worn), 0, 0.08)
+    bands = fractal(rng, n, base=16, octaves=3, drawn_out=3)
     hue = 0.45 + 0.22 * fractal(rng, n, base=7, octaves=5, gain=0.7) + 0.3 * bands
     return _stack(np.clip(hue, 0, 1), 0.4 * _specks(rng, n), shade, height.astype(np.float32))
 
@@ -172,9 +172,7 @@ def _nonwoven(rng: np.random.Generator, n: int) -> Map:
         1 + 0.08 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.026 * (1 + 0.5 * clouds) * fibres
     )
     # Worn and pressed spots of a few millimetres.
-    spots = 0.026 * cv2.resize(
-        fractal(rng, n, base=22, octaves=3, gain=0.9)[: n // 2].copy(), (n, n)
-    )
+    spots = 0.02 * fractal(rng, n, base=22, octaves=3, gain=0.9, drawn_out=2)
     return _stack(0.0, 0.0, shade + 0.006 * clouds + spots, (0.000012 * fibres).astype(np.float32))
 
 
