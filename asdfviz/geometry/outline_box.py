@@ -7,27 +7,21 @@ from typing import no_type_check
 import numpy as np
 
 from asdfviz.geometry.jit import kernel
-from asdfviz.geometry.shapes import Box, Intrinsics, Points, Transform
 
 NEAREST = 0.01
 """Points nearer to the camera than this are projected as if they were there, metres."""
 
 
-def outline_box(T_camera_part: Transform, points_part: Points, K: Intrinsics) -> Box:
+@kernel
+@no_type_check
+def outline_box(T, points, K):
     """x0, y0, x1, y1 in pixels around all points, one or more.
 
     Args:
-        T_camera_part: where their frame is.
-        points_part: metres.
-        K: of the picture.
+        T: T_camera_part.
+        points: (n, 3) in the part's frame, metres.
+        K: intrinsics.
     """
-    return _box(T_camera_part, points_part, K)
-
-
-@kernel
-@no_type_check
-def _box(T, points, K):
-    """The corners of `outline_box`."""
     x0, y0, x1, y1 = np.inf, np.inf, -np.inf, -np.inf
     for i in range(len(points)):
         a, b, c = points[i, 0], points[i, 1], points[i, 2]
