@@ -215,7 +215,7 @@ class FramePrediction:
     state: StateEstimate | None
     detections: tuple[Detection, ...] = ()
     runtime: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Seconds by stage, "total" among them."""
+    """Seconds by stage, "total" among them; methods with a detector call its stage "detect"."""
     not_found: Mapping[str, Transform] = field(default_factory=dict[str, Transform])
     """What a csv has in place of a pose for parts that were not found, its translation zero. No poses:
     only the GBOT authors' rules count them."""
