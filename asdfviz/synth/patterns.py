@@ -41,7 +41,7 @@ def _drape(rng: np.random.Generator, n: int) -> Map:
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
     # What is paler and darker is drawn out along the folds, too, as in the real drape.
     blotches = fractal(rng, n, base=30, octaves=4, gain=0.6, drawn_out=3)
-    shade = 1 + 0.018 * blotches + np.clip(120 * np.abs(worn), 0, 0.08)
+    shade = 1 + 0.02 * blotches + np.clip(120 * np.abs(worn), 0, 0.08)
     bands = fractal(rng, n, base=16, octaves=3, drawn_out=3)
     hue = 0.45 + 0.22 * fractal(rng, n, base=7, octaves=5, gain=0.7) + 0.3 * bands
     return _stack(np.clip(hue, 0, 1), 0.4 * _specks(rng, n), shade, height.astype(np.float32))
