@@ -274,7 +274,7 @@ def _about(run: JudgedRun) -> str:
     return (
         f'<div class="card"><h3>How it was made</h3><p>{escape(facts.method)}, version '
         f"{escape(facts.version)}, from <code>{escape(run.result.source)}</code></p>"
-        f"<table><thead><tr><th class='t'>stage</th><th>median ms</th></tr></thead>"
+        f"<table><thead><tr><th class='t'>time a frame (a stage's is its median)</th><th>ms</th></tr></thead>"
         f"<tbody>{times}</tbody></table>"
         f"<details><summary>Options</summary><pre>{escape(run.config)}</pre></details></div>"
     )

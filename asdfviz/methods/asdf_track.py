@@ -29,7 +29,7 @@ from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.followed_state import FollowedState
-from asdfviz.methods.hidden_parts import sure_as_the_base
+from asdfviz.methods.hidden_parts import sure_as_it_lay, sure_as_the_base
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
 from asdfviz.methods.own_colors import OwnColors
@@ -115,7 +115,7 @@ class AsdfTrack:
         """Poses and state of the next frame."""
         if self._scene is None:
             raise MethodError("asdf_track: reset() must come before step()")
-        config, scene, timed = self._config, self._scene, StageTimer()
+        scene, timed = self._scene, StageTimer()
         assembly, parts = scene.assembly, scene.parts
         proposed, shown = self._asdf.propose(frame), frame
         if frame.depth is None:  # to the tracker, depth that measured nothing
@@ -160,16 +160,24 @@ class AsdfTrack:
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
         runtime = {**proposed.runtime, **timed.seconds}
+        said = self._said(frame, poses, scene)
+        return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)
+
+    def _said(
+        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene
+    ) -> dict[str, PoseEstimate]:
+        """The poses as sure as they are, also of what is hidden, without those that are too unsure."""
+        config, assembly, tracks = self._config, scene.assembly, scene.parts.tracks
+        least = config.refind.hidden_lain
         poses = sure_as_the_base(
-            poses,
-            parts.tracks,
+            sure_as_it_lay(poses, tracks, scene.told.rest, least=least),
+            tracks,
             frame,
             meshes={name: part.mesh for name, part in assembly.parts.items()},
             base=assembly.base,
             share=config.refind.hidden,
         )
-        said = sure_enough(poses, config.least_score)
-        return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)
+        return sure_enough(poses, config.least_score)
 
     def _proposals(
         self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene

@@ -99,6 +99,15 @@ class AtRest:
         """Whether the last frame found a part where it lay."""
         return name in self._there
 
+    def lay(self, name: str, T_camera_part: Transform) -> bool:
+        """Whether enough frames found a part there, and none since elsewhere; the last need not see it."""
+        resting = self._resting.get(name)
+        if resting is None or resting.away or resting.frames < self._config.enough:
+            return False
+        T_rests = self._T_camera_stage @ resting.T_stage_part
+        apart = point_distance(T_camera_part, T_rests, self._parts[name].middle)
+        return apart <= self._config.moved
+
     def see(self, poses: Mapping[str, PoseEstimate], *, joined: Collection[str]) -> None:
         """Take in the poses of a frame, and which parts only move with the base part."""
         if not self._config.enabled:

@@ -1,6 +1,7 @@
-"""How sure parts are that the state holds and that something hides.
+"""How sure parts are that something hides: those that the state holds, and those that lay still.
 
-Not in the paper. Nothing of a hidden part can be seen, but the base that holds it can.
+Not in the paper. Nothing of a hidden part can be seen, but the base that holds it can, and what lay
+still before is more often there than not.
 """
 
 from __future__ import annotations
@@ -9,12 +10,33 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from asdfviz.datatypes import Frame, Mesh, PoseEstimate
+from asdfviz.methods.at_rest import AtRest
 from asdfviz.methods.registration import projected_box, window
 from asdfviz.methods.track_memory import Track
 from asdfviz.track.raster import draw, new_buffers
 
 LEAST = 0.15
 """Share of a part's pixels that other parts must leave free, or they hide it."""
+
+
+def sure_as_it_lay(
+    poses: Mapping[str, PoseEstimate], tracks: Mapping[str, Track], rest: AtRest, *, least: float
+) -> dict[str, PoseEstimate]:
+    """Return the poses, those of parts that are hidden where they lay still at least so sure.
+
+    Args:
+        poses: that are told of the frame.
+        tracks: what is remembered of the parts.
+        rest: what lies still.
+        least: 0 to 1; 0 changes nothing.
+    """
+    told = dict(poses)
+    for name, pose in poses.items():
+        track = tracks[name]
+        is_hidden = track.unsure > 0 and track.missing == 0 and not track.joined
+        if is_hidden and pose.score < least and rest.lay(name, pose.T_camera_part):
+            told[name] = replace(pose, score=least)
+    return told
 
 
 def sure_as_the_base(

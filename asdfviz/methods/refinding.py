@@ -88,13 +88,18 @@ class RefindConfig:
     """As sure as the base, times this, is a part that the state holds and that is hidden, 0 to 1. Behind
     rendered hands 385 of 689 such poses are right; of a screw clamp's parts the base is above 0.68 in
     nine of ten that are right, and below 0.03 in three of four that are wrong."""
+    hidden_lain: float = 0.3
+    """As sure at least is a part that is hidden where it lay still, 0 to 1. Behind rendered hands two of
+    three such poses are right."""
     held: HeldConfig = field(default_factory=HeldConfig)
     """When parts that the state holds have their colours learnt anew."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if not 0 <= self.hidden <= 1:
-            raise MethodError(f"refind.hidden is {self.hidden:g}, use 0 to 1")
+        if not (0 <= self.hidden <= 1 and 0 <= self.hidden_lain <= 1):
+            raise MethodError(
+                f"refind.hidden is {self.hidden:g}, hidden_lain {self.hidden_lain:g}: use 0 to 1"
+            )
 
 
 def quarter_turns() -> tuple[Rotation, ...]:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Camera, Frame, Mesh, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.methods.hidden_parts import sure_as_the_base
+from asdfviz.methods.at_rest import AtRest
+from asdfviz.methods.at_rest_config import AtRestConfig
+from asdfviz.methods.hidden_parts import sure_as_it_lay, sure_as_the_base
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.track_memory import Track
 
@@ -74,7 +77,37 @@ def test_without_the_base_all_stays() -> None:
     assert sure_as_the_base(alone, tracks, FRAME, meshes=MESHES, base="base", share=0.8) == alone
 
 
+LYING = {
+    name: transform_from(np.eye(3), np.array([x, 0.0, 0.6]))
+    for name, x in (("body", 0.0), ("slider", 0.15), ("pad", -0.15))
+}
+
+
+def lain(track: Track, *, frames: int = 8, moved: float = 0.0, score: float = 0.02) -> float:
+    """The score of a pad that lay there for so many frames, and is told to be so far off now."""
+    rest = AtRest(load_assembly("vise"), config=AtRestConfig())
+    for _ in range(frames):
+        rest.see({n: PoseEstimate(n, T, 0.9, "tracked") for n, T in LYING.items()}, joined=())
+    rest.see({}, joined=())  # nothing is seen of anything
+    T_now = LYING["pad"] @ transform_from(np.eye(3), np.array([moved, 0.0, 0.0]))
+    poses = {"pad": PoseEstimate("pad", T_now, score, "tracked")}
+    return sure_as_it_lay(poses, {"pad": track}, rest, least=0.3)["pad"].score
+
+
+def test_what_is_hidden_where_it_lay_still_is_not_given_up() -> None:
+    hidden = Track(np.eye(4), unsure=4)
+    assert lain(hidden) == 0.3
+    assert lain(hidden, score=0.5) == 0.5
+    assert lain(hidden, moved=0.012) == 0.02, "it was taken along"
+    assert lain(hidden, frames=3) == 0.02, "too seldom seen there"
+    assert lain(Track(np.eye(4))) == 0.02, "sure by itself"
+    assert lain(Track(np.eye(4), unsure=4, missing=1)) == 0.02, "nothing hides it"
+    assert lain(Track(np.eye(4), unsure=4, joined=True)) == 0.02, "the base tells"
+
+
 @pytest.mark.parametrize("share", [-0.1, 1.1, float("nan")])
 def test_a_share_that_is_none_is_refused(share: float) -> None:
     with pytest.raises(MethodError, match="hidden"):
         RefindConfig(hidden=share)
+    with pytest.raises(MethodError, match="hidden_lain"):
+        RefindConfig(hidden_lain=share)
