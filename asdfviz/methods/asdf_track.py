@@ -28,6 +28,7 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
+from asdfviz.methods.doubts import doubted
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.hidden_parts import sure_as_it_lay, sure_as_the_base
 from asdfviz.methods.looked_at import LookedAt
@@ -168,6 +169,7 @@ class AsdfTrack:
     ) -> dict[str, PoseEstimate]:
         """The poses as sure as they are, also of what is hidden, without those that are too unsure."""
         config, assembly, tracks = self._config, scene.assembly, scene.parts.tracks
+        poses = doubted(poses, tracks, scene.own, frame, config=config.doubt)
         least = config.refind.hidden_lain
         poses = sure_as_the_base(
             sure_as_it_lay(poses, tracks, scene.told.rest, least=least),

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.at_rest_config import AtRestConfig
+from asdfviz.methods.doubts import DoubtConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_parts import LooseConfig
@@ -88,6 +89,8 @@ class AsdfTrackConfig(AsdfConfig):
     """What looks quite unlike a part of the same kind is not the part."""
     own_colors: OwnColorsConfig = field(default_factory=OwnColorsConfig)
     """What has quite another tint than the part surely had is not the part."""
+    doubt: DoubtConfig = field(default_factory=DoubtConfig)
+    """What makes poses less sure that fit the picture."""
     join: JoinConfig = field(default_factory=JoinConfig)
     """When parts are tracked as one."""
     least_score: float = 0.0

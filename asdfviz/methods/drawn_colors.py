@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float64
 
 from asdfviz.geometry.shapes import Rgb
 from asdfviz.methods.group_views import grown
-from asdfviz.methods.seen_colors import DARK
+from asdfviz.methods.seen_colors import log_colors
 
 BESIDE = 3
 """Pixels beside the outlines that may show a mixture, or the part;"""
@@ -53,8 +53,9 @@ def divided_so(
     if np.count_nonzero(common) < LEAST or np.count_nonzero(around) < LEAST_AROUND:
         return np.zeros(len(drawn))
     asked = any_of_them & ~hidden
-    colors = np.log(rgb.astype(np.float64) + DARK)
-    odds = _likelihood(colors[asked], colors[common]) - _likelihood(colors[asked], colors[around])
+    colors = log_colors(rgb[asked])
+    part, behind = log_colors(rgb[common]), log_colors(rgb[around])
+    odds = _likelihood(colors, part) - _likelihood(colors, behind)
     odds = np.clip(odds, -SUREST, SUREST)
     return np.where(drawn[:, asked], odds, -odds).mean(axis=1)
 

@@ -25,7 +25,7 @@ from asdfviz.methods.drawn_kernels import uneven
 from asdfviz.methods.drawn_smear import Plane, Smear
 from asdfviz.methods.group_views import grown
 from asdfviz.methods.registration import projected_box, window
-from asdfviz.methods.seen_colors import DARK
+from asdfviz.methods.seen_colors import log_colors
 from asdfviz.pose.table import Table
 from asdfviz.track import raster
 from asdfviz.track.confidence import HIDDEN_BY
@@ -227,7 +227,8 @@ def _shown(
     bare = _without(measured, beside, K, table)
     if before is not None:
         bare = np.where(beside & np.isfinite(before), before, bare)
-    grey = np.log(frame.rgb[here].astype(np.float64) + DARK).mean(axis=2)
+    red, green, blue = np.moveaxis(log_colors(frame.rgb[here]), 2, 0)
+    grey = (red + green + blue) / 3
     return _Shown(measured.astype(np.float64), grey, bare, grown(group, RIM))
 
 

@@ -100,6 +100,12 @@ class OwnColors:
         tint = self._tint(frame, name, T_camera_part)
         return tint is not None and self._is_unlike(tint, self._known[name])
 
+    def difference(self, frame: Frame, name: str, T_camera_part: Transform) -> float | None:
+        """By how much the tint at a pose is another than the part's; None where nothing is known or seen."""
+        known = self._known.get(name)
+        tint = None if known is None else self._tint(frame, name, T_camera_part)
+        return None if known is None or tint is None else float(np.abs(tint - known).max())
+
     def _is_unlike(self, tint: Vector, known: Vector) -> bool:
         return bool(np.abs(tint - known).max() > self._config.unlike)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float64, UInt8
 
 from asdfviz.datatypes import Frame, Mesh
 from asdfviz.geometry.camera import nearest_pixels
@@ -20,6 +21,12 @@ AGREES = 0.008
 """Depth this near to a point of the surface shows it, metres: a finger on it is nearer, or beside it."""
 DARK = 8.0
 """Added to all brightness (0 to 255), so that noise in the dark is no contrast."""
+_LOGARITHMS = np.log(np.arange(256) + DARK)
+
+
+def log_colors(rgb: UInt8[np.ndarray, "*pixels 3"]) -> Float64[np.ndarray, "*pixels 3"]:
+    """Logarithms of (0 to 255) + DARK."""
+    return _LOGARITHMS[rgb]
 
 
 class SeenSurface:
@@ -48,5 +55,4 @@ class SeenSurface:
             rows, columns = rows[shows], columns[shows]
         if len(rows) < max(LEAST, MOST_OF * facing):
             return None
-        colors = frame.rgb[rows, columns].astype(np.float64)
-        return np.median(np.log(colors + DARK), axis=0)
+        return np.median(log_colors(frame.rgb[rows, columns]), axis=0)
