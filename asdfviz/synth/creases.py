@@ -30,7 +30,7 @@ def _folds(rng: np.random.Generator, n: int, *, side: float) -> Plane:
     fades = fractal(rng, n, base=5, octaves=3, gain=0.7)
     near = np.zeros((2, n, n), np.float32)
     height = np.zeros((n, n), np.float32)
-    for axis, share, apart in ((0, 1.0, 0.088), (1, 0.55, 0.27), (0, 0.35, 0.2), (1, 0.35, 0.3)):
+    for axis, share, apart in ((0, 1.0, 0.088), (1, 0.4, 0.27), (0, 0.35, 0.2), (1, 0.35, 0.3)):
         pitch = apart * rng.uniform(0.85, 1.2)
         sign = 1.0
         for place in np.arange(rng.random() * pitch, 1.1 * side, pitch).tolist():

@@ -25,6 +25,8 @@ FILAMENTS = (
 )
 """Usual colours of printed plastic, sRGB."""
 SKINS = ((236, 196, 170), (222, 170, 138), (196, 140, 106), (150, 98, 68), (98, 62, 44))
+VENEER = np.array([0.95, 0.88, 0.77])
+"""Of pale wood: the colour of its darker streaks, as a share of the others'."""
 GLOVES = ((60, 110, 190), (25, 25, 28), (235, 235, 235), (120, 80, 170))
 
 
@@ -143,7 +145,7 @@ def _plane(
         colors=_three(rng) if colors is None else colors,
         angle=float(rng.random() * 2 * np.pi),
         offset=(float(rng.uniform(-0.5, 0.5)), float(rng.uniform(-0.5, 0.5))),
-        bump=float(rng.uniform(0.6, 1.8)) + (0.5 if macro == "drape" else 0.0),
+        bump=float(rng.uniform(0.6, 1.8)),
         roughness=float(rng.uniform(0.55, 1.0)) if macro == "wood" else 0.95,
         circle=circle,
         scale=float(rng.uniform(0.8, 1.3)) * (0.42 if macro == "drape" else 1.0),
@@ -181,7 +183,7 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         -0.001,
         "board",
         micro="smooth",
-        colors=np.stack([pale] * 3),
+        colors=np.stack([pale, pale * VENEER, pale]),
         circle=(float(center[0]), float(center[1]), radius),
     )
     rim = _plane(
@@ -245,7 +247,7 @@ def room_lights(rng: np.random.Generator) -> tuple[tuple[Light, ...], Vector, Ve
         azimuth, elevation = side + rng.normal() * 0.6, rng.uniform(0.6, 1.3)
         flat = np.cos(elevation)
         where = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)]) * 2.0
-        radius = float(0.06 * (0.45 / 0.06) ** rng.random())
+        radius = float(0.06 * (1.0 / 0.06) ** rng.random())
         lights.append(Light(where, radius, white * float(share)))
     # Shadows are lit by walls and sky, bluer than the lamps.
     sky = white * [0.92, 1.0, 1.08] * rng.uniform(0.20, 0.42)

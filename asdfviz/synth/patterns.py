@@ -36,7 +36,7 @@ def _drape(rng: np.random.Generator, n: int) -> Map:
     # Fine wrinkles run as the folds do, in some places more than in others.
     fine = fractal(rng, n, base=34, octaves=3, gain=0.6, drawn_out=7)
     fine *= np.clip(0.6 + 0.6 * fractal(rng, n, base=5, octaves=2), 0, 1.6)
-    height = 1.1 * folds + 0.0054 * broad + 0.0034 * along + FINE * fine
+    height = 1.9 * folds + 0.0048 * broad + 0.0030 * along + FINE * fine
     # Worn folds are a little paler than the cloth, whatever the light.
     worn = folds - cv2.GaussianBlur(folds, (0, 0), n / 250)
     # What is paler and darker is drawn out along the folds, too, as in the real drape.
@@ -44,11 +44,13 @@ def _drape(rng: np.random.Generator, n: int) -> Map:
     shade = 1 + 0.02 * blotches + np.clip(120 * np.abs(worn), 0, 0.08)
     bands = fractal(rng, n, base=16, octaves=3, drawn_out=3)
     hue = 0.45 + 0.22 * fractal(rng, n, base=7, octaves=5, gain=0.7) + 0.3 * bands
-    return _stack(np.clip(hue, 0, 1), 0.4 * _specks(rng, n), shade, height.astype(np.float32))
+    lint = 0.4 * _specks(rng, n)
+    shade *= 1 - _specks(rng, n)  # dirt
+    return _stack(np.clip(hue, 0, 1), lint, shade, height.astype(np.float32))
 
 
 def _specks(rng: np.random.Generator, n: int) -> Plane:
-    """Lint: short faint threads of the third colour."""
+    """Short threads, most of them faint, 0 to 0.5."""
     plane = np.zeros((n, n), np.float32)
     for _ in range(n * n // 25000):
         start = rng.integers(4, n - 8, 2)
@@ -148,7 +150,8 @@ def _board(rng: np.random.Generator, n: int) -> Map:
         (n, n),
         interpolation=cv2.INTER_CUBIC,
     )
-    return _stack(0.0, 0.0, 1 + 0.025 * streaks, (0.00001 * streaks).astype(np.float32))
+    darker = np.clip(0.3 + 0.3 * streaks, 0, 1)
+    return _stack(darker, 0.0, 1 + 0.025 * streaks, (0.00001 * streaks).astype(np.float32))
 
 
 def _weave(rng: np.random.Generator, n: int) -> Map:
@@ -169,7 +172,9 @@ def _nonwoven(rng: np.random.Generator, n: int) -> Map:
     fibres = fibres - np.mean([np.roll(fibres, k, axis=1) for k in (-3, -2, 2, 3)], axis=0)
     fibres = fibres / fibres.std() + 0.6 * fractal(rng, n, base=60, octaves=3, gain=0.9)
     shade = (
-        1 + 0.08 * first * np.clip(0.3 + 0.6 * clouds, 0, 1.3) + 0.026 * (1 + 0.5 * clouds) * fibres
+        1
+        + 0.10 * first * np.clip(0.55 + 0.4 * clouds, 0.1, 1.3)
+        + 0.026 * (1 + 0.5 * clouds) * fibres
     )
     # Worn and pressed spots of a few millimetres.
     spots = 0.02 * fractal(rng, n, base=22, octaves=3, gain=0.9, drawn_out=2)

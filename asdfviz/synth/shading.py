@@ -208,6 +208,13 @@ def _fifth(share: Tensor) -> Tensor:
     return square.square().mul_(share)
 
 
+def _on_the_ground(scene: Scene) -> Vector:
+    """Light of each colour that arrives on open ground: the sky's and the lamps'."""
+    slopes = [max(0.0, float(l.position[2] / np.linalg.norm(l.position))) for l in scene.lights]
+    lamps = [slope * light.color for slope, light in zip(slopes, scene.lights, strict=True)]
+    return np.sum([scene.sky, *lamps], axis=0)
+
+
 def _ambient(
     scenes: Sequence[Scene], buffer: GBuffer, open_sky: Float32[Tensor, "b h w"]
 ) -> Float32[Tensor, "b h w 3"]:
@@ -215,23 +222,23 @@ def _ambient(
     device = buffer.depth.device
     sky = _tensor([s.sky for s in scenes], device)[:, None, None]
     tint = _tensor([s.tint for s in scenes], device)[:, None, None]
-    bounced = buffer.albedo.mean(dim=(1, 2), keepdim=True)
+    ground = _tensor([_on_the_ground(s) for s in scenes], device)[:, None, None]
+    bounced = ground * buffer.albedo.mean(dim=(1, 2), keepdim=True)
     upward = 0.5 + 0.5 * buffer.normal[..., 2:]
-    light = (sky * upward + sky * bounced * (1 - upward)) * (1 + dot(buffer.normal, tint)).clamp(
-        min=0.2
-    )
+    light = (sky * upward + bounced * (1 - upward)) * (1 + dot(buffer.normal, tint)).clamp(min=0.2)
     # The floor lies too far below the table to be darkened by it.
     deep = buffer.position[..., 2] < LOWEST_OCCLUDED
     occlusion = torch.where(deep, 1.0, open_sky)
     n_view = dot(buffer.normal, buffer.view).clamp(0, 1)
     fresnel = 0.04 + 0.5 * _fifth(1 - n_view) * (1 - buffer.roughness[..., None])
     mirrored = 2 * n_view * buffer.normal - buffer.view
-    # What is mirrored: a ceiling brighter on one side, walls, a dark floor.
+    # What is mirrored: a ceiling brighter on one side, walls, and the ground below.
     room = (0.25 + 0.9 * mirrored[..., 2:]).clamp(min=0.05)
-    room = room * (1 + 2.5 * dot(mirrored, tint)).clamp(min=0.3)
+    room = sky * room * (1 + 2.5 * dot(mirrored, tint)).clamp(min=0.3)
+    room = torch.lerp(room, bounced.expand_as(room), (-3 * mirrored[..., 2:]).clamp(0, 1))
     dark = occlusion[..., None]
     through = _through(occlusion, buffer.translucency).maximum(interreflected(dark, buffer.albedo))
-    return light * buffer.albedo * through + sky * room * fresnel * dark.square()
+    return light * buffer.albedo * through + room * fresnel * dark.square()
 
 
 def interreflected(

@@ -29,7 +29,7 @@ from asdfviz.datatypes import Part
 from asdfviz.geometry.shapes import Mask, Rgb, Vector
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.description import Finish, Ground, Light, Placed, Scene
-from asdfviz.synth.looks import linear
+from asdfviz.synth.looks import VENEER, linear
 from asdfviz.synth.photo_grounds import Photos, find_photos, photographed
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, make_scene
@@ -59,7 +59,7 @@ CONFIG = SceneConfig(
     tilted=0.0, duplicates=0, distractors=0,
 )  # fmt: skip
 SENSOR = RgbSensor(
-    exposure=0.455, blur_px=0.6, noise=0.0052, sharpening=0.75, knee=0.9, thin_px=1.6, contrast=1.08,
+    exposure=0.455, blur_px=0.6, noise=0.0052, sharpening=0.7, knee=0.9, thin_px=1.6, contrast=1.08,
     saturation=1.12, jpeg_quality=94, vignette=0.08, shading=(-0.06, 0.2),
 )  # fmt: skip
 """What the real frames look like to have been taken with."""
@@ -70,7 +70,9 @@ CARPET_MEAN = 1.25
 CARPET, TABLE = (89, 60, 41), (255, 224, 176)
 """What floor and table look like beside the drape in the real frames, sRGB."""
 WARM = np.array([1.03, 1.0, 0.97])
-SKIN = (200, 162, 146)
+SKIN = (190, 148, 125)
+SLOPE = 0.1
+"""Of the folds in the real frames, down to the right, radians."""
 
 
 def main(
@@ -222,9 +224,9 @@ def _like_the_real_one(
 ) -> Scene:
     """Two panels to one side, folds along the picture, all hands of one skin."""
     right = scene.T_camera_world[0, :2]
-    along = float(np.arctan2(right[1], right[0]) + rng.normal() * 0.06)
+    along = float(np.arctan2(right[1], right[0]) - SLOPE + rng.normal() * 0.03)
     drape, *others = scene.grounds
-    drape = replace(drape, angle=along + np.pi / 2, bump=2.0)
+    drape = replace(drape, angle=along + np.pi / 2, bump=1.4)
     if photos.files:
         drape = _photographed(drape, photos, along, rng)
     return replace(
@@ -249,9 +251,10 @@ def _toned(scene: Scene, cloth: Vector) -> Scene:
     """Floor and table as bright as they are beside the drape."""
     drape, table, rim, carpet = scene.grounds
     blue = drape.colors[0] / linear(cloth)
-    pale = np.minimum(linear(TABLE) * blue, 0.9)
+    pale = linear(TABLE) * blue
+    pale *= min(1.0, 0.9 / float(pale.max()))
     brown = linear(CARPET) * blue / CARPET_MEAN
-    table = replace(table, colors=np.stack([pale] * 3))
+    table = replace(table, colors=np.stack([pale, pale * VENEER, pale]))
     carpet = replace(carpet, colors=carpet.colors * (brown / carpet.colors[0]))
     return replace(scene, grounds=(drape, table, rim, carpet))
 
@@ -259,10 +262,10 @@ def _toned(scene: Scene, cloth: Vector) -> Scene:
 def _panels(rng: np.random.Generator) -> tuple[Light, ...]:
     side = rng.random() * 2 * np.pi
     lights: list[Light] = []
-    for share, radius, beside in ((0.6, 0.3, 0.0), (0.5, 0.5, 0.9)):
+    for share, radius, beside in ((0.55, 0.5, 0.0), (0.5, 1.0, 0.9)):
         azimuth, elevation = side + beside + rng.normal() * 0.2, rng.uniform(0.7, 1.0)
         flat = np.cos(elevation)
-        where = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)]) * 2.0
+        where = np.array([np.cos(azimuth) * flat, np.sin(azimuth) * flat, np.sin(elevation)]) * 2.4
         lights.append(Light(where, radius, WARM * share))
     return tuple(lights)
 
