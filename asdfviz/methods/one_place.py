@@ -13,11 +13,13 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Part
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point
+from asdfviz.state.twins import twin_groups
 
 NEAR = 0.4
 """Middles nearer than this times the smaller diameter are in one place."""
 MAY_BE = 0.8
-"""Parts that any state joins nearer than this times the smaller diameter may be."""
+"""Parts that any state joins nearer than this times the smaller diameter may be; twins are not where
+they are twice as near as any state has them (the same two figures)."""
 
 
 class OnePlace:
@@ -26,11 +28,18 @@ class OnePlace:
     def __init__(self, assembly: Assembly) -> None:
         """Take an assembly, whose states say which parts lie within each other."""
         self._parts = assembly.parts
-        self._pairs = [
-            pair
-            for pair in itertools.combinations(assembly.parts, 2)
-            if not any(self._near(*pair, state.T_base_part, MAY_BE) for state in assembly.states)
-        ]
+        alike = [frozenset(group) for group in twin_groups(assembly)]
+        self._limits: dict[tuple[str, str], float] = {}
+        """How near to each other, metres, the middles of a pair are in one place."""
+        for pair in itertools.combinations(assembly.parts, 2):
+            a, b = (self._parts[name] for name in pair)
+            may_be = MAY_BE * min(a.diameter, b.diameter)
+            apart = min(
+                (self._apart(*pair, s.T_base_part) for s in assembly.states), default=np.inf
+            )
+            # One taken for its twin lies where that does, however near they are when joined.
+            if apart >= may_be or any(group.issuperset(pair) for group in alike):
+                self._limits[pair] = NEAR / MAY_BE * min(apart, may_be)
 
     def intruders(
         self,
@@ -48,14 +57,15 @@ class OnePlace:
         """
         return frozenset(
             min(pair, key=lambda name: (name in joined, sure[name]))
-            for pair in self._pairs
-            if self._near(*pair, Ts_camera_part, NEAR)
+            for pair, limit in self._limits.items()
+            if self._apart(*pair, Ts_camera_part) < limit
         )
 
-    def _near(self, a: str, b: str, Ts: Mapping[str, Transform], share: float) -> bool:
+    def _apart(self, a: str, b: str, Ts: Mapping[str, Transform]) -> float:
+        """Between the middles of two parts, metres; inf where one of them has no pose."""
         if a not in Ts or b not in Ts:
-            return False
-        return are_near(self._parts[a], Ts[a], self._parts[b], Ts[b], share=share)
+            return np.inf
+        return _distance(self._parts[a], Ts[a], self._parts[b], Ts[b])
 
 
 def are_near(a: Part, T_a: Transform, b: Part, T_b: Transform, *, share: float = NEAR) -> bool:
@@ -68,5 +78,8 @@ def are_near(a: Part, T_a: Transform, b: Part, T_b: Transform, *, share: float =
         T_b: its pose in the same frame.
         share: see above.
     """
-    apart = apply_to_point(T_a, a.middle) - apply_to_point(T_b, b.middle)
-    return float(np.linalg.norm(apart)) < share * min(a.diameter, b.diameter)
+    return _distance(a, T_a, b, T_b) < share * min(a.diameter, b.diameter)
+
+
+def _distance(a: Part, T_a: Transform, b: Part, T_b: Transform) -> float:
+    return float(np.linalg.norm(apply_to_point(T_a, a.middle) - apply_to_point(T_b, b.middle)))

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from asdfviz.data.assembly import load_assembly
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.one_place import OnePlace
 
@@ -28,3 +29,15 @@ def test_neighbours_and_parts_that_belong_together_stay(toy) -> None:
     joined = {name: at(0, 0, 0.6) @ T for name, T in toy.assembly.states[1].T_base_part.items()}
     assert one_place.intruders(joined, sure) == frozenset()
     assert one_place.intruders({"base": at(0, 0, 0.6), "block": at(0, 0, 0.6)}, sure) == frozenset()
+
+
+def test_a_rod_lies_beside_its_twin_as_joined_but_never_where_it_lies() -> None:
+    clamp = load_assembly("screw_clamp")
+    one_place = OnePlace(clamp)
+    joined = clamp.states[-1].T_base_part
+    sure = {"rod": 0.8, "rod-Copy": 0.6}
+    rods = {name: at(0, 0, 0.6) @ joined[name] for name in sure}
+    assert one_place.intruders(rods, sure) == frozenset()
+    near = {**rods, "rod-Copy": at(0, 0, 0.002) @ rods["rod"]}
+    assert one_place.intruders(near, sure) == {"rod-Copy"}
+    assert one_place.intruders(near, sure, joined=["rod-Copy"]) == {"rod"}
