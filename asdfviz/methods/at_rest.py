@@ -102,7 +102,7 @@ class AtRest:
     def lay(self, name: str, T_camera_part: Transform) -> bool:
         """Whether enough frames found a part there, and none since elsewhere; the last need not see it."""
         resting = self._resting.get(name)
-        if resting is None or resting.away or resting.frames < self._config.enough:
+        if resting is None or not self._is_there(resting):
             return False
         T_rests = self._T_camera_stage @ resting.T_stage_part
         apart = point_distance(T_camera_part, T_rests, self._parts[name].middle)
@@ -127,10 +127,7 @@ class AtRest:
             self._see(name, T_stage_camera @ pose.T_camera_part, pose.score)
         if T_camera_stage is None and self._base in loose and self.is_shaken:  # the base tells
             self._still = 0 if self._resting[self._base].away else self._still + 1
-        enough = self._config.enough
-        self._there = frozenset(
-            n for n in loose if not self._resting[n].away and self._resting[n].frames >= enough
-        )
+        self._there = frozenset(n for n in loose if self._is_there(self._resting[n]))
 
     def expected(self, found: Mapping[str, PoseEstimate]) -> dict[str, Transform]:
         """Where parts at rest are in a new frame, T_camera_part, as first poses found have the camera moved."""
@@ -233,6 +230,10 @@ class AtRest:
         else:
             ways = sorted([*resting.ways, *begun.ways], key=lambda way: -way.weight)
             resting.ways = ways[:MOST]
+
+    def _is_there(self, resting: _Resting) -> bool:
+        """Whether enough frames found a part there, and the last that found it did."""
+        return not resting.away and resting.frames >= self._config.enough
 
     def _is_known(self, resting: _Resting) -> bool:
         """Whether it is known how a part lies."""

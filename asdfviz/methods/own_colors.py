@@ -60,7 +60,7 @@ class OwnColors:
             if tint is None:
                 continue
             known = self._known.setdefault(name, tint)
-            if not self._is_unlike(tint, known):
+            if _difference(tint, known) <= self._config.unlike:
                 self._known[name] = known + self._config.rate * (tint - known)
 
     def rename(self, names: Mapping[str, str]) -> None:
@@ -93,23 +93,22 @@ class OwnColors:
         Only elsewhere than the part last surely was: there it may have come into another light.
         """
         part = self._parts[name]
-        if name not in self._known:
-            return False
         if point_distance(T_camera_part, T_last, part.middle) < part.diameter:
             return False
-        tint = self._tint(frame, name, T_camera_part)
-        return tint is not None and self._is_unlike(tint, self._known[name])
+        off = self.difference(frame, name, T_camera_part)
+        return off is not None and off > self._config.unlike
 
     def difference(self, frame: Frame, name: str, T_camera_part: Transform) -> float | None:
         """By how much the tint at a pose is another than the part's; None where nothing is known or seen."""
         known = self._known.get(name)
         tint = None if known is None else self._tint(frame, name, T_camera_part)
-        return None if known is None or tint is None else float(np.abs(tint - known).max())
-
-    def _is_unlike(self, tint: Vector, known: Vector) -> bool:
-        return bool(np.abs(tint - known).max() > self._config.unlike)
+        return None if known is None or tint is None else _difference(tint, known)
 
     def _tint(self, frame: Frame, name: str, T_camera_part: Transform) -> Vector | None:
         """Of what can be seen of a part; None where that is too little."""
         seen = self._surfaces[name].seen(frame, T_camera_part)
         return None if seen is None else seen - seen.mean()
+
+
+def _difference(tint: Vector, known: Vector) -> float:
+    return float(np.abs(tint - known).max())

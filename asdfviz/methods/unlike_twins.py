@@ -16,7 +16,7 @@ from asdfviz.datatypes import Assembly, Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply
-from asdfviz.methods.seen_colors import DARK, SeenSurface
+from asdfviz.methods.seen_colors import SeenSurface, log_colors
 from asdfviz.state.twins import renamed, twin_groups
 
 SAME_PLACE = 0.015
@@ -115,7 +115,7 @@ class UnlikeTwins:
         bright = self._brightness(frame, name, T_camera_part) if known else None
         if bright is None:
             return None
-        told = float(np.log(self._parts[name].color.astype(np.float64) + DARK).mean())
+        told = float(log_colors(self._parts[name].color).mean())
         return any(
             abs(bright - other) > self._config.unlike
             and abs(bright - told) > abs(other - told) + self._config.stranger

@@ -25,9 +25,12 @@ FILAMENTS = (
 )
 """Usual colours of printed plastic, sRGB."""
 SKINS = ((236, 196, 170), (222, 170, 138), (196, 140, 106), (150, 98, 68), (98, 62, 44))
-VENEER = np.array([0.95, 0.88, 0.77])
-"""Of pale wood: the colour of its darker streaks, as a share of the others'."""
 GLOVES = ((60, 110, 190), (25, 25, 28), (235, 235, 235), (120, 80, 170))
+
+
+def veneer(pale: Vector) -> Float64[np.ndarray, "3 3"]:
+    """The three colours of a table's wood: the second that of its darker streaks."""
+    return np.stack([pale, pale * [0.95, 0.88, 0.77], pale])
 
 
 def linear(srgb: object) -> Float64[np.ndarray, "*pixels 3"]:
@@ -183,7 +186,7 @@ def theatre(points: Float64[np.ndarray, "n 2"], rng: np.random.Generator) -> tup
         -0.001,
         "board",
         micro="smooth",
-        colors=np.stack([pale, pale * VENEER, pale]),
+        colors=veneer(pale),
         circle=(float(center[0]), float(center[1]), radius),
     )
     rim = _plane(

@@ -29,7 +29,7 @@ from asdfviz.datatypes import Part
 from asdfviz.geometry.shapes import Mask, Rgb, Vector
 from asdfviz.synth.assets import Assets, load_assets
 from asdfviz.synth.description import Finish, Ground, Light, Placed, Scene
-from asdfviz.synth.looks import VENEER, linear
+from asdfviz.synth.looks import linear, veneer
 from asdfviz.synth.photo_grounds import Photos, find_photos, photographed
 from asdfviz.synth.render import Picture, render
 from asdfviz.synth.scene import SceneConfig, make_scene
@@ -254,7 +254,7 @@ def _toned(scene: Scene, cloth: Vector) -> Scene:
     pale = linear(TABLE) * blue
     pale *= min(1.0, 0.9 / float(pale.max()))
     brown = linear(CARPET) * blue / CARPET_MEAN
-    table = replace(table, colors=np.stack([pale, pale * VENEER, pale]))
+    table = replace(table, colors=veneer(pale))
     carpet = replace(carpet, colors=carpet.colors * (brown / carpet.colors[0]))
     return replace(scene, grounds=(drape, table, rim, carpet))
 
