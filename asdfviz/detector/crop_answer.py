@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.detector.crop_cut import CROP_PIXELS, CropCamera
-from asdfviz.geometry.rotation_grid import Quaternions, quaternion_of
+from asdfviz.geometry.rotation_grid import Quaternions, multiplied, quaternion_of
 from asdfviz.geometry.shapes import Rotation, Scores, Vector
+from asdfviz.geometry.symmetry import Symmetries
 
 REACH = 0.5
 """Radius of a peak of the distribution, radians: its surroundings count to it."""
+NOTHING = 1e-5
+"""Rotations less probable than this add nothing that counts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,12 +48,27 @@ class CropAnswer:
         """
         return float(self.camera.K[0, 0]) * diameter / (CROP_PIXELS * float(np.exp(self.place[2])))
 
-    def likelihood(self, R_camera_part: Rotation) -> float:
+    def likelihood(self, R_camera_part: Rotation, symmetries: Symmetries) -> float:
         """Probability of a rotation with its surroundings, over that of the highest peak.
 
-        About 1 for what the network prefers, 0 for what it rules out; one of several rotations
-        that look alike is compared with its like.
+        About 1 for what the network prefers, 0 for what it rules out. Of rotations that look alike the
+        likeliest counts: the network need not spread over all of them.
+
+        Args:
+            R_camera_part: the rotation.
+            symmetries: of the part.
         """
         quaternion = quaternion_of(self.camera.R_camera_crop.T @ R_camera_part)
-        near = np.abs(self.grid @ quaternion) >= np.cos(REACH / 2)
-        return float(self.distribution[near].sum()) / max(float(self.probabilities[0]), 1e-12)
+        alike = quaternion @ _turned_by(symmetries)
+        counted = np.flatnonzero(self.distribution > NOTHING)
+        near = np.abs(self.grid[counted] @ alike.T) >= np.cos(REACH / 2)
+        most = float((self.distribution[counted] @ near).max())
+        return most / max(float(self.probabilities[0]), 1e-12)
+
+
+@lru_cache(maxsize=256)
+def _turned_by(symmetries: Symmetries) -> Float64[np.ndarray, "n 4 4"]:
+    """What a row of a quaternion is multiplied by to be turned by each symmetry, identity first; axes are
+    cut into steps of a peak's radius."""
+    turns = [quaternion_of(S[:3, :3]) for S in symmetries.transforms(step=REACH)]
+    return np.stack([multiplied(np.eye(4), np.tile(turn, (4, 1))) for turn in turns])

@@ -261,12 +261,12 @@ class Asdf:
     def _remembered(self, pose: PoseEstimate) -> Before:
         """A pose, with what the network thought of its rotation so far."""
         before, look = self._before.get(pose.part), self.looked_at.get(pose.part)
+        T, alike = pose.T_camera_part, self._started().assembly.parts[pose.part].symmetries
         if before is None:
-            return Before(pose.T_camera_part)
+            return Before(T)
         if look is None:
-            return before.followed_by(pose.T_camera_part, before.liked, memory=0.0)
-        T, memory = pose.T_camera_part, self._config.doubts
-        return before.followed_by(T, look.likely(T), memory=memory)
+            return before.followed_by(T, before.liked, alike, memory=0.0)
+        return before.followed_by(T, look.likely(T), alike, memory=self._config.doubts)
 
     def _refined(
         self, poses: Mapping[str, PoseEstimate], found: Mapping[str, Detection], frame: Frame

@@ -188,7 +188,7 @@ class CropPoses:
             for name, d in found.items()
         }
         answers = self.looker.look(frame.rgb, frame.camera.K, boxes)
-        before = previous or {}
+        before, parts = previous or {}, self.assembly.parts
         views = {
             name: self._view(answer, found[name].box_xyxy, frame, use_depth=use_depth)
             for name, answer in answers.items()
@@ -206,7 +206,7 @@ class CropPoses:
             answers,
         )
         return {
-            name: LookedAt(tuple(best), answers[name], found[name])
+            name: LookedAt(tuple(best), answers[name], found[name], parts[name].symmetries)
             for name, best in zip(answers, settled, strict=True)
             if best
         }
@@ -223,14 +223,16 @@ class CropPoses:
     ) -> Candidates:
         """The rotation of before and the network's; where the box is cut off, with its guess of the distance."""
         turns, probabilities = rotations_of(answer.rotations), answer.probabilities
+        part = self.assembly.parts[name]
         if before is not None:
             R_before = before.T_camera_part[:3, :3]
-            likely = max(before.liked, answer.likelihood(R_before)) * probabilities[0]
+            now = answer.likelihood(R_before, part.symmetries)
+            likely = max(before.liked, now) * probabilities[0]
             turns = np.concatenate([(answer.camera.R_camera_crop.T @ R_before)[None], turns])
             probabilities = np.concatenate([[likely], probabilities])
         distances = np.full(len(turns), np.nan)
         if is_cut_off(box_xyxy, (frame.camera.width, frame.camera.height), BORDER_PX):
-            guess = answer.distance(self.assembly.parts[name].diameter)
+            guess = answer.distance(part.diameter)
             distances[:] = guess - (self.middles[name] @ turns.transpose(0, 2, 1))[:, 0, 2]
         return Candidates(answer.camera.R_camera_crop @ turns, probabilities, distances)
 

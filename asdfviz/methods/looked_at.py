@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from asdfviz.datatypes import Detection
 from asdfviz.detector.crop_answer import REACH, CropAnswer
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import rotation_angle
+from asdfviz.geometry.symmetry import Symmetries, symmetric_angle
 from asdfviz.pose.hypotheses import Settled
 
 
@@ -21,10 +21,12 @@ class LookedAt:
     """What the network said."""
     detection: Detection
     """Around which the crop was cut."""
+    symmetries: Symmetries
+    """Of the part."""
 
     def likely(self, T_camera_part: Transform) -> float:
         """The network's preference for a pose's rotation, 0 to 1."""
-        return min(1.0, self.answer.likelihood(T_camera_part[:3, :3]))
+        return min(1.0, self.answer.likelihood(T_camera_part[:3, :3], self.symmetries))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,12 +37,13 @@ class Before:
     liked: float = 1.0
     """What the network thought of its rotation while it was there, 0 to 1; new ones are believed."""
 
-    def followed_by(self, T_camera_part: Transform, likely: float, *, memory: float) -> Before:
-        """The part in the next frame, where the network says `likely` of its rotation.
+    def followed_by(
+        self, T_camera_part: Transform, likely: float, symmetries: Symmetries, *, memory: float
+    ) -> Before:
+        """The part, of these symmetries, in the next frame, where the network says `likely` of its rotation.
 
         `memory` is the weight of that frame, 0 to 1.
         """
-        turn = rotation_angle(self.T_camera_part[:3, :3].T @ T_camera_part[:3, :3])
-        if turn > REACH:
+        if symmetric_angle(T_camera_part, self.T_camera_part, symmetries) > REACH:
             return Before(T_camera_part)
         return Before(T_camera_part, self.liked + memory * (likely - self.liked))

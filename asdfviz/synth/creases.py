@@ -53,11 +53,12 @@ def _folds(rng: np.random.Generator, n: int, *, side: float) -> Plane:
 
 
 def _bends(rng: np.random.Generator, n: int, *, side: float) -> Plane:
-    """Heights (metres) of a few free, curved folds that swell and taper."""
+    """Heights (metres) of a few curved folds that swell and taper."""
     x, y = (axis * side for axis in unit_axes(n))
     height = np.zeros((n, n), np.float32)
     for _ in range(7):
-        spot, turn = rng.random(2) * side, rng.random() * 2 * np.pi
+        # Roughly along the folds: what lies across them is pulled flat.
+        spot, turn = rng.random(2) * side, np.pi / 2 * rng.choice([-1, 1]) + rng.normal() * 0.3
         radius, long = rng.uniform(0.12, 0.6), rng.uniform(0.04, 0.10)
         at_x, at_y = (float(v) for v in spot)
         center_x, center_y = at_x - radius * math.cos(turn), at_y - radius * math.sin(turn)

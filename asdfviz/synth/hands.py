@@ -82,6 +82,9 @@ a pointing finger."""
 HOLDING = 10
 PINCHES = range(9)
 OPEN_HAND = 10
+ARM_RISE = (0.1, 0.6)
+"""How steeply the forearm of somebody who stands at a table rises, radians. Steeper ones would come up to
+the camera and hide half of the view."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,12 +14,13 @@ from asdfviz.geometry.transforms import apply, inverse, rotation_about, transfor
 from asdfviz.pose.resting import RestingFace, footprint, overlap, resting_faces
 from asdfviz.synth.assets import SLEEVE_CUTS, Assets
 from asdfviz.synth.description import Finish, Placed
-from asdfviz.synth.hands import HOLDING
+from asdfviz.synth.hands import ARM_RISE, GRASPS, HOLDING
 from asdfviz.synth.joint_motion import random_rotation
 from asdfviz.synth.looks import plastic, random_hue, skin, sleeve
 
 GROUP_THROWS = 24
 """From so many sides a joined group is put down to find how it can stand."""
+NEAREST = 0.36  # Nothing is lifted closer to the camera, metres: an arm would hide everything.
 
 
 def turn_z(angle: float) -> Rotation:
@@ -76,7 +77,7 @@ class Table:
 
     def room_above(self, points_world: Points) -> float:
         """By how much things that lie there may be raised before they are too near to the camera."""
-        return inverse(self.T_camera_world)[2, 3] - 0.28 - float(np.ptp(points_world[:, 2]))
+        return inverse(self.T_camera_world)[2, 3] - NEAREST - float(np.ptp(points_world[:, 2]))
 
     def find_place(
         self,
@@ -211,9 +212,8 @@ def hand_at(
     """
     index = int(rng.integers(HOLDING)) if grasp is None else grasp
     outfit = dress(rng, grasp=index)
-    T = outfit.pose(
-        point, away, pitch=float(rng.uniform(0.05, 0.55)), roll=float(rng.normal() * 0.3)
-    )
+    pitch = float(rng.uniform(*ARM_RISE)) - GRASPS[index].wrist
+    T = outfit.pose(point, away, pitch=pitch, roll=float(rng.normal() * 0.3))
     return outfit.place(assets, T)
 
 

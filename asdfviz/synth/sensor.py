@@ -14,6 +14,9 @@ from asdfviz.synth.optics import developed, fringed, grain, rolled_off
 Linear = Float32[np.ndarray, "h w 3"]
 Plane = Float32[np.ndarray, "h w"]
 
+GLOW_PX = 3.0
+"""How far the lens scatters most of what it scatters, at 1280 pixels width."""
+
 
 @dataclass(frozen=True, slots=True)
 class RgbSensor:
@@ -34,6 +37,8 @@ class RgbSensor:
     """Standard deviation of the noise at a linear value of 0.28; grows with the root of the light."""
     flare: float = 0.01
     """Light scattered over the whole image, as a share of the mean."""
+    glow: float = 0.0
+    """Share of the light that the lens scatters around where it belongs: dark things are paler at their edges."""
     contrast: float = 1.0
     saturation: float = 1.0
     sharpening: float = 0.0
@@ -77,6 +82,7 @@ def random_rgb_sensor(rng: np.random.Generator) -> RgbSensor:
         jpeg_quality=int(rng.integers(78, 97)),
         motion_px=(float(motion[0]), float(motion[1])),
         shading=(float(rng.normal() * 0.06), float(rng.normal() * 0.1 + 0.05)),
+        glow=float(rng.uniform(0.0, 0.05)),
     )
 
 
@@ -130,6 +136,8 @@ def photograph(radiance: Linear, *, sensor: RgbSensor, rng: np.random.Generator)
     if abs(sensor.fringe_px) * scale > 0.1:
         image = fringed(image.astype(np.float32), sensor.fringe_px * scale)
     image = cv2.GaussianBlur(image, (0, 0), max(sensor.blur_px * scale, 0.25))
+    if sensor.glow > 0:
+        image += sensor.glow * (cv2.GaussianBlur(image, (0, 0), GLOW_PX * scale) - image)
     if sensor.softness_px * scale > 0.3:
         soft = cv2.GaussianBlur(image, (0, 0), sensor.softness_px * scale)
         image = image + (soft - image) * np.minimum((x * x + y * y) / 1.6, 1)[:, :, None]

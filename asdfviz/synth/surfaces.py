@@ -25,8 +25,11 @@ NAIL = (0.02, 0.10, 0.14)
 """By what share a nail is brighter in red, green and blue than the skin about it."""
 FOLD = (0.10, 0.17, 0.18)
 """And the fold about it darker."""
+MOLE = (0.45, 0.60, 0.62)
+"""By what share a mole is darker than the skin about it."""
 NOISE_DEVIATION = 0.03
 """How much the brightness of the map "plain" strays."""
+_MOLE_SALT = ((12.9898, 78.233), (39.346, 11.135), (73.156, 52.235))
 
 
 def decorate(
@@ -108,7 +111,7 @@ def _skin(
     finish: Tensor, local: Tensor, normal: Tensor, color: Tensor, noise: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Pink and tan blotches, redder fingers, tendons and veins along the arm, creases across the
-    fingers, hairs on the arm.
+    fingers, hairs and moles on the arm.
 
     The hand's frame: fingers along +y, its back along +z, the grasp point at the origin.
     """
@@ -138,8 +141,9 @@ def _skin(
     slant = (0.03 * round_arm + 0.4 * y) / 0.035
     hair = _at(noise, slant + 0.012, y / 0.11) - _at(noise, slant, y / 0.11)
     hair = ((hair.abs() - 0.25) * 6).clamp(0, 1)
-    color = color * (1 - 0.05 * crease[0] * (1 - arm) - 0.09 * hair * arm)[:, None]
+    color = color * (1 - 0.05 * crease[0] * (1 - arm) - 0.06 * hair * arm)[:, None]
     color = color * (1 - 0.05 * ridge[0] * arm)[:, None]
+    color = color * (1 - _moles(0.035 * round_arm, y)[:, None] * color.new_tensor(MOLE))
     # Bundles of short lines where the skin folds, brown rather than dark.
     bundle = (1.4 * _at(noise, x / 0.5 + 0.3, y / 0.16 + 0.4 * z) - 1.0).clamp(0, 1) * (1 - arm)
     phase = (y + 0.2 * x + 0.5 * z + 0.0024 * fine + 0.004 * blotch) * (2 * torch.pi / 0.0031)
@@ -151,6 +155,17 @@ def _skin(
         + forward * (0.09 * fold + 0.05 * blotch)[:, None]
     )
     return color, unit(normal + uneven * (finish[:, 8:9] / 0.35))
+
+
+def _moles(u: Tensor, v: Tensor) -> Tensor:
+    """How much of a mole lies here, 0 to 1: one of 1 to 2 mm in every sixth field of 4 cm."""
+    cell_u, cell_v = torch.floor(u / 0.04), torch.floor(v / 0.04)
+    throw = [torch.frac(torch.sin(cell_u * a + cell_v * b) * 43758.5).abs() for a, b in _MOLE_SALT]
+    away_u = u - (cell_u + 0.1 + 0.8 * throw[0]) * 0.04
+    away_v = v - (cell_v + 0.1 + 0.8 * throw[1]) * 0.04
+    big = throw[2] - 5 / 6
+    edge = (torch.sqrt(away_u**2 + away_v**2) - (0.0004 + 0.004 * big)) / 0.0009
+    return (0.5 - edge).clamp(0, 1) * (0.4 + 0.6 * throw[0]) * (big > 0)
 
 
 def _nails(color: Tensor, mark: Tensor) -> Tensor:

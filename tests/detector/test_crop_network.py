@@ -14,6 +14,7 @@ from asdfviz.detector.crop_weights import load_crop_network, save_crop_network
 from asdfviz.errors import WeightsError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.rotation_grid import rotations_of
+from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import apply, inverse, transform_from
 
 K = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
@@ -228,8 +229,14 @@ def test_an_answer_tells_how_likely_any_rotation_is(tmp_path: Path) -> None:
     answer = looker.look(rgb, K, {"x": ("a/x", np.array([240.0, 30, 300, 90]))})["x"]
     assert answer.distribution.sum() == pytest.approx(1.0)
     best, second = (answer.camera.R_camera_crop @ R for R in rotations_of(answer.rotations)[:2])
-    assert answer.likelihood(best) == pytest.approx(1.0, abs=0.25)
+    none = Symmetries()
+    assert answer.likelihood(best, none) == pytest.approx(1.0, abs=0.25)
     expected = answer.probabilities[1] / answer.probabilities[0]
-    assert answer.likelihood(second) == pytest.approx(expected, abs=0.25)
+    assert answer.likelihood(second, none) == pytest.approx(expected, abs=0.25)
     faint = rotations_of(answer.grid[answer.distribution.argmin()][None])[0]
-    assert answer.likelihood(answer.camera.R_camera_crop @ faint) < answer.likelihood(best)
+    faint = answer.camera.R_camera_crop @ faint
+    assert answer.likelihood(faint, none) < answer.likelihood(best, none)
+    turn = transform_from(faint.T @ best, np.zeros(3))  # as if the part looked the same so turned
+    alike = Symmetries(discrete=(turn,))
+    assert answer.likelihood(faint, alike) == pytest.approx(answer.likelihood(best, none))
+    assert answer.likelihood(best, alike) == pytest.approx(answer.likelihood(best, none))

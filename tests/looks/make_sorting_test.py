@@ -60,7 +60,7 @@ CONFIG = SceneConfig(
 )  # fmt: skip
 SENSOR = RgbSensor(
     exposure=0.455, blur_px=0.6, noise=0.0052, sharpening=0.7, knee=0.9, thin_px=1.6, contrast=1.08,
-    saturation=1.12, jpeg_quality=94, vignette=0.08, shading=(-0.06, 0.2),
+    saturation=1.12, jpeg_quality=94, vignette=0.08, shading=(-0.06, 0.2), glow=0.03,
 )  # fmt: skip
 """What the real frames look like to have been taken with."""
 LIGHT = ShadingConfig(interleave=5, shadow_pixels=1024)

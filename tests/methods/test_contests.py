@@ -13,6 +13,7 @@ from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.detector.crop_answer import CropAnswer
 from asdfviz.detector.crop_cut import crop_camera
 from asdfviz.errors import MethodError
+from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.methods.contests import Contests, ContestsConfig
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.pose.hypotheses import Settled
@@ -51,7 +52,10 @@ class Agreeing:
         found = {name: self.by_x.get(int(d.box_xyxy[0])) for name, d in boxes.items()}
         return {
             name: LookedAt(
-                (Settled(np.eye(4), value, refined=True),), answered(boxes[name]), boxes[name]
+                (Settled(np.eye(4), value, refined=True),),
+                answered(boxes[name]),
+                boxes[name],
+                Symmetries(),
             )
             for name, value in found.items()
             if value is not None

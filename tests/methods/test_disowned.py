@@ -14,6 +14,7 @@ from asdfviz.detector.crop_cut import crop_camera
 from asdfviz.errors import MethodError
 from asdfviz.geometry.rotation_grid import quaternion_of
 from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.methods.disowned import DisownedConfig, is_disowned
 from asdfviz.methods.looked_at import LookedAt
@@ -45,7 +46,7 @@ def look(box_at: Callable) -> LookedAt:
         outline=np.ones((24, 24)),
         states=np.zeros(0),
     )
-    return LookedAt((Settled(RIGHT, 0.8, refined=True),), answer, box)
+    return LookedAt((Settled(RIGHT, 0.8, refined=True),), answer, box, Symmetries())
 
 
 _K = np.array([[300.0, 0, 160], [0, 300, 120], [0, 0, 1]])

@@ -14,6 +14,7 @@ from asdfviz.detector.crop_answer import CropAnswer
 from asdfviz.detector.crop_cut import crop_camera, cut
 from asdfviz.errors import MethodError, WeightsError
 from asdfviz.geometry.rotation_grid import even_rotations, quaternion_of
+from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods import first_pose
 from asdfviz.methods.asdf import Asdf
@@ -302,8 +303,14 @@ def test_what_was_before_is_believed_until_the_network_doubts_it() -> None:
     at = transform_from(np.eye(3), np.array([0.0, 0, 0.6]))
     little = transform_from(rotation_about(np.array([1.0, 0, 0]), 0.2), np.array([0.1, 0, 0.6]))
     far = transform_from(rotation_about(np.array([1.0, 0, 0]), 1.0), np.array([0.0, 0, 0.6]))
-    before = Before(at)
-    assert before.followed_by(little, 0.0, memory=0.0).liked == 1.0
-    doubted = before.followed_by(little, 0.0, memory=0.2).followed_by(little, 0.5, memory=0.2)
+    before, none = Before(at), Symmetries()
+    assert before.followed_by(little, 0.0, none, memory=0.0).liked == 1.0
+    doubted = before.followed_by(little, 0.0, none, memory=0.2).followed_by(
+        little, 0.5, none, memory=0.2
+    )
     assert doubted.liked == pytest.approx(0.8 * 0.8 + 0.2 * 0.5)
-    assert doubted.followed_by(far, 0.0, memory=0.2).liked == 1.0  # another rotation, a new start
+    assert (
+        doubted.followed_by(far, 0.0, none, memory=0.2).liked == 1.0
+    )  # another rotation, a new start
+    alike = Symmetries(discrete=(transform_from(far[:3, :3].T, np.zeros(3)),))
+    assert doubted.followed_by(far, 0.0, alike, memory=0.0).liked == doubted.liked

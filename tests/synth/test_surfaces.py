@@ -84,3 +84,19 @@ def test_nails_are_paler_than_skin_within_a_darker_fold() -> None:
         _looks(depth=0.0, translucency=0.0, local=_places(1), mark=mark)[0] for mark in (0.8, -3.0)
     ]
     assert torch.equal(*glove)
+
+
+def test_arms_have_a_few_small_moles() -> None:
+    along, around = np.meshgrid(np.arange(-0.56, -0.16, 0.0005), np.linspace(-3.0, 3.0, 300))
+    finish = torch.zeros(along.size, COLUMNS)
+    finish[:, :3], finish[:, 6], finish[:, 8] = 0.4, 0.0006, 0.35
+    finish[:, 11], finish[:, 12] = 1.0, 1.0
+    turned = torch.tensor(around.ravel(), dtype=torch.float32)
+    normal = torch.stack([torch.cos(turned), torch.zeros_like(turned), torch.sin(turned)], 1)
+    local = torch.zeros_like(normal)
+    local[:, 1] = torch.tensor(along.ravel(), dtype=torch.float32)
+    far, no_mark = torch.full_like(turned, 0.001), torch.full_like(turned, -3.0)
+    color, _ = decorate(finish, local, normal, torch.zeros_like(turned), far, no_mark)
+    green = color[:, 1].numpy().reshape(along.shape)
+    dark = (green < 0.8 * np.median(green)).mean()
+    assert 0.00005 < dark < 0.004

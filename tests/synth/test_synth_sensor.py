@@ -95,3 +95,19 @@ def test_corners_may_lose_red_and_blue_beside_green() -> None:
     assert red > 3
     assert abs(green) <= 1
     assert blue < -10
+
+
+def test_light_glows_into_the_dark_beside_it_and_no_farther() -> None:
+    radiance = np.full((40, 1280, 3), 0.02, np.float32)
+    radiance[:, :640] = 0.6
+    sharp, glowing = (
+        photograph(
+            radiance,
+            sensor=RgbSensor(noise=0.0, vignette=0.0, flare=0.0, glow=glow),
+            rng=np.random.default_rng(1),
+        )[20, :, 1].astype(int)
+        for glow in (0.0, 0.05)
+    )
+    beside, away = 643, 680
+    assert glowing[beside] >= sharp[beside] + 2
+    assert abs(glowing[away] - sharp[away]) <= 1
