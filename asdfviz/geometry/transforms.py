@@ -39,7 +39,16 @@ def apply_to_point(T_a_b: Transform, point_b: Vector) -> Vector:
 
 def point_distance(T_a_b: Transform, T_a_c: Transform, point: Vector) -> float:
     """How far apart both frames have a point of these coordinates, in the unit of the translations."""
-    return float(np.linalg.norm(apply_to_point(T_a_b, point) - apply_to_point(T_a_c, point)))
+    apart = (T_a_b - T_a_c)[:3]
+    x, y, z = (apart[:, :3] @ point + apart[:, 3]).tolist()
+    return math.sqrt(x * x + y * y + z * z)
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """The vector product of two vectors."""
+    # Plain numbers: numpy takes thirty times as long for three of them.
+    (p, q, r), (u, v, w) = a.tolist(), b.tolist()
+    return np.array([q * w - r * v, r * u - p * w, p * v - q * u])
 
 
 def is_rigid(T_a_b: Transform, *, tolerance: float = 1e-3) -> bool:

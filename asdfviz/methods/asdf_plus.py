@@ -31,6 +31,7 @@ from asdfviz.methods.network import Detects
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import sure_enough
+from asdfviz.methods.second_thoughts import settled_by_contours
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.told_poses import ToldPoses
@@ -133,7 +134,9 @@ class AsdfPlus:
         with timed("register"):
             decided = self._decided(proposed, frame, scene)
         with timed("contours"):
-            fits = self._settled(decided, frame, scene)
+            decided, fits = settled_by_contours(
+                scene.contours, scene.hypotheses, decided, frame, held=scene.group.held
+            )
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
             poses = self._named_by_place(scene.followed.turned(followed), scene)
@@ -215,19 +218,6 @@ class AsdfPlus:
             scene.hypotheses[name].disown()
             del decided[name]
         return decided
-
-    def _settled(
-        self, decided: Mapping[str, Decision], frame: Frame, scene: _Scene
-    ) -> dict[str, ContourFit]:
-        """What contours make of these poses, which go on from there."""
-        if scene.contours is None:
-            return {}
-        poses = {name: decision.best.T_camera_part for name, decision in decided.items()}
-        fits = scene.contours.step(frame, poses, held=scene.group.held)
-        for name, fit in fits.items():
-            if fit.moved:
-                scene.hypotheses[name].move(fit.T_camera_part)
-        return fits
 
     def _settled_together(
         self, poses: dict[str, PoseEstimate], frame: Frame, scene: _Scene

@@ -53,6 +53,8 @@ class ContourConfig:
     """A pose that stays as it is, is settled in so many frames one after another,"""
     every: int = 6
     """then in one of so many."""
+    unsure: float = 0.3
+    """A pose of less confidence by contours and depth, 0 to 1, is left for a runner-up that is `sure`."""
 
     def rests(self, times: int, frames: int) -> bool:
         """Whether what stayed and was settled so many times, so many frames ago, is left as it is."""
@@ -133,6 +135,18 @@ class ContourFits:
         moved |= turned
         now |= turned
         return {name: ContourFit(T, sure[name], name in moved) for name, T in now.items()}
+
+    def rather(
+        self, frame: Frame, name: str, fit: ContourFit, T_other: Transform
+    ) -> ContourFit | None:
+        """Another pose of a part, settled, where contours speak for it and not for the fit it has."""
+        if fit.sure >= self._config.unsure:
+            return None
+        (trial,) = self._tracker.trials(frame, name, [T_other])
+        if not self._is_believed(name, T_other, trial):
+            return None
+        self._tracker.replace(frame, {name: trial.T_camera_part})
+        return ContourFit(trial.T_camera_part, trial.confidence, moved=True)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""

@@ -21,7 +21,7 @@ from asdfviz.methods.group_trials import Trial
 from asdfviz.methods.group_views import GroupView, learn_colors, measured_in, view_of
 from asdfviz.methods.one_place import are_near
 from asdfviz.methods.part_poses import PartShape
-from asdfviz.state.colors import Looks
+from asdfviz.state.colors import Look, Looks
 from asdfviz.state.group_fit import (
     STILL,
     GroupFitConfig,
@@ -32,6 +32,7 @@ from asdfviz.state.group_fit import (
 )
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.near_places import NearPlaces
+from asdfviz.state.twins import twin_groups
 from asdfviz.track.raster import draw, new_buffers
 
 SAME = 0.004
@@ -67,6 +68,9 @@ class GroupFits:
             }.values()
         )
         """Every part with the states that have it in different places."""
+        groups = twin_groups(assembly)
+        self._twins = {name: names for names in groups for name in names}
+        """The names of its kind for every part."""
 
     @property
     def base(self) -> PoseEstimate | None:
@@ -189,9 +193,14 @@ class GroupFits:
                     inverse_depth=covered,
                     ids=ids,
                 )
-        looks = [self._looks.of(name) for name in self._assembly.parts]
+        looks = [self._look(name) for name in self._assembly.parts]
         base = list(self._assembly.parts).index(self._assembly.base)
         return measured_in(view, covered, looks, base=base, config=self._config)
+
+    def _look(self, name: str) -> Look | None:
+        """What a part looks like; while nobody saw its colours, what a twin does."""
+        known = (self._looks.of(one) for one in (name, *self._twins[name]))
+        return next((look for look in known if look is not None), None)
 
     def _trial(
         self,

@@ -106,6 +106,10 @@ def measured_in(
     for i, look in enumerate(known):
         if look is not None:
             ratios[i] = color_ratio(look, view.features, config=config.colors)
+    # A part whose colours nobody saw may have those of any other part: what is seen there is as likely on
+    # it as on the likeliest of them, or the parts behind it would be believed for their colours alone.
+    unseen = [i for i, look in enumerate(looks) if look is None]
+    ratios[unseen] = ratios[: len(looks)].max(axis=0)
     return Measured(view.depth, ratios, ground.inverse_depth, base)
 
 

@@ -134,6 +134,8 @@ class Decision:
     best: Hypothesis
     lead: float
     """Over the most trusted pose that is another one; the trust itself where there is none."""
+    rival: Hypothesis | None = None
+    """That other pose."""
 
 
 def pose_confidence(

@@ -285,11 +285,10 @@ class PartHypotheses:
     def _decided(self, box_xyxy: Box | None) -> Decision | None:
         if not self._kept:
             return None
-        best = self._kept[0]
+        best, rival = self._kept[0], self._kept[1] if len(self._kept) > 1 else None
         if box_xyxy is None and best.evidence.depth < self._config.unseen:
             return None
-        behind = self._kept[1].trust if len(self._kept) > 1 else 0.0
-        return Decision(best, best.trust - behind)
+        return Decision(best, best.trust - (0.0 if rival is None else rival.trust), rival)
 
     def _is_same(self, T_a: Transform, T_b: Transform) -> bool:
         apart = (T_a - T_b)[:3] @ self._middle

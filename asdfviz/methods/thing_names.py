@@ -16,7 +16,7 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError
-from asdfviz.geometry.boxes import overlap, share_inside
+from asdfviz.geometry.boxes import iou_matrix, share_inside
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
 from asdfviz.methods.assignment import scores_in_classes
 from asdfviz.methods.seen_table import heights_in
@@ -210,8 +210,11 @@ class ThingNames:
 
     def _thing(self, box_xyxy: Box) -> _Known:
         """What is in a box: known from before or from another box of the frame, or new."""
-        near = [(overlap(one.box_xyxy, box_xyxy), i) for i, one in enumerate(self._known)]
-        best, place = max(near, default=(0.0, 0))
+        best, place = 0.0, 0
+        if self._known:
+            near = iou_matrix(box_xyxy[None], np.stack([one.box_xyxy for one in self._known]))[0]
+            place = len(near) - 1 - int(near[::-1].argmax())  # of equals the last
+            best = float(near[place])
         if best <= self._config.still:
             place = len(self._known)
             self._known.append(_Known(box_xyxy, np.zeros(len(self._classes))))

@@ -187,8 +187,11 @@ class TurnChecks:
         lead, turn = max((float(known.lead[turn]), turn) for turn in turns)
         if lead < self._config.lead:
             return None
-        other = others[turns.index(turn)]
-        return now.T_camera_part, self._best(frame, tracker, name, now, other, ahead)
+        right = self._best(frame, tracker, name, now, others[turns.index(turn)], ahead)
+        if right is None:
+            known.lead[turn] = -self._config.lead
+            return None
+        return now.T_camera_part, right
 
     def _judge(
         self, name: str, known: TurnMemory, turn: int, now: Trial, other: Trial, ahead_by: Ahead
@@ -204,10 +207,11 @@ class TurnChecks:
 
     def _best(
         self, frame: Frame, tracker: Tracker, name: str, now: Trial, other: Trial, ahead: Ahead
-    ) -> Transform:
+    ) -> Transform | None:
         """Of all that a part may be turned to, once it is known not to be as it is now.
 
-        The first turn that was ahead may only be less wrong.
+        The first turn that was ahead may only be less wrong. None where contours speak for none: what
+        lies flat in the table agrees with its depth best of all.
         """
         centre = self._bodies[name].balance
         starts = [turned(now.T_camera_part, R, centre=centre) for R in (*TURNS, *SPUN)]
@@ -218,7 +222,9 @@ class TurnChecks:
             is_seen = trial.evidence.visible >= self._config.visible
             if is_seen and self._angle(name, now.T_camera_part, trial.T_camera_part) > self._same:
                 found.append(trial)
-        return max(found, key=ahead).T_camera_part
+        least = self._config.believed * now.confidence
+        found = [trial for trial in found if trial.confidence >= least]
+        return max(found, key=ahead).T_camera_part if found else None
 
     def _ahead(
         self, frame: Frame, name: str, look: LookedAt | None, now: Trial, other: Trial

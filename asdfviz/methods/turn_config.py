@@ -21,6 +21,8 @@ class TurnConfig:
     """of a pose that is new so many, until each was tried once."""
     visible: float = 0.5
     """Share of the part that must be seen, 0 to 1."""
+    believed: float = 0.3
+    """Share of the pose's confidence, by contours and depth, that another turn must have, 0 to 1."""
     lead: float = 0.35
     """A turn is right, or ruled out, that is ahead or behind by this in all;"""
     step: float = 0.12

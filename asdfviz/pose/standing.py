@@ -6,6 +6,7 @@ distance of a small part on it, whose own few readings are smeared at its edges.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -17,7 +18,7 @@ from asdfviz.datatypes import Mesh
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Depth, Intrinsics, Points, Scores, Transform, Vector
 from asdfviz.geometry.symmetry import across
-from asdfviz.geometry.transforms import apply, apply_to_point, turn_about
+from asdfviz.geometry.transforms import apply, apply_to_point, cross, turn_about
 from asdfviz.pose.resting import LEAST_MARGIN, center_of_mass, support_margin
 from asdfviz.pose.table import SunkConfig, Table, depth_in_table
 
@@ -203,8 +204,8 @@ def _turned_down(
 ) -> tuple[Transform, float, float]:
     """The pose turned the shortest way about its middle until a side (camera axes) looks down; by how
     much, radians; and how high its lowest corner then is above the table, metres."""
-    axis = np.cross(side, -table.normal)
-    sine = float(np.linalg.norm(axis))
+    axis = cross(side, -table.normal)
+    sine = math.hypot(*axis.tolist())
     angle = float(np.arctan2(sine, -side @ table.normal))
     if sine <= 1e-9:  # as it is, or head over heels about any level axis
         axis = across(table.normal)

@@ -7,6 +7,7 @@ that are not.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import (
     apply,
     apply_to_point,
+    cross,
     inverse,
     point_distance,
     transform_from,
@@ -191,15 +193,13 @@ class JointPlaces:
         ball = symmetries.ball_middle
         if ball is not None:
             arm = apply_to_point(T_nominal, ball) - joint.origin
-            return bool(np.linalg.norm(np.cross(arm, joint.axis)) < ON_AXIS)
+            return math.hypot(*cross(arm, joint.axis).tolist()) < ON_AXIS
         for axis in symmetries.continuous:
             direction = T_nominal[:3, :3] @ axis.direction
-            middle = apply(T_nominal, axis.offset[None])[0]
-            beside = np.linalg.norm(np.cross(middle - joint.origin, joint.axis))
-            if (
-                abs(direction @ joint.axis) > PARALLEL * np.linalg.norm(direction)
-                and beside < ON_AXIS
-            ):
+            middle = apply_to_point(T_nominal, axis.offset)
+            beside = math.hypot(*cross(middle - joint.origin, joint.axis).tolist())
+            along = abs(float(direction @ joint.axis))
+            if along > PARALLEL * math.hypot(*direction.tolist()) and beside < ON_AXIS:
                 return True
         return False
 

@@ -12,6 +12,7 @@ from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_trials import Trial
 from asdfviz.methods.group_views import measured_in, view_of
 from asdfviz.methods.part_poses import part_shapes
+from asdfviz.state.colors import Look
 from asdfviz.state.group_fit import GroupFitConfig, Move
 from asdfviz.state.joint_places import JointPlaces
 
@@ -25,6 +26,17 @@ def fits_of(assembly: Assembly, **options) -> GroupFits:
 
 def found(T_camera_base: np.ndarray, *, score: float = 0.9) -> dict[str, PoseEstimate]:
     return {"base": PoseEstimate("base", T_camera_base, score, "refined")}
+
+
+def painted(toy, block: np.ndarray, color: tuple[int, int, int]) -> Frame:
+    """The base in blue, and a block of some colour at this pose."""
+    apart = toy.poses(joined=False)
+    frame = toy.frame(1, {"base": apart["base"], "block": block})
+    rgb = np.full((*frame.rgb.shape[:2], 3), (90, 140, 90), np.uint8)
+    base, front = toy.depth({"base": apart["base"]}), toy.depth({"block": block})
+    rgb[base < 0.74] = (40, 60, 200)
+    rgb[front < np.minimum(base, 0.74)] = color
+    return replace(frame, rgb=rgb)
 
 
 def noisy(frame: Frame, seed: int = 0) -> Frame:
@@ -204,24 +216,53 @@ def test_another_thing_in_the_place_of_the_block_is_not_the_block(toy) -> None:
     """It has the block's shape, but not its colour, which was learnt while the block lay apart."""
     apart, joined = toy.poses(joined=False), toy.poses(joined=True)
 
-    def painted(block: np.ndarray, color: tuple[int, int, int]) -> Frame:
-        frame = toy.frame(1, {"base": apart["base"], "block": block})
-        rgb = np.full((*frame.rgb.shape[:2], 3), (90, 140, 90), np.uint8)
-        base, front = toy.depth({"base": apart["base"]}), toy.depth({"block": block})
-        rgb[base < 0.74] = (40, 60, 200)
-        rgb[front < np.minimum(base, 0.74)] = color
-        return replace(frame, rgb=rgb)
-
     red, green = (220, 50, 40), (30, 200, 60)
     for color, expected in ((red, 1), (green, 0)):
         fits = fits_of(toy.assembly)
         poses = found(apart["base"])
         poses["block"] = PoseEstimate("block", apart["block"], 0.9, "refined")
         for _ in range(3):
-            fits.step(poses, KNOWN, painted(apart["block"], red))
-        said = fits.step(found(joined["base"]), KNOWN, painted(joined["block"], color))
+            fits.step(poses, KNOWN, painted(toy, apart["block"], red))
+        said = fits.step(found(joined["base"]), KNOWN, painted(toy, joined["block"], color))
         assert said is not None
         assert said[expected] > 0.95
+
+
+def test_what_a_part_looks_like_is_known_from_its_twin(toy) -> None:
+    """The state joins a twin of the block; the block's colour was learnt while it lay apart."""
+    apart, joined = toy.poses(joined=False), toy.poses(joined=True)
+    block, last = toy.assembly.parts["block"], toy.assembly.states[1]
+    twin = replace(block, name="block-Copy")
+    places = {"base": np.eye(4), "block-Copy": last.T_base_part["block"]}
+    pair = replace(
+        toy.assembly,
+        parts={**toy.assembly.parts, "block-Copy": twin},
+        states=(toy.assembly.states[0], replace(last, T_base_part=places)),
+    )
+    red, green = (220, 50, 40), (30, 200, 60)
+    for color, expected in ((red, 1), (green, 0)):
+        fits, poses = fits_of(pair), found(apart["base"])
+        poses["block"] = PoseEstimate("block", apart["block"], 0.9, "refined")
+        for _ in range(3):
+            fits.step(poses, KNOWN, painted(toy, apart["block"], red))
+        said = fits.step(found(joined["base"]), KNOWN, painted(toy, joined["block"], color))
+        assert said is not None
+        assert said[expected] > 0.95
+
+
+def test_colours_that_nobody_saw_may_be_those_of_another_part(toy) -> None:
+    """Or the parts behind would be believed for knowing their colours."""
+    true = toy.poses(joined=True)
+    frame = toy.frame(1, true)
+    corners = project(apply(true["base"], toy.assembly.parts["base"].mesh.vertices), frame.camera.K)
+    view = view_of(corners, frame, frame.depth, cells=50)
+    assert view is not None
+    seen = view.features[20, 20].astype(np.float64)
+    look = Look(seen, np.full(3, 0.05))
+    blank = np.zeros(view.depth.shape, np.float32)
+    measured = measured_in(view, blank, [look, None], base=0, config=GroupFitConfig())
+    assert measured.ratios[0].max() > 0
+    np.testing.assert_array_equal(measured.ratios[1], np.maximum(measured.ratios[0], 0))
 
 
 def test_without_depth_or_switched_off_it_is_silent(toy) -> None:

@@ -113,6 +113,28 @@ def test_a_part_is_turned_as_the_crop_network_keeps_saying(lying: Lying, liked: 
 
 
 @pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
+@pytest.mark.parametrize(("sure", "is_turned"), [(0.2, True), (0.1, False)])
+def test_a_part_is_not_turned_against_its_contours(
+    lying: Lying, sure: float, is_turned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They give the pose that it has a confidence of 0.5."""
+
+    def doubted(frame: Frame, name: str, starts: list[Transform], **_: object) -> list[Trial]:
+        both = {True: sure, False: 0.5}
+        seen = Evidence(0.5, 0.5, 1.0)
+        return [Trial(T, seen, both[bool(-T[2, 2] > 0.9)], sharp=0.5) for T in starts]
+
+    monkeypatch.setattr(lying.tracker, "trials", doubted)
+    drawn, table = DrawnConfig(enabled=False), TurnTableConfig(enabled=False)
+    checks = TurnChecks(lying.parts, lying.bodies, config=TurnConfig(table=table, drawn=drawn))
+    looked_at, pose = {"base": Upright()}, lying.wrong
+    for _ in range(60):
+        found = checks.step(lying.frame, lying.tracker, {"base": pose}, looked_at)
+        pose = found.get("base", pose)
+    assert (float(-pose[2, 2]) > 0.9) == is_turned
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
 @pytest.mark.parametrize(("share", "is_allowed"), [(0.0, False), (0.35, False), (0.8, True)])
 def test_a_turn_that_was_wrong_stays_wrong_where_the_part_is(
     lying: Lying, share: float, is_allowed: bool
