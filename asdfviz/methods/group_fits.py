@@ -31,7 +31,7 @@ from asdfviz.state.group_fit import (
     trusted,
 )
 from asdfviz.state.joint_places import JointPlaces
-from asdfviz.state.near_places import NearPlaces
+from asdfviz.state.near_places import NearPlaces, is_black
 from asdfviz.state.twins import twin_groups
 from asdfviz.track.raster import draw, new_buffers
 
@@ -54,7 +54,9 @@ class GroupFits:
     ) -> None:
         self._assembly, self._shapes, self._config = assembly, shapes, config
         self._places = JointPlaces(assembly)
-        self.near = NearPlaces(assembly, in_place=config.in_place, near=config.near)
+        self.near = NearPlaces(
+            assembly, in_place=config.in_place, near=config.near, black=config.black
+        )
         """Which parts are near their places and not in them."""
         self._looks = Looks(config=config.colors)
         self._last: Transform | None = None
@@ -195,7 +197,8 @@ class GroupFits:
                 )
         looks = [self._look(name) for name in self._assembly.parts]
         base = list(self._assembly.parts).index(self._assembly.base)
-        return measured_in(view, covered, looks, base=base, config=self._config)
+        black = [is_black(p, self._config.black) for p in self._assembly.parts.values()]
+        return measured_in(view, covered, looks, black=black, base=base, config=self._config)
 
     def _look(self, name: str) -> Look | None:
         """What a part looks like; while nobody saw its colours, what a twin does."""

@@ -13,7 +13,7 @@ from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.shapes import Depth, Intrinsics, Mask, Pixels
 from asdfviz.geometry.transforms import apply
 from asdfviz.methods.part_poses import PartShape
-from asdfviz.state.colors import Look, Looks, color_features, color_ratio
+from asdfviz.state.colors import Look, Looks, brightness, color_features, color_ratio
 from asdfviz.state.ground import Features, Ground, ground_around
 from asdfviz.state.group_fit import GroupFitConfig, InverseDepth, Measured
 
@@ -84,6 +84,7 @@ def measured_in(
     covered: InverseDepth,
     looks: Sequence[Look | None],
     *,
+    black: Sequence[bool],
     base: int,
     config: GroupFitConfig,
 ) -> Measured:
@@ -93,6 +94,7 @@ def measured_in(
         view: the window.
         covered: above 0 where any state has a part.
         looks: of the parts in the order of their numbers, None where nothing was learnt.
+        black: whether each of them is.
         base: number of the base part.
         config: what belongs to the ground, and how far colours count.
     """
@@ -110,7 +112,9 @@ def measured_in(
     # it as on the likeliest of them, or the parts behind it would be believed for their colours alone.
     unseen = [i for i, look in enumerate(looks) if look is None]
     ratios[unseen] = ratios[: len(looks)].max(axis=0)
-    return Measured(view.depth, ratios, ground.inverse_depth, base)
+    is_dark = view.features[..., 2] <= brightness(config.black_seen)
+    swallowed = np.array([*black, False])[:, None, None] & is_dark
+    return Measured(view.depth, ratios, ground.inverse_depth, swallowed, base)
 
 
 def learn_colors(

@@ -7,6 +7,7 @@ changes with the light.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,6 +109,11 @@ def color_features(rgb: UInt8[np.ndarray, "... 3"]) -> Float32[np.ndarray, "... 
     hue = (channels - total[..., None] / 3) / (total[..., None] + DARK)
     across = hue[..., 2] - hue[..., 1]
     return np.stack([np.float32(np.sqrt(2)) * hue[..., 0], across, np.log(total + DARK)], axis=-1)
+
+
+def brightness(grey: float) -> float:
+    """The third of `color_features` for a grey, 0 to 255."""
+    return math.log(3 * grey + DARK)
 
 
 def look_of(features: Float32[np.ndarray, "n 3"]) -> Look | None:

@@ -8,7 +8,9 @@ state has there, or with the ground where it has none, and with anything at all:
 - on the surface, in other colours: for it or against it, depending on how well each is known;
 - behind the surface: one sees through a part that the state claims, which is against it;
 - nearer: something hides it, a hand or a part that nobody has found; neither;
-- no reading: neither.
+- no reading: neither;
+- a black part that is seen to be black, and a reading behind it: neither. Black plastic swallows the light,
+  and what is read there lies centimetres behind it.
 
 A part that is about to be joined half looks as if it were, from a centimetre or two away. So where its
 own pose is known and is not its place, it stands there in the scenes of the states that do not join it.
@@ -27,7 +29,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Bool, Float32, Int32
 
 from asdfviz.geometry.median import median
 from asdfviz.geometry.shapes import Depth, Scores
@@ -89,6 +91,10 @@ class GroupFitConfig:
     """A part whose own pose is farther than this from where any state has it is not joined,"""
     near: float = 0.06
     """and one that is nearer than this stands in the scene of every state that does not join it, metres."""
+    black: float = 40.0
+    """Parts that are no brighter, 0 to 255, may swallow the light of the depth camera,"""
+    black_seen: float = 60.0
+    """where the picture is no brighter than this either."""
     ground: GroundConfig = field(default_factory=GroundConfig)
     """What lies around the group."""
     colors: ColorConfig = field(default_factory=ColorConfig)
@@ -117,6 +123,8 @@ class Measured:
     ratios: Ratios
     ground: InverseDepth
     """0 where it is not known."""
+    swallowed: Bool[np.ndarray, "k h w"]
+    """Where each part, and last the ground, may swallow the light."""
     base: int = 0
     """Number of the base part."""
 
@@ -210,7 +218,8 @@ def best_spoken(
 def _cells(scene: Drawn, measured: Measured) -> tuple[object, ...]:
     """As `sum_spoken` takes them."""
     drawn = (scene.inverse_depth, scene.ids)
-    return (*drawn, measured.base, measured.depth, measured.ratios, measured.ground)
+    seen = measured.depth, measured.ratios, measured.ground, measured.swallowed
+    return (*drawn, measured.base, *seen)
 
 
 def _limits(config: GroupFitConfig) -> tuple[float, float, float, float]:

@@ -23,13 +23,13 @@ def sum_spoken(cells, limits, move, nearer):
     """Sum over the cells of what each says for a scene; and the counts of `Said`.
 
     Args:
-        cells: inverse depth and ids of the scene as drawn; number of the base, depth, ratios and
-            ground as measured.
+        cells: inverse depth and ids of the scene as drawn; number of the base, depth, ratios,
+            ground and what is swallowed as measured.
         limits: sigma, most, least and hidden of the config.
         move: how the scene lies: cells to the right and down, radians.
         nearer: than drawn, metres.
     """
-    inverse_depth, ids, base, depth, ratios, ground = cells
+    inverse_depth, ids, base, depth, ratios, ground, swallowed = cells
     sigma, most, least, hidden = limits
     cos, sin = np.cos(move[2]), np.sin(move[2])
     height, width = depth.shape
@@ -60,6 +60,8 @@ def sum_spoken(cells, limits, move, nearer):
             if gap < -hidden:
                 continue
             value = max(least, most - 0.5 * gap * gap + ratios[i, row, column])
+            if value < 0.0 and swallowed[i, row, column]:
+                continue
             total += value
             counts[1] += is_group
             counts[2] += is_group and value > 0.0

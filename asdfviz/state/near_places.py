@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from asdfviz.datatypes import Assembly, PoseEstimate, State
+from asdfviz.datatypes import Assembly, Part, PoseEstimate, State
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, point_distance
 from asdfviz.state.joint_places import JointPlaces
@@ -22,16 +22,25 @@ ALIGNED = 0.4
 """A part is turned as in its place, within this, once it is near; one that is not has a doubtful pose, radians."""
 
 
+def is_black(part: Part, most: float) -> bool:
+    """Whether a part is no brighter than this, 0 to 255."""
+    return float(part.color.mean()) <= most
+
+
 class NearPlaces:
     """The places of all parts in all states of an assembly."""
 
-    def __init__(self, assembly: Assembly, *, in_place: float, near: float) -> None:
+    def __init__(
+        self, assembly: Assembly, *, in_place: float, near: float, black: float = 0.0
+    ) -> None:
         """Take an assembly.
 
         Args:
             assembly: whose states.
             in_place: farther from where any state has it a part is not joined, metres.
             near: nearer than this it is near, metres.
+            black: of parts that are no brighter, 0 to 255, it is never sure: depth has them
+                centimetres too deep.
         """
         self._assembly, self._in_place, self._near = assembly, in_place, near
         self._joints = JointPlaces(assembly)
@@ -46,7 +55,7 @@ class NearPlaces:
             name: [place for place in places.values() if place[0] in names]
             for names in groups
             for name in names
-            if name != assembly.base
+            if name != assembly.base and not is_black(assembly.parts[name], black)
         }
         """Of every part, where it or a twin is in some state."""
 

@@ -44,7 +44,7 @@ def part(name: str) -> Part:
         keypoints=farthest_points(surface_points(mesh.vertices, FACES, 400), 17),
         symmetries=Symmetries(),
         diameter=diameter(mesh.vertices),
-        color=np.zeros(3, dtype=np.uint8),
+        color=np.full(3, 128, dtype=np.uint8),
         detector_class=name.removesuffix("-copy"),
     )
 

@@ -171,7 +171,7 @@ def test_every_scene_lies_as_near_as_its_own_surface_is_measured(toy) -> None:
     assert view is not None
     blank = np.zeros(view.depth.shape, np.float32)
     looks = [None] * len(toy.assembly.parts)
-    measured = measured_in(view, blank, looks, base=0, config=config)
+    measured = measured_in(view, blank, looks, black=[False] * len(looks), base=0, config=config)
     places = JointPlaces(toy.assembly)
     trial = Trial(toy.assembly, true["base"], places, view, measured, config)
     for state in toy.assembly.states:
@@ -260,9 +260,14 @@ def test_colours_that_nobody_saw_may_be_those_of_another_part(toy) -> None:
     seen = view.features[20, 20].astype(np.float64)
     look = Look(seen, np.full(3, 0.05))
     blank = np.zeros(view.depth.shape, np.float32)
-    measured = measured_in(view, blank, [look, None], base=0, config=GroupFitConfig())
+    measured = measured_in(
+        view, blank, [look, None], black=[True, False], base=0, config=GroupFitConfig()
+    )
     assert measured.ratios[0].max() > 0
     np.testing.assert_array_equal(measured.ratios[1], np.maximum(measured.ratios[0], 0))
+    dark = frame.rgb.mean() <= GroupFitConfig().black_seen
+    assert bool(measured.swallowed[0].any()) == dark
+    assert not measured.swallowed[1:].any()
 
 
 def test_without_depth_or_switched_off_it_is_silent(toy) -> None:

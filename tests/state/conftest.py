@@ -29,7 +29,7 @@ def part(name: str, symmetries: Symmetries = Symmetries()) -> Part:  # noqa: B00
         keypoints=np.tile(corners, (3, 1))[:17],
         symmetries=symmetries,
         diameter=0.049,
-        color=np.zeros(3, dtype=np.uint8),
+        color=np.full(3, 128, dtype=np.uint8),
         detector_class=name,
     )
 

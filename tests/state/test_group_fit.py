@@ -45,7 +45,8 @@ def seen(
     if colors:
         shown = np.where(scene.ids < 0, 2, scene.ids)
         ratios = np.where(shown[None] == np.arange(3)[:, None, None], 2.5, -2.5).astype(np.float32)
-    return depth, Measured(depth, ratios, np.full(SHAPE, 1 / GROUND, np.float32))
+    ground = np.full(SHAPE, 1 / GROUND, np.float32)
+    return depth, Measured(depth, ratios, ground, np.zeros(ratios.shape, bool))
 
 
 def without_and_with(measured: Measured, **options) -> np.ndarray:
@@ -145,5 +146,19 @@ def test_the_counts_tell_how_much_is_seen() -> None:
     assert not nothing.is_seen(visible=0.0, agreeing=0.0)
 
 
-def _rest(measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    return measured.ratios, measured.ground
+def _rest(measured: Measured) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return measured.ratios, measured.ground, measured.swallowed
+
+
+def test_behind_black_plastic_that_is_seen_nothing_is_read() -> None:
+    """The block is there, but what is read lies behind it; by its colour it may have swallowed the light."""
+    with_block, without = scene(with_block=True), scene(with_block=False)
+    depth, measured = seen(without)
+    assert (depth[BLOCK_AT] > BLOCK).all()
+    against = spoken(with_block, measured, nearer=0.0, config=CONFIG)
+    measured.swallowed[1][BLOCK_AT] = True
+    silent = spoken(with_block, measured, nearer=0.0, config=CONFIG)
+    assert against.value < silent.value
+    block = int(np.count_nonzero(with_block.ids == 1))
+    assert silent.drawn - silent.visible == block
+    assert silent.agreeing == silent.visible
