@@ -142,8 +142,8 @@ class ContourFits:
         """Another pose of a part, settled, where contours speak for it and not for the fit it has."""
         if fit.sure >= self._config.unsure:
             return None
-        (trial,) = self._tracker.trials(frame, name, [T_other])
-        if not self._is_believed(name, T_other, trial):
+        trial = self._settled(name, T_other, frame)
+        if trial is None:
             return None
         self._tracker.replace(frame, {name: trial.T_camera_part})
         return ContourFit(trial.T_camera_part, trial.confidence, moved=True)
@@ -169,11 +169,12 @@ class ContourFits:
     def _all_settled(self, poses: Mapping[str, Transform], frame: Frame) -> dict[str, Transform]:
         """Those that can be."""
         settled = side_by_side(lambda name: self._settled(name, poses[name], frame), poses)
-        return {n: T for n, T in zip(poses, settled, strict=True) if T is not None}
+        found = zip(poses, settled, strict=True)
+        return {name: trial.T_camera_part for name, trial in found if trial is not None}
 
-    def _settled(self, name: str, T: Transform, frame: Frame) -> Transform | None:
+    def _settled(self, name: str, T: Transform, frame: Frame) -> Trial | None:
         (trial,) = self._tracker.trials(frame, name, [T])
-        return trial.T_camera_part if self._is_believed(name, T, trial) else None
+        return trial if self._is_believed(name, T, trial) else None
 
     def _is_believed(self, name: str, T: Transform, trial: Trial) -> bool:
         middle = self._bodies[name].model.centre

@@ -21,7 +21,7 @@ from asdfviz.methods.group_trials import Trial
 from asdfviz.methods.group_views import GroupView, learn_colors, measured_in, view_of
 from asdfviz.methods.one_place import are_near
 from asdfviz.methods.part_poses import PartShape
-from asdfviz.state.colors import Look, Looks
+from asdfviz.state.colors import Look, Looks, is_black
 from asdfviz.state.group_fit import (
     STILL,
     GroupFitConfig,
@@ -31,7 +31,7 @@ from asdfviz.state.group_fit import (
     trusted,
 )
 from asdfviz.state.joint_places import JointPlaces
-from asdfviz.state.near_places import NearPlaces, is_black
+from asdfviz.state.near_places import NearPlaces
 from asdfviz.state.twins import twin_groups
 from asdfviz.track.raster import draw, new_buffers
 
@@ -70,6 +70,7 @@ class GroupFits:
             }.values()
         )
         """Every part with the states that have it in different places."""
+        self._black = [is_black(p.color, config.black) for p in assembly.parts.values()]
         groups = twin_groups(assembly)
         self._twins = {name: names for names in groups for name in names}
         """The names of its kind for every part."""
@@ -197,8 +198,7 @@ class GroupFits:
                 )
         looks = [self._look(name) for name in self._assembly.parts]
         base = list(self._assembly.parts).index(self._assembly.base)
-        black = [is_black(p, self._config.black) for p in self._assembly.parts.values()]
-        return measured_in(view, covered, looks, black=black, base=base, config=self._config)
+        return measured_in(view, covered, looks, black=self._black, base=base, config=self._config)
 
     def _look(self, name: str) -> Look | None:
         """What a part looks like; while nobody saw its colours, what a twin does."""

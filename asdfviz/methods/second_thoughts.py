@@ -39,8 +39,7 @@ def settled_by_contours(
     chosen = dict(decided)
     for name, fit in fits.items():
         rival = decided[name].rival
-        other = None if rival is None else contours.rather(frame, name, fit, rival.T_camera_part)
-        if rival is not None and other is not None:
+        if rival and (other := contours.rather(frame, name, fit, rival.T_camera_part)):
             hypotheses[name].disown()
             chosen[name], fits[name] = Decision(rival, rival.trust), other
         if fits[name].moved:

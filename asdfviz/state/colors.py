@@ -116,6 +116,11 @@ def brightness(grey: float) -> float:
     return math.log(3 * grey + DARK)
 
 
+def is_black(color: UInt8[np.ndarray, "3"], most: float) -> bool:
+    """Whether a part's colour is no brighter than this, 0 to 255."""
+    return float(color.mean()) <= most
+
+
 def look_of(features: Float32[np.ndarray, "n 3"]) -> Look | None:
     """The look of pixels of one surface, none of them trusted alone; None where there are too few."""
     if len(features) < LEAST_PIXELS:

@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from asdfviz.datatypes import Assembly, Part, PoseEstimate, State
+from asdfviz.datatypes import Assembly, PoseEstimate, State
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, point_distance
+from asdfviz.state.colors import is_black
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import off_place
 from asdfviz.state.twins import twin_groups
@@ -22,17 +23,10 @@ ALIGNED = 0.4
 """A part is turned as in its place, within this, once it is near; one that is not has a doubtful pose, radians."""
 
 
-def is_black(part: Part, most: float) -> bool:
-    """Whether a part is no brighter than this, 0 to 255."""
-    return float(part.color.mean()) <= most
-
-
 class NearPlaces:
     """The places of all parts in all states of an assembly."""
 
-    def __init__(
-        self, assembly: Assembly, *, in_place: float, near: float, black: float = 0.0
-    ) -> None:
+    def __init__(self, assembly: Assembly, *, in_place: float, near: float, black: float) -> None:
         """Take an assembly.
 
         Args:
@@ -55,7 +49,7 @@ class NearPlaces:
             name: [place for place in places.values() if place[0] in names]
             for names in groups
             for name in names
-            if name != assembly.base and not is_black(assembly.parts[name], black)
+            if name != assembly.base and not is_black(assembly.parts[name].color, black)
         }
         """Of every part, where it or a twin is in some state."""
 

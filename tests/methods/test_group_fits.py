@@ -7,6 +7,7 @@ import pytest
 
 from asdfviz.datatypes import Assembly, Frame, Mesh, PoseEstimate
 from asdfviz.geometry.camera import project
+from asdfviz.geometry.shapes import Scores
 from asdfviz.geometry.transforms import apply, rotation_about, transform_from
 from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_trials import Trial
@@ -17,6 +18,7 @@ from asdfviz.state.group_fit import GroupFitConfig, Move
 from asdfviz.state.joint_places import JointPlaces
 
 KNOWN = np.array([0.99, 0.01])
+RED, GREEN = (220, 50, 40), (30, 200, 60)
 
 
 def fits_of(assembly: Assembly, **options) -> GroupFits:
@@ -37,6 +39,16 @@ def painted(toy, block: np.ndarray, color: tuple[int, int, int]) -> Frame:
     rgb[base < 0.74] = (40, 60, 200)
     rgb[front < np.minimum(base, 0.74)] = color
     return replace(frame, rgb=rgb)
+
+
+def after_a_red_block_apart(toy, assembly: Assembly, color: tuple[int, int, int]) -> Scores | None:
+    """What is said of a thing of this colour in the block's place, once a red block lay apart for three frames."""
+    apart, joined = toy.poses(joined=False), toy.poses(joined=True)
+    fits, poses = fits_of(assembly), found(apart["base"])
+    poses["block"] = PoseEstimate("block", apart["block"], 0.9, "refined")
+    for _ in range(3):
+        fits.step(poses, KNOWN, painted(toy, apart["block"], RED))
+    return fits.step(found(joined["base"]), KNOWN, painted(toy, joined["block"], color))
 
 
 def noisy(frame: Frame, seed: int = 0) -> Frame:
@@ -214,23 +226,14 @@ def test_a_base_that_was_lost_is_where_it_was(toy) -> None:
 
 def test_another_thing_in_the_place_of_the_block_is_not_the_block(toy) -> None:
     """It has the block's shape, but not its colour, which was learnt while the block lay apart."""
-    apart, joined = toy.poses(joined=False), toy.poses(joined=True)
-
-    red, green = (220, 50, 40), (30, 200, 60)
-    for color, expected in ((red, 1), (green, 0)):
-        fits = fits_of(toy.assembly)
-        poses = found(apart["base"])
-        poses["block"] = PoseEstimate("block", apart["block"], 0.9, "refined")
-        for _ in range(3):
-            fits.step(poses, KNOWN, painted(toy, apart["block"], red))
-        said = fits.step(found(joined["base"]), KNOWN, painted(toy, joined["block"], color))
+    for color, expected in ((RED, 1), (GREEN, 0)):
+        said = after_a_red_block_apart(toy, toy.assembly, color)
         assert said is not None
         assert said[expected] > 0.95
 
 
 def test_what_a_part_looks_like_is_known_from_its_twin(toy) -> None:
     """The state joins a twin of the block; the block's colour was learnt while it lay apart."""
-    apart, joined = toy.poses(joined=False), toy.poses(joined=True)
     block, last = toy.assembly.parts["block"], toy.assembly.states[1]
     twin = replace(block, name="block-Copy")
     places = {"base": np.eye(4), "block-Copy": last.T_base_part["block"]}
@@ -239,13 +242,8 @@ def test_what_a_part_looks_like_is_known_from_its_twin(toy) -> None:
         parts={**toy.assembly.parts, "block-Copy": twin},
         states=(toy.assembly.states[0], replace(last, T_base_part=places)),
     )
-    red, green = (220, 50, 40), (30, 200, 60)
-    for color, expected in ((red, 1), (green, 0)):
-        fits, poses = fits_of(pair), found(apart["base"])
-        poses["block"] = PoseEstimate("block", apart["block"], 0.9, "refined")
-        for _ in range(3):
-            fits.step(poses, KNOWN, painted(toy, apart["block"], red))
-        said = fits.step(found(joined["base"]), KNOWN, painted(toy, joined["block"], color))
+    for color, expected in ((RED, 1), (GREEN, 0)):
+        said = after_a_red_block_apart(toy, pair, color)
         assert said is not None
         assert said[expected] > 0.95
 

@@ -99,16 +99,27 @@ class Upright(LookedAt):
         return float(-T_camera_part[2, 2] > 0.9)
 
 
-@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
-@pytest.mark.parametrize("liked", [0.1, 0.0])
-def test_a_part_is_turned_as_the_crop_network_keeps_saying(lying: Lying, liked: float) -> None:
+def by_crops(lying: Lying, **options: Any) -> TurnChecks:
+    """Checks that neither draw the part nor ask the table."""
     drawn, table = DrawnConfig(enabled=False), TurnTableConfig(enabled=False)
-    config = TurnConfig(table=table, drawn=drawn, liked=liked)
-    checks = TurnChecks(lying.parts, lying.bodies, config=config)
-    looked_at, pose = {"base": Upright()}, lying.wrong
+    config = TurnConfig(table=table, drawn=drawn, **options)
+    return TurnChecks(lying.parts, lying.bodies, config=config)
+
+
+def told_upright(lying: Lying, checks: TurnChecks) -> Transform:
+    """The pose, wrong at first, after sixty frames in each of which a crop said upright."""
+    pose, looked_at = lying.wrong, {"base": Upright()}
     for _ in range(60):
         found = checks.step(lying.frame, lying.tracker, {"base": pose}, looked_at)
         pose = found.get("base", pose)
+    return pose
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
+@pytest.mark.parametrize("liked", [0.1, 0.0])
+def test_a_part_is_turned_as_the_crop_network_keeps_saying(lying: Lying, liked: float) -> None:
+    checks = by_crops(lying, liked=liked)
+    pose = told_upright(lying, checks)
     assert (float(-pose[2, 2]) > 0.9) == (liked > 0)
 
 
@@ -125,12 +136,8 @@ def test_a_part_is_not_turned_against_its_contours(
         return [Trial(T, seen, both[bool(-T[2, 2] > 0.9)], sharp=0.5) for T in starts]
 
     monkeypatch.setattr(lying.tracker, "trials", doubted)
-    drawn, table = DrawnConfig(enabled=False), TurnTableConfig(enabled=False)
-    checks = TurnChecks(lying.parts, lying.bodies, config=TurnConfig(table=table, drawn=drawn))
-    looked_at, pose = {"base": Upright()}, lying.wrong
-    for _ in range(60):
-        found = checks.step(lying.frame, lying.tracker, {"base": pose}, looked_at)
-        pose = found.get("base", pose)
+    checks = by_crops(lying)
+    pose = told_upright(lying, checks)
     assert (float(-pose[2, 2]) > 0.9) == is_turned
 
 
@@ -140,12 +147,8 @@ def test_a_turn_that_was_wrong_stays_wrong_where_the_part_is(
     lying: Lying, share: float, is_allowed: bool
 ) -> None:
     """Taken end for end, a part's middle may lie a third of its size from where it is."""
-    drawn, table = DrawnConfig(enabled=False), TurnTableConfig(enabled=False)
-    checks = TurnChecks(lying.parts, lying.bodies, config=TurnConfig(table=table, drawn=drawn))
-    looked_at, pose = {"base": Upright()}, lying.wrong
-    for _ in range(60):
-        found = checks.step(lying.frame, lying.tracker, {"base": pose}, looked_at)
-        pose = found.get("base", pose)
+    checks = by_crops(lying)
+    pose = told_upright(lying, checks)
     centre = lying.bodies["base"].model.centre
     again = lying.wrong.copy()
     again[:3, 3] += apply_to_point(pose, centre) - apply_to_point(again, centre)
@@ -231,10 +234,7 @@ def test_what_is_known_of_turns_goes_by_the_new_names_of_twins(lying: Lying) -> 
     parts = {**lying.parts, "twin": lying.parts["base"]}
     bodies = {**lying.bodies, "twin": lying.bodies["base"]}
     checks = TurnChecks(parts, bodies, config=TurnConfig(table=table, drawn=drawn))
-    looked_at, pose = {"base": Upright()}, lying.wrong
-    for _ in range(60):
-        found = checks.step(lying.frame, lying.tracker, {"base": pose}, looked_at)
-        pose = found.get("base", pose)
+    pose = told_upright(lying, checks)
     checks.rename({"base": "twin", "twin": "base"})
     told = {name: checks.allows(lying.frame, name, pose, lying.wrong) for name in parts}
     assert told == {"base": True, "twin": False}
