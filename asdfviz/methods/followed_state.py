@@ -144,7 +144,7 @@ class FollowedState:
         base = self._fits.base or poses.get(self._unfolded.base)
         near = {} if base is None else self._fits.near.loose(base.T_camera_part, poses)
         stands = self._place_looks.step(base, poses, before, frame, without=near)
-        loose = self._loose.step(base, witnesses, frame, rest=rest)
+        loose = self._loose.step(base, witnesses, frame, rest=rest, shown_px=self._fits.shown_px)
         stands = agreed(stands, loose)
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)
         if belief is None:

@@ -8,6 +8,7 @@ where parts are in their joints, and their colours.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import product
 
@@ -40,8 +41,12 @@ SAME = 0.004
 SAME_ANGLE = 0.08
 """Radians."""
 FAR = 0.08
-"""Other parts that see the base farther than this from all other accounts of it are wrong, metres."""
+"""Other parts that see the base farther than this from all other accounts of it are wrong, metres,"""
+SURE = 0.8
+"""unless the base has no pose, and the surest of them is as sure as this."""
 
+LIKELY = 0.1
+"""A part less likely than this to be where its pose has it tells nothing of its joint."""
 TAKEN = 0.5
 """Score from which another part is where its pose has it, and the base is not."""
 
@@ -60,7 +65,11 @@ class GroupFits:
         """Which parts are near their places and not in them."""
         self._looks = Looks(config=config.colors)
         self._last: Transform | None = None
-        """T_camera_base of the last frame that said something."""
+        """T_camera_base of the last frame that said something,"""
+        self._best_trial: Trial | None = None
+        """the scenes of all states there,"""
+        self._cell_px = 1.0
+        """and the side of their cells, pixels."""
         self._base: PoseEstimate | None = None
         self._joined = list(
             {
@@ -80,6 +89,13 @@ class GroupFits:
         """Where the base is by all that was seen of the group in the last frame; its score is the
         share that agrees. None where nothing was said."""
         return self._base
+
+    def shown_px(self, name: str, state: State) -> float:
+        """In how many pixels a part shows where a state joins it, by the last frame that said
+        something; inf before."""
+        if self._best_trial is None:
+            return math.inf
+        return self._best_trial.cells(name, state) * self._cell_px**2
 
     def settle(self, T_camera_base: Transform) -> None:
         """Where the last frame's base turned out to be once its group was settled: from there on it is
@@ -122,11 +138,15 @@ class GroupFits:
         best = self._best(trials, likely, weight)
         said = best.all_said(weight=weight)
         top = max(said, key=lambda one: one.value)
-        if not top.is_seen(visible=config.least_visible, agreeing=config.least_agreeing):
+        rests = self._last is not None and self._apart(best.T_camera_base, self._last) == 0.0
+        least = {"visible": config.least_visible, "agreeing": config.least_agreeing}
+        if not top.is_seen(**least, rests=rests):
             return None
         share = top.agreeing / top.visible
         self._base = PoseEstimate(self._assembly.base, best.T_camera_base, share, "group")
-        self._last, self._places = best.T_camera_base, best.places
+        state = self._assembly.states[said.index(top)]
+        self._best_trial, self._cell_px = best, float(frame.camera.K[0, 0] / view.K[0, 0])
+        self._last, self._places = best.T_camera_base, best.settled(state)
         return probabilities([weight * one.value for one in said])
 
     def _likely(self, belief: Scores | None) -> list[State]:
@@ -147,13 +167,18 @@ class GroupFits:
         for T in accounts:
             if not any(self._apart(T, other) == 0.0 for other in kept):
                 kept.append(T)
-        for name in state.attached:
-            if name in poses and name != base and not parts[name].symmetries.is_symmetric:
-                T_base_part = self._places.last(name, state)
-                T_camera_base = poses[name].T_camera_part @ inverse(T_base_part)
-                apart = [self._apart(T_camera_base, other) for other in kept]
-                if apart and 0.0 < min(apart) < FAR:
-                    kept.append(T_camera_base)
+        joined = (n for n in state.attached if n in poses and n != base)
+        lost = base not in poses
+        for name in sorted(joined, key=lambda n: -poses[n].score):
+            if parts[name].symmetries.is_symmetric:
+                continue
+            T_base_part = self._places.last(name, state)
+            T_camera_base = poses[name].T_camera_part @ inverse(T_base_part)
+            apart = min((self._apart(T_camera_base, T) for T in kept), default=np.inf)
+            # A base that hides behind a part that it carries is where that one says, if anywhere.
+            if 0.0 < apart < FAR or (apart >= FAR and lost and poses[name].score >= SURE):
+                kept.append(T_camera_base)
+            lost = lost and apart >= FAR and poses[name].score < SURE
         return kept
 
     def _is_taken(
@@ -213,7 +238,7 @@ class GroupFits:
         measured: Measured,
     ) -> Trial:
         places = self._places.copy()
-        places.see(T_camera_base, poses)
+        places.see(T_camera_base, {n: p for n, p in poses.items() if p.score >= LIKELY})
         return Trial(
             self._assembly,
             T_camera_base,

@@ -65,6 +65,8 @@ class Trial:
         self._assembly, self._view, self._measured, self._config = assembly, view, measured, config
         self._numbers = {name: i for i, name in enumerate(assembly.parts)}
         self._placements: dict[tuple[object, ...], Drawn] = {}
+        self._settled: dict[tuple[object, ...], Sequence[Transform]] = {}
+        """Where they were drawn, T_base_part of each."""
         self._scenes: dict[int, Drawn] = {}
         self._nearers: dict[int, float] = {}
         self._said: dict[int, Said] = {}
@@ -99,6 +101,17 @@ class Trial:
         if state.index not in self._nearers:
             self._nearers[state.index] = self._nearer(self._scene(state))
         return self._nearers[state.index]
+
+    def settled(self, state: State) -> JointPlaces:
+        """Where parts are in their joints if this state holds: where the picture agrees best."""
+        self._scene(state)
+        for names in self.places.together(state):
+            self.places.settle(names, state, self._settled[_key(names, state)])
+        return self.places
+
+    def cells(self, name: str, state: State) -> int:
+        """In how many cells a part shows if this state holds."""
+        return int(np.count_nonzero(self._scene(state).ids == self._numbers[name]))
 
     def moved(self, move: Move, state: State) -> Trial:
         """The same group after a move in the view, and as near as the state's scene is measured."""
@@ -155,13 +168,15 @@ class Trial:
 
     def _placed(self, names: Sequence[str], state: State) -> Drawn:
         """Parts that move as one where they may be, and there where the picture agrees best."""
-        nominal = (state.T_base_part[name].tobytes() for name in names)
-        key = (*names, *nominal, id(state.joints.get(names[0])))
+        key = _key(names, state)
         if key not in self._placements:
-            drawn = [self._drawn(names, Ts) for Ts in self.places.possible(names, state)]
+            possible = self.places.possible(names, state)
+            drawn = [self._drawn(names, Ts) for Ts in possible]
+            best = 0
             if len(drawn) > 1:
-                drawn.sort(key=lambda one: -self._spoken(one, self._base_nearer).value)
-            self._placements[key] = drawn[0]
+                values = [self._spoken(one, self._base_nearer).value for one in drawn]
+                best = int(np.argmax(values))
+            self._placements[key], self._settled[key] = drawn[best], possible[best]
         return self._placements[key]
 
     def _apart(self, name: str) -> Drawn:
@@ -183,3 +198,9 @@ class Trial:
                 number=self._numbers[name],
             )
         return Drawn(inverse_depth, ids)
+
+
+def _key(names: Sequence[str], state: State) -> tuple[object, ...]:
+    """Equal where parts that move as one are in the same places."""
+    nominal = (state.T_base_part[name].tobytes() for name in names)
+    return (*names, *nominal, id(state.joints.get(names[0])))

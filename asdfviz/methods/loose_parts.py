@@ -8,12 +8,12 @@ what still lies there is not, whatever its place in the group looks like.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Frame, PoseEstimate
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
 from asdfviz.errors import MethodError
 from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.matching import cheapest_pairs
@@ -34,7 +34,8 @@ class LooseConfig:
     """On or off."""
     small_px: float = 10.0
     """A part that is gone counts as joined only if it is thinner in the picture than this where it would
-    be, pixels: of larger ones that place shows more."""
+    be, or the others leave less than the square of it to be seen there, pixels: of those that show more
+    that place tells more."""
     blurred_px: float = 20.0
     """The same before a camera that moves, whose pictures are blurred; there only what lies still is
     loose (`AtRest`): what is small is found now here, now there."""
@@ -117,6 +118,7 @@ class LooseParts:
         frame: Frame,
         *,
         rest: AtRest,
+        shown_px: Callable[[str, State], float],
     ) -> Scores | None:
         """Probability of every state by what lies loose; None where that says nothing.
 
@@ -125,6 +127,7 @@ class LooseParts:
             poses: of the parts.
             frame: with depth, or nothing is said.
             rest: what lies still, and how the camera moves; it has seen this frame.
+            shown_px: in how many pixels a part shows where a state joins it.
         """
         if not self._config.enabled or base is None or frame.depth is None:
             return None
@@ -132,7 +135,8 @@ class LooseParts:
         for kind in self._kinds:
             if kind.places:
                 there = self._count(kind, base.T_camera_part, poses, frame, rest)
-                against += self._against(kind, there, base.T_camera_part, frame, rest)
+                is_small = self._is_small(kind, base.T_camera_part, frame, rest)
+                against += self._against(kind, there, None if is_small else shown_px)
         if not against.any():
             return None
         scores = np.exp(against.min() - against)
@@ -202,18 +206,38 @@ class LooseParts:
         return there
 
     def _against(
-        self, kind: _Kind, there: int, T_camera_base: Transform, frame: Frame, rest: AtRest
+        self, kind: _Kind, there: int, shown_px: Callable[[str, State], float] | None
     ) -> Scores:
-        """What speaks against each state, log odds; so many surely lie `there` where they lay."""
+        """What speaks against each state, log odds.
+
+        Args:
+            kind: of parts.
+            there: how many of them surely lie where they lay.
+            shown_px: how much of a joined part shows; None where it is little in any case.
+        """
         config, most = self._config, [0.0]
-        for found, gone in zip(kind.found, kind.gone, strict=True):
+        for loose, (found, gone) in enumerate(zip(kind.found, kind.gone, strict=True)):
             told = min(config.gain * max(gone - config.wait, 0), config.most)
+            if told > 0 and (found < config.enough or not self._hides(kind, loose, shown_px)):
+                told = 0.0
             # Where not even one is found, two are not either.
-            most.append(max(told if found >= config.enough else 0.0, most[-1]))
-        if most[-1] > 0 and not self._is_small(kind, T_camera_base, frame, rest):
-            most = [0.0] * len(most)
+            most.append(max(told, most[-1]))
         return np.array(
             [most[loose] + config.there * max(there - loose, 0) for loose in kind.loose]
+        )
+
+    def _hides(
+        self, kind: _Kind, loose: int, shown_px: Callable[[str, State], float] | None
+    ) -> bool:
+        """Whether the joined ones show nowhere in the states that leave so many loose."""
+        if shown_px is None:
+            return True
+        return all(
+            shown_px(name, state) < self._config.small_px**2
+            for state in self._assembly.states
+            if kind.loose[state.index] == loose
+            for name in kind.names
+            if name in state.T_base_part
         )
 
     def _is_hidden(self, point_stage: Vector, frame: Frame, rest: AtRest) -> bool:

@@ -10,16 +10,19 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Part
+from asdfviz.datatypes import Assembly, Part, State
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point
+from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.twins import twin_groups
 
 NEAR = 0.4
 """Middles nearer than this times the smaller diameter are in one place."""
 MAY_BE = 0.8
-"""Parts that any state joins nearer than this times the smaller diameter may be; twins are not where
-they are twice as near as any state has them (the same two figures)."""
+"""Parts that any state joins nearer than this times the smaller diameter may be; yet they and twins are
+not where they are twice as near as any state has them (the same two figures),"""
+BESIDE = 0.3
+"""if no joint brings their middles nearer than this times the smaller diameter."""
 
 
 class OnePlace:
@@ -28,6 +31,7 @@ class OnePlace:
     def __init__(self, assembly: Assembly) -> None:
         """Take an assembly, whose states say which parts lie within each other."""
         self._parts = assembly.parts
+        joints = JointPlaces(assembly)
         alike = [frozenset(group) for group in twin_groups(assembly)]
         self._limits: dict[tuple[str, str], float] = {}
         """How near to each other, metres, the middles of a pair are in one place."""
@@ -40,6 +44,10 @@ class OnePlace:
             # One taken for its twin lies where that does, however near they are when joined.
             if apart >= may_be or any(group.issuperset(pair) for group in alike):
                 self._limits[pair] = NEAR / MAY_BE * min(apart, may_be)
+                continue
+            near = min(self._nearest(*pair, state, joints) for state in assembly.states)
+            if near >= BESIDE * min(a.diameter, b.diameter):
+                self._limits[pair] = NEAR / MAY_BE * near
 
     def intruders(
         self,
@@ -60,6 +68,16 @@ class OnePlace:
             for pair, limit in self._limits.items()
             if self._apart(*pair, Ts_camera_part) < limit
         )
+
+    def _nearest(self, a: str, b: str, state: State, joints: JointPlaces) -> float:
+        """Between the middles of two parts at least, metres, however a state's joints stand."""
+        apart = self._apart(a, b, state.T_base_part)
+        reaches = (
+            joints.reach(name, state.T_base_part[name], state.joints.get(name))
+            for name in (a, b)
+            if name in state.joints
+        )
+        return apart if apart == np.inf else apart - sum(reaches)
 
     def _apart(self, a: str, b: str, Ts: Mapping[str, Transform]) -> float:
         """Between the middles of two parts, metres; inf where one of them has no pose."""

@@ -44,7 +44,7 @@ class StillThereConfig:
     """The same where no depth was measured."""
     share: float = 0.85
     """Least share of such pixels."""
-    memory: int = 90
+    memory: int = 400
     """After so many frames a picture says nothing any more."""
 
     def __post_init__(self) -> None:

@@ -163,13 +163,19 @@ class Said:
     base_agreeing: int
     """Of the visible ones, those that are likelier with it than with anything else."""
 
-    def is_seen(self, *, visible: float, agreeing: float) -> bool:
+    def is_seen(self, *, visible: float, agreeing: float, rests: bool = False) -> bool:
         """Whether such shares of the group are visible and agree, and of the base by itself: another
-        part may well be where it should be for a base that is not there."""
+        part may well be where it should be for a base that is not there.
+
+        Args:
+            visible: share of the group.
+            agreeing: share of what is visible.
+            rests: whether the base is where it was before: then the group may hide it.
+        """
         return (
             self.visible > visible * self.drawn
             and self.agreeing > agreeing * self.visible
-            and self.base_visible >= BASE_SEEN * self.base_drawn
+            and (rests or self.base_visible >= BASE_SEEN * self.base_drawn)
             and self.base_agreeing >= agreeing * self.base_visible
         )
 

@@ -19,7 +19,6 @@ from asdfviz.datatypes import Assembly, Joint, PoseEstimate, State
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import (
-    apply,
     apply_to_point,
     cross,
     inverse,
@@ -39,6 +38,8 @@ ON_AXIS = 0.001
 """Distance up to which they are the same, metres."""
 SLIDES = 5
 """Slides that are tried likewise."""
+MOVED = 0.005
+"""A part that is seen farther from where it was before, metres, may not have been seen well."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,9 @@ class JointPlaces:
         self._assembly = assembly
         self._config = config or JointPlacesConfig()
         self._seen: dict[_Key, Transform] = {}
-        """By joint, the motion that was seen: T_base_part = motion @ the nominal one."""
+        """By joint, the motion that was seen: T_base_part = motion @ the nominal one,"""
+        self._settled: dict[_Key, Transform] = {}
+        """and the one that agreed best with the picture, of those that were possible last."""
         self._travel: dict[str, float] = {}
         """By link, the share of its ranges at which its joints are."""
         self._reaches: dict[tuple[str, bytes, int], float] = {}
@@ -74,6 +77,7 @@ class JointPlaces:
         """Another that has seen the same so far."""
         other = copy(self)
         other._seen, other._travel = dict(self._seen), dict(self._travel)
+        other._settled = dict(self._settled)
         return other
 
     def see(self, T_camera_base: Transform, poses: Mapping[str, PoseEstimate]) -> None:
@@ -99,8 +103,10 @@ class JointPlaces:
             self._seen[key] = T_place @ inverse(T_nominal)
             low, high = joint.slide
             if joint.link and high > low:
-                middle = self._assembly.parts[name].middle[None]
-                along = (apply(T_place, middle) - apply(T_nominal, middle))[0] @ joint.axis
+                middle = self._assembly.parts[name].middle
+                along = (
+                    apply_to_point(T_place, middle) - apply_to_point(T_nominal, middle)
+                ) @ joint.axis
                 self._travel[joint.link] = float(np.clip((along - low) / (high - low), 0, 1))
 
     def nearest(
@@ -150,6 +156,15 @@ class JointPlaces:
         known = None if joint is None else self._seen.get(_key(joint))
         return T_nominal if known is None else known @ T_nominal
 
+    def settle(self, names: Sequence[str], state: State, Ts_base_part: Sequence[Transform]) -> None:
+        """Remember where parts that move as one turned out to be, of several places possible."""
+        joint = state.joints.get(names[0])
+        if joint is not None:
+            motion = Ts_base_part[0] @ inverse(state.T_base_part[names[0]])
+            self._settled[_key(joint)] = motion
+            if _key(joint) in self._seen:
+                self._seen[_key(joint)] = motion
+
     def together(self, state: State) -> list[tuple[str, ...]]:
         """The joined parts of a state, those that move as one together."""
         groups: dict[_Key, tuple[str, ...]] = {}
@@ -163,7 +178,7 @@ class JointPlaces:
         """Where parts that move as one may be: one place each, or several where not all is known.
 
         A turn that was seen is only one of several: a round bar that was taken for turned otherwise
-        is in its joint as well.
+        is in its joint as well. What was seen far from where it was before may still be there.
 
         Args:
             names: of the parts, as `together` gives them.
@@ -177,15 +192,27 @@ class JointPlaces:
         if joint is None:
             return [nominal]
         known = self._seen.get(_key(joint))
+        before = self._before(names[0], state, joint)
         if joint.kind == "ball":
-            return [[self.last(name, state) for name in names]]
+            motions = [np.eye(4) if known is None else known, *before]
+            return [[T_motion @ T for T in nominal] for T_motion in motions]
         are_round = all(
             self._is_round(name, T, joint) for name, T in zip(names, nominal, strict=True)
         )
         motions = self._unseen(joint) if known is None else [known]
         if known is not None and _turns_freely(joint) and not are_round:
             motions += [_turn(joint, angle) @ known for angle in _angles()[1:]]
+        motions += before
         return [[T_motion @ T for T in nominal] for T_motion in motions]
+
+    def _before(self, name: str, state: State, joint: Joint) -> list[Transform]:
+        """The motion that agreed best before, where a part was seen elsewhere since."""
+        known, before = (motions.get(_key(joint)) for motions in (self._seen, self._settled))
+        if known is None or before is None:
+            return []
+        T_nominal, middle = state.T_base_part[name], self._assembly.parts[name].middle
+        is_far = point_distance(known @ T_nominal, before @ T_nominal, middle) > MOVED
+        return [before] if is_far else []
 
     def _is_round(self, name: str, T_nominal: Transform, joint: Joint) -> bool:
         """Whether the part looks the same however it is turned in the joint."""

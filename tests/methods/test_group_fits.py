@@ -224,6 +224,23 @@ def test_a_base_that_was_lost_is_where_it_was(toy) -> None:
     assert said[1] > 0.95
 
 
+def test_a_base_that_was_never_found_is_where_a_sure_part_says(toy) -> None:
+    true = toy.poses(joined=True)
+    joined, fits = np.array([0.01, 0.99]), fits_of(toy.assembly)
+    unsure = {"block": PoseEstimate("block", true["block"], 0.5, "refined")}
+    assert fits.step(unsure, joined, noisy(toy.frame(1, true))) is None
+    sure = {"block": replace(unsure["block"], score=0.9)}
+    said = fits.step(sure, joined, noisy(toy.frame(2, true)))
+    assert said is not None
+    assert said[1] > 0.95
+    assert fits.base is not None
+    assert np.allclose(fits.base.T_camera_part, true["base"], atol=0.004)
+    # A block that lies by itself is not on a base.
+    apart = toy.poses(joined=False)
+    alone = {"block": PoseEstimate("block", apart["block"], 0.9, "refined")}
+    assert fits_of(toy.assembly).step(alone, joined, noisy(toy.frame(1, apart))) is None
+
+
 def test_another_thing_in_the_place_of_the_block_is_not_the_block(toy) -> None:
     """It has the block's shape, but not its colour, which was learnt while the block lay apart."""
     for color, expected in ((RED, 1), (GREEN, 0)):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -39,6 +40,11 @@ class Shaken(AtRest):
         return name in self.lying
 
 
+def everything(name: str, state: State) -> float:
+    """As if nothing hid a part."""
+    return math.inf
+
+
 def rest_of(assembly: Assembly) -> AtRest:
     """Before a camera that stands still."""
     return AtRest(assembly, config=AtRestConfig())
@@ -61,6 +67,7 @@ def counted(pinned: Assembly, toy):
         score: float = 0.9,
         hand: bool = False,
         rest: AtRest | None = None,
+        shows: Callable[[str, State], float] = everything,
         **options,
     ) -> np.ndarray | None:
         rest = rest or rest_of(pinned)
@@ -77,7 +84,7 @@ def counted(pinned: Assembly, toy):
             if hand and len(pins) < 2 and frame.depth is not None:
                 frame = replace(frame, depth=np.full_like(frame.depth, 0.4))
             for _ in range(frames):
-                told = loose.step(base, poses, frame, rest=rest)
+                told = loose.step(base, poses, frame, rest=rest, shown_px=shows)
         return told
 
     return make
@@ -119,6 +126,23 @@ def test_what_is_gone_says_nothing_if(counted, options: dict, first: int) -> Non
     assert counted((SPOTS, first), ([], 50), **options) is None
 
 
+def test_a_large_pin_that_is_gone_is_joined_where_the_others_would_hide_it(counted) -> None:
+    def second_is_hidden(name: str, state: State) -> float:
+        return 20.0 if state.index == 2 else 400.0
+
+    def gone(count: int, shows: Callable[[str, State], float]) -> np.ndarray | None:
+        return counted((SPOTS, 5), (SPOTS[count:], 50), there=0.0, small_px=5.0, shows=shows)
+
+    # With the first one alone in its place it would be seen there: being gone says nothing.
+    assert gone(1, second_is_hidden) is None
+    both = gone(2, second_is_hidden)
+    assert both is not None
+    assert np.log(both[2] / both) == pytest.approx([4.0, 4.0, 0.0])
+    # The others would leave fewer pixels than the square of `small_px`, or more.
+    assert gone(2, lambda name, state: 24.0) is not None
+    assert gone(2, lambda name, state: 26.0) is None
+
+
 def test_before_a_camera_that_moves_only_what_lies_still_is_loose(
     counted, pinned: Assembly
 ) -> None:
@@ -153,12 +177,12 @@ def test_a_pin_that_moves_lies_nowhere(counted) -> None:
 def test_without_base_or_depth_nothing_is_said(pinned: Assembly, toy) -> None:
     loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=LooseConfig())
     base = PoseEstimate("base", BASE, 1.0, "refined")
-    assert loose.step(None, {}, toy.frame(0, {}), rest=rest_of(pinned)) is None
-    assert loose.step(base, {}, toy.frame(0), rest=rest_of(pinned)) is None
+    assert loose.step(None, {}, toy.frame(0, {}), rest=rest_of(pinned), shown_px=everything) is None
+    assert loose.step(base, {}, toy.frame(0), rest=rest_of(pinned), shown_px=everything) is None
     off = LooseParts(
         pinned, part_shapes(pinned, surface_points=200), config=LooseConfig(enabled=False)
     )
-    assert off.step(base, {}, toy.frame(0, {}), rest=rest_of(pinned)) is None
+    assert off.step(base, {}, toy.frame(0, {}), rest=rest_of(pinned), shown_px=everything) is None
 
 
 @pytest.mark.parametrize("wrong", [{"wait": 0}, {"enough": 0}, {"gain": -1.0}, {"there": -0.1}])

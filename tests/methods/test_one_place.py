@@ -28,7 +28,25 @@ def test_neighbours_and_parts_that_belong_together_stay(toy) -> None:
     assert one_place.intruders(beside, sure) == frozenset()
     joined = {name: at(0, 0, 0.6) @ T for name, T in toy.assembly.states[1].T_base_part.items()}
     assert one_place.intruders(joined, sure) == frozenset()
-    assert one_place.intruders({"base": at(0, 0, 0.6), "block": at(0, 0, 0.6)}, sure) == frozenset()
+    # The block may be taken for some way into the base that it stands on, and not for being there.
+    base = at(0, 0, 0.6)
+    stands = base @ toy.assembly.states[1].T_base_part["block"]
+    half = stands.copy()
+    half[:3, 3] = 0.4 * base[:3, 3] + 0.6 * stands[:3, 3]
+    assert one_place.intruders({"base": base, "block": half}, sure) == frozenset()
+
+
+def test_a_jaw_is_not_where_the_other_one_is_however_near_a_screw_draws_them() -> None:
+    clamp = load_assembly("screw_clamp")
+    one_place = OnePlace(clamp)
+    lower = at(0, 0, 0.6)
+    upper = lower @ clamp.states[-1].T_base_part["upper_jaw"]
+    sure = {"lower_jaw": 0.7, "upper_jaw": 0.9}
+    assert one_place.intruders({"lower_jaw": lower, "upper_jaw": upper}, sure) == frozenset()
+    middles = {name: clamp.parts[name].middle for name in sure}
+    mistaken = upper @ at(*(middles["upper_jaw"] - middles["lower_jaw"] + [0, 0, 0.003]))
+    poses = {"lower_jaw": mistaken, "upper_jaw": upper}
+    assert one_place.intruders(poses, sure) == {"lower_jaw"}
 
 
 def test_a_rod_lies_beside_its_twin_as_joined_but_never_where_it_lies() -> None:

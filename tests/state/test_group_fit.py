@@ -10,6 +10,7 @@ from asdfviz.state.group_fit import (
     GroupFitConfig,
     Measured,
     Move,
+    Said,
     best_spoken,
     nearer_by,
     probabilities,
@@ -162,3 +163,12 @@ def test_behind_black_plastic_that_is_seen_nothing_is_read() -> None:
     block = int(np.count_nonzero(with_block.ids == 1))
     assert silent.drawn - silent.visible == block
     assert silent.agreeing == silent.visible
+
+
+def test_a_base_that_its_group_hides_is_only_known_to_be_where_it_was() -> None:
+    hidden = Said(9.0, 400, 300, 280, base_drawn=40, base_visible=2, base_agreeing=1)
+    assert not hidden.is_seen(visible=0.2, agreeing=0.5)
+    assert hidden.is_seen(visible=0.2, agreeing=0.5, rests=True)
+    # What shows of it must agree all the same.
+    elsewhere = Said(9.0, 400, 300, 280, base_drawn=40, base_visible=2, base_agreeing=0)
+    assert not elsewhere.is_seen(visible=0.2, agreeing=0.5, rests=True)

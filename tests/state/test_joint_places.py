@@ -45,6 +45,28 @@ def test_a_part_stays_in_its_joint_where_it_was_seen(assembly: Assembly, place) 
     assert np.allclose(before.last("block", state), nominal)
 
 
+def test_what_is_seen_far_from_where_it_agreed_may_still_be_there(
+    assembly: Assembly, place
+) -> None:
+    places, state = JointPlaces(assembly), assembly.states[1]
+    nominal = state.T_base_part["block"]
+
+    def see(slide: float) -> list[np.ndarray]:
+        poses = place({"base": np.eye(4), "block": shift(slide) @ nominal})
+        places.see(poses["base"].T_camera_part, poses)
+        return [Ts[0] for Ts in places.possible(["block"], state)]
+
+    # Nothing was seen of it yet when the picture said where it is.
+    places.settle(["block"], state, [shift(0.002) @ nominal])
+    assert len(places.possible(["block"], state)) > 1
+    assert np.allclose(see(0.021), [shift(0.021) @ nominal, shift(0.002) @ nominal])
+    assert np.allclose(places.copy().possible(["block"], state)[1][0], shift(0.002) @ nominal)
+    # What agrees best is where it is, until it is seen elsewhere.
+    places.settle(["block"], state, [shift(0.002) @ nominal])
+    assert np.allclose(places.last("block", state), shift(0.002) @ nominal)
+    assert np.allclose(see(0.004), [shift(0.004) @ nominal])
+
+
 @pytest.mark.parametrize("off", [shift(0.0, 0.04), shift(0.09)])
 def test_a_part_that_is_not_in_its_joint_tells_nothing_of_it(
     assembly: Assembly, place, off: np.ndarray
