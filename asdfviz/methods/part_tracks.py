@@ -42,6 +42,9 @@ from asdfviz.track.presets import TrackerConfig
 from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
+LEAST_VISIBLE = 0.3
+"""A part of which less is visible is not asked which turn of it looks more like what is seen."""
+
 Value: TypeAlias = Callable[[Trial], float]
 
 
@@ -267,10 +270,11 @@ class PartTracks:
 
         The tracker's own colours and depth do not where the part would only be turned otherwise: it learnt
         them in the turn that it has. Parts that the state joins are not drawn: what is beside them is not
-        the table.
+        the table. Nor are hidden ones: the little that shows looks like many a turn.
         """
         looks: float | None = None
-        if not self.tracks[name].joined:
+        visible = min(now.evidence.visible, other.evidence.visible)
+        if not self.tracks[name].joined and visible >= LEAST_VISIBLE:
             T_now, T_other = now.T_camera_part, other.T_camera_part
             looks = self._checks.in_favour(frame, name, T_now, T_other)
         if looks is not None and looks > self._config.plainly:

@@ -9,7 +9,7 @@ import pytest
 
 from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import transform_from
+from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
 from asdfviz.methods import part_tracks
 from asdfviz.methods.asdf_track import AsdfTrack
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
@@ -17,6 +17,7 @@ from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.track_memory import Track
+from asdfviz.methods.turn_checks import TurnChecks
 from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.track.presets import PROPOSED
 
@@ -111,3 +112,30 @@ def test_the_detector_moves_no_part_that_the_state_joins_and_the_tracker_is_sure
     elsewhere = PoseEstimate("block", LIKE_IT, 0.9, "refined")
     parts.refind(shots[0], {"block": elsewhere}, {}, None)
     assert heard == [None if joined else elsewhere]
+
+
+@pytest.mark.parametrize("hidden", [False, True])
+def test_of_a_hidden_part_nobody_asks_which_turn_looks_more_like_what_is_seen(
+    toy, monkeypatch: pytest.MonkeyPatch, *, hidden: bool
+) -> None:
+    shots = frames(toy)
+    parts = PartTracks(
+        toy.assembly, shots[0].camera, tracker=PROPOSED, refind=RefindConfig(), turns=TurnConfig()
+    )
+    for frame in shots[:HIDDEN]:
+        parts.refind(frame, {"block": PoseEstimate("block", BLOCK, 0.8, "refined")}, {}, None)
+        parts.tracker.move(frame)
+        parts.settle(frame, frozenset())
+    asked: list[str] = []
+
+    def in_favour(_: TurnChecks, frame: Frame, name: str, *poses: Transform) -> float:
+        asked.append(name)
+        return 9.0  # a turn that plainly looks better is believed at once
+
+    monkeypatch.setattr(TurnChecks, "in_favour", in_favour)
+    turned = BLOCK @ transform_from(rotation_about(np.array([0.0, 0.0, 1.0]), 1.2), np.zeros(3))
+    frame = shots[HIDDEN if hidden else HIDDEN - 1]
+    parts.refind(frame, {"block": PoseEstimate("block", turned, 0.8, "refined")}, {}, None)
+    R_turned = BLOCK[:3, :3].T @ parts.tracker.poses["block"][:3, :3]
+    assert bool(asked) is not hidden
+    assert (rotation_angle(R_turned) > 0.5) is not hidden
