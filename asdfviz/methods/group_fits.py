@@ -175,10 +175,14 @@ class GroupFits:
             T_base_part = self._places.last(name, state)
             T_camera_base = poses[name].T_camera_part @ inverse(T_base_part)
             apart = min((self._apart(T_camera_base, T) for T in kept), default=np.inf)
-            # A base that hides behind a part that it carries is where that one says, if anywhere.
-            if 0.0 < apart < FAR or (apart >= FAR and lost and poses[name].score >= SURE):
+            # A base that hides behind a part that it carries is where that one says, if anywhere; but a
+            # loose twin goes by the name of the joined one while that is hidden.
+            is_sure = poses[name].score >= SURE and state.T_base_part.keys() >= set(
+                self._twins[name]
+            )
+            if 0.0 < apart < FAR or (apart >= FAR and lost and is_sure):
                 kept.append(T_camera_base)
-            lost = lost and apart >= FAR and poses[name].score < SURE
+            lost = lost and apart >= FAR and not is_sure
         return kept
 
     def _is_taken(

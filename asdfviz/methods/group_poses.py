@@ -20,6 +20,7 @@ from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
 from asdfviz.state.joints import Deviation, off_place
 from asdfviz.state.place_odds import JoinedOdds
+from asdfviz.state.twins import twin_groups
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,8 @@ class GroupPoses:
         self._places = JointPlaces(assembly, config=near)
         self._odds = JoinedOdds(assembly)
         self._held: tuple[str, ...] = ()
+        groups = twin_groups(assembly)
+        self._twins = {name: frozenset(names) for names in groups for name in names}
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -141,15 +144,19 @@ class GroupPoses:
         """Where the base is by most accounts, and the score of the pose that says so."""
         members = [name for name in (self._assembly.base, *joined) if name in poses]
         accounts: list[tuple[Transform, float]] = []
+        doubtful: list[tuple[Transform, float]] = []
         for name in members:
             if self._assembly.parts[name].symmetries.is_symmetric and name != self._assembly.base:
                 continue  # it may be turned, and the base with it
             T_base_part = self._places.last(name, state)
-            accounts.append((poses[name].T_camera_part @ inverse(T_base_part), poses[name].score))
+            account = poses[name].T_camera_part @ inverse(T_base_part), poses[name].score
+            # A loose twin goes by the name of the joined one while that is hidden.
+            is_one = self._twins[name].issubset(joined) or name == self._assembly.base
+            (accounts if is_one else doubtful).append(account)
         if seen is not None:
             accounts.append((seen.T_camera_part, seen.score))
         best: tuple[float, Transform, float] | None = None
-        for T_camera_base, score in accounts:
+        for T_camera_base, score in accounts or doubtful:
             support = sum(
                 poses[other].score * self._bell(self._off(other, T_camera_base, poses, state))
                 for other in members

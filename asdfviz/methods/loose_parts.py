@@ -109,6 +109,7 @@ class LooseParts:
         self._corners = {name: shape.corners for name, shape in shapes.items()}
         groups = [tuple(n for n in names if n != assembly.base) for names in twin_groups(assembly)]
         self._spots = JoinedSpots(assembly)
+        self._T_stage_base: Transform | None = None
         self._kinds = [_kind(assembly, names, self._spots) for names in groups if names]
 
     def step(
@@ -123,19 +124,22 @@ class LooseParts:
         """Probability of every state by what lies loose; None where that says nothing.
 
         Args:
-            base: where the base part is, None if that is not known.
+            base: where the base part is; if that is not known, it is taken to be where it last was.
             poses: of the parts.
             frame: with depth, or nothing is said.
             rest: what lies still, and how the camera moves; it has seen this frame.
             shown_px: in how many pixels a part shows where a state joins it.
         """
-        if not self._config.enabled or base is None or frame.depth is None:
+        if base is not None:
+            self._T_stage_base = inverse(rest.T_camera_stage) @ base.T_camera_part
+        if not self._config.enabled or self._T_stage_base is None or frame.depth is None:
             return None
+        T_camera_base = rest.T_camera_stage @ self._T_stage_base
         against = np.zeros(len(self._assembly.states))
         for kind in self._kinds:
             if kind.places:
-                there = self._count(kind, base.T_camera_part, poses, frame, rest)
-                is_small = self._is_small(kind, base.T_camera_part, frame, rest)
+                there = self._count(kind, T_camera_base, poses, frame, rest)
+                is_small = self._is_small(kind, T_camera_base, frame, rest)
                 against += self._against(kind, there, None if is_small else shown_px)
         if not against.any():
             return None

@@ -121,3 +121,30 @@ def test_trying_a_place_of_the_base_leaves_no_trace(toy, group) -> None:
     group.step(poses, SURE, toy.frame(1, slid))
     found = group.step({"base": poses["base"]}, SURE, toy.frame(2, slid))
     assert np.allclose(found["block"].T_camera_part, T_block, atol=1e-6)
+
+
+@pytest.mark.parametrize("twin", [True, False])
+def test_a_loose_twin_that_goes_by_the_joined_ones_name_does_not_tell_where_the_base_is(
+    toy, *, twin: bool
+) -> None:
+    """A board hides the group; the pin is followed behind it, and a block that lies apart is sure."""
+    parts = {name: part for name, part in toy.assembly.parts.items() if name != "pin-copy"}
+    state = toy.assembly.states[1]
+    T_base_pin = transform_from(np.eye(3), np.array([0.0, 0.0, -0.04]))
+    joined = replace(state, T_base_part={**state.T_base_part, "pin": T_base_pin})
+    copy = {"block-Copy": replace(parts["block"], name="block-Copy")} if twin else {}
+    assembly = replace(
+        toy.assembly, parts={**parts, **copy}, states=(toy.assembly.states[0], joined)
+    )
+    group = GroupPoses(
+        assembly, part_shapes(assembly, surface_points=900), config=GroupConfig(least_fit=0.0)
+    )
+    T_camera_base, apart = toy.poses(joined=True)["base"], toy.poses(joined=False)["block"]
+    poses = {
+        "block": replace(estimate("block", apart), score=0.98),
+        "pin": estimate("pin", T_camera_base @ T_base_pin),
+    }
+    frame = replace(toy.frame(1, {}), depth=np.full_like(toy.frame(1, {}).depth, 0.3))
+    base = group.step(poses, SURE, frame)["base"].T_camera_part
+    wrong = apart @ np.linalg.inv(state.T_base_part["block"])
+    assert np.allclose(base, T_camera_base if twin else wrong)

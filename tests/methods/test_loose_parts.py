@@ -68,6 +68,7 @@ def counted(pinned: Assembly, toy):
         hand: bool = False,
         rest: AtRest | None = None,
         shows: Callable[[str, State], float] = everything,
+        loses_base: bool = False,
         **options,
     ) -> np.ndarray | None:
         rest = rest or rest_of(pinned)
@@ -75,7 +76,7 @@ def counted(pinned: Assembly, toy):
         loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
         base = PoseEstimate("base", BASE, 1.0, "refined")
         told: np.ndarray | None = None
-        for pins, frames in shown:
+        for number, (pins, frames) in enumerate(shown):
             poses = {
                 name: PoseEstimate(name, T, score, "refined")
                 for name, T in zip(PINS, pins, strict=False)
@@ -84,7 +85,8 @@ def counted(pinned: Assembly, toy):
             if hand and len(pins) < 2 and frame.depth is not None:
                 frame = replace(frame, depth=np.full_like(frame.depth, 0.4))
             for _ in range(frames):
-                told = loose.step(base, poses, frame, rest=rest, shown_px=shows)
+                known = None if loses_base and number else base
+                told = loose.step(known, poses, frame, rest=rest, shown_px=shows)
         return told
 
     return make
@@ -115,6 +117,11 @@ def test_a_pin_that_is_gone_for_longer_than_a_hand_takes_is_joined(counted) -> N
     assert told[1] == pytest.approx(told[2])
     long = counted((SPOTS, 5), ([], 100), most=4.0)
     assert np.log(long[2] / long) == pytest.approx([4.0, 4.0, 0.0])
+
+
+def test_while_the_base_is_hidden_it_is_taken_to_be_where_it_was(counted) -> None:
+    frames = (SPOTS, 5), (SPOTS[:1], 9)
+    assert counted(*frames, loses_base=True) == pytest.approx(counted(*frames))
 
 
 @pytest.mark.parametrize(
