@@ -57,16 +57,18 @@ class LooseConfig:
     there: float = 2.0
     """Log odds of being loose where it lies where it lay."""
     in_front: float = 0.015
-    """What is nearer than where it lay by this hides it, metres: then it is not gone."""
+    """What is nearer than where it lay by this hides it, metres: then it is not gone,"""
+    empty: int = 5
+    """unless it was seen to be gone in so many frames before."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
         least = min(self.gain, self.most, self.there, self.small_px, self.blurred_px)
-        if min(self.enough, self.wait) < 1 or least < 0:
+        if min(self.enough, self.wait, self.empty) < 1 or least < 0:
             raise MethodError(
-                f"loose.enough is {self.enough}, wait {self.wait}, gain {self.gain:g}, most "
+                f"loose.enough is {self.enough}, wait {self.wait}, empty {self.empty}, gain {self.gain:g}, most "
                 f"{self.most:g}, there {self.there:g}, small_px {self.small_px:g} and blurred_px "
-                f"{self.blurred_px:g}: enough and wait must be 1 or more, the others 0 or more"
+                f"{self.blurred_px:g}: enough, wait and empty must be 1 or more, the others 0 or more"
             )
 
 
@@ -80,6 +82,8 @@ class _Spot:
     """In which one was there."""
     is_seen: bool = False
     """In the last frame."""
+    empty: int = 0
+    """In how many frames since it was seen to be gone from there."""
 
 
 @dataclass(slots=True, eq=False)
@@ -172,14 +176,12 @@ class LooseParts:
             if rest.lies(pose.part) or not rest.is_shaken
         ]
         there = self._lying(kind, loose)
-        is_hidden = any(
-            self._is_hidden(spot.middle, frame, rest) for spot in kind.spots if not spot.is_seen
-        )
+        hidden = self._hidden(kind, frame, rest)
         for k in range(len(kind.names)):
             if len(loose) > k:
                 kind.found[k] += 1
                 kind.gone[k] = 0
-            elif len(away) <= k and not is_hidden:
+            elif len(away) + hidden <= k:
                 kind.gone[k] += 1
         return there
 
@@ -204,7 +206,7 @@ class LooseParts:
                 known[i] = _Spot(point)
                 kind.spots.append(known[i])
             spot = known[i]
-            spot.middle, spot.is_seen, spot.frames = point, True, spot.frames + 1
+            spot.middle, spot.is_seen, spot.frames, spot.empty = point, True, spot.frames + 1, 0
             there += score >= config.sure and spot.frames >= config.enough
         kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= config.enough]
         return there
@@ -243,6 +245,18 @@ class LooseParts:
             for name in kind.names
             if name in state.T_base_part
         )
+
+    def _hidden(self, kind: _Kind, frame: Frame, rest: AtRest) -> int:
+        """How many may lie where they lay, but for what hides the place; notes which are gone from there."""
+        count = 0
+        for spot in kind.spots:
+            if spot.is_seen:
+                continue
+            if not self._is_hidden(spot.middle, frame, rest):
+                spot.empty += 1
+            elif spot.empty < self._config.empty:
+                count += 1
+        return count
 
     def _is_hidden(self, point_stage: Vector, frame: Frame, rest: AtRest) -> bool:
         """Whether something stands in front of a point, or it is out of view."""

@@ -119,6 +119,20 @@ def test_a_pin_that_is_gone_for_longer_than_a_hand_takes_is_joined(counted) -> N
     assert np.log(long[2] / long) == pytest.approx([4.0, 4.0, 0.0])
 
 
+@pytest.mark.parametrize("seen_empty", [3, 4])
+def test_what_was_seen_to_be_gone_is_not_behind_a_hand_that_comes_later(
+    pinned: Assembly, toy, *, seen_empty: int
+) -> None:
+    rest, shapes = rest_of(pinned), part_shapes(pinned, surface_points=200)
+    loose = LooseParts(pinned, shapes, config=LooseConfig(small_px=50.0, enough=4, wait=9, empty=4))
+    base, clear = PoseEstimate("base", BASE, 1.0, "refined"), toy.frame(0, {})
+    hand = replace(clear, depth=np.full_like(clear.depth, 0.4))
+    found = {n: PoseEstimate(n, T, 0.9, "refined") for n, T in zip(PINS, SPOTS, strict=True)}
+    shots = [(found, clear)] * 5 + [({}, clear)] * seen_empty + [({}, hand)] * 50
+    told = [loose.step(base, p, f, rest=rest, shown_px=everything) for p, f in shots][-1]
+    assert (told is not None) is (seen_empty == 4)
+
+
 def test_while_the_base_is_hidden_it_is_taken_to_be_where_it_was(counted) -> None:
     frames = (SPOTS, 5), (SPOTS[:1], 9)
     assert counted(*frames, loses_base=True) == pytest.approx(counted(*frames))
