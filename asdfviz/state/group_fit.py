@@ -31,6 +31,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from asdfviz.errors import MethodError
 from asdfviz.geometry.median import median
 from asdfviz.geometry.shapes import Depth, Scores
 from asdfviz.state.colors import ColorConfig
@@ -99,6 +100,20 @@ class GroupFitConfig:
     """What lies around the group."""
     colors: ColorConfig = field(default_factory=ColorConfig)
     """The colours of parts."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range, or no number."""
+        above = {n: getattr(self, n) for n in ("sigma", "range", "patch", "temperature", "cells")}
+        shares = ("enough", "moved_visible", "moved_agreeing", "least_visible", "least_agreeing")
+        for name, value in above.items():
+            if not 0 < value < np.inf:
+                raise MethodError(f"group_fit.{name} is {value:g}, use more than 0")
+        for name in shares:
+            if not 0 <= (value := getattr(self, name)) <= 1:
+                raise MethodError(f"group_fit.{name} is {value:g}, use 0 to 1")
+        for name in ("hidden", "shift", "moved", "other", "reach", "bias", "in_place", "near"):
+            if not 0 <= (value := getattr(self, name)) < np.inf:
+                raise MethodError(f"group_fit.{name} is {value:g}, use 0 or more")
 
     @property
     def most(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from asdfviz.errors import MethodError
 from asdfviz.state.group_fit import (
     Drawn,
     GroupFitConfig,
@@ -172,3 +173,11 @@ def test_a_base_that_its_group_hides_is_only_known_to_be_where_it_was() -> None:
     # What shows of it must agree all the same.
     elsewhere = Said(9.0, 400, 300, 280, base_drawn=40, base_visible=2, base_agreeing=0)
     assert not elsewhere.is_seen(visible=0.2, agreeing=0.5, rests=True)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"sigma": 0.0}, {"patch": np.nan}, {"least_visible": 1.2}, {"near": -0.1}]
+)
+def test_options_out_of_range_are_named(wrong: dict[str, float]) -> None:
+    with pytest.raises(MethodError, match=rf"group_fit\.{next(iter(wrong))} is .*, use"):
+        GroupFitConfig(**wrong)  # pyright: ignore[reportArgumentType]
