@@ -33,7 +33,7 @@ from asdfviz.state.group_fit import (
 )
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.near_places import NearPlaces
-from asdfviz.state.twins import twin_groups
+from asdfviz.state.twins import twins_by_name
 from asdfviz.track.raster import draw, new_buffers
 
 SAME = 0.004
@@ -67,9 +67,7 @@ class GroupFits:
         self._last: Transform | None = None
         """T_camera_base of the last frame that said something,"""
         self._best_trial: Trial | None = None
-        """the scenes of all states there,"""
-        self._cell_px = 1.0
-        """and the side of their cells, pixels."""
+        """and the scenes of all states there."""
         self._base: PoseEstimate | None = None
         self._joined = list(
             {
@@ -80,8 +78,7 @@ class GroupFits:
         )
         """Every part with the states that have it in different places."""
         self._black = [is_black(p.color, config.black) for p in assembly.parts.values()]
-        groups = twin_groups(assembly)
-        self._twins = {name: names for names in groups for name in names}
+        self._twins = twins_by_name(assembly)
         """The names of its kind for every part."""
 
     @property
@@ -95,7 +92,7 @@ class GroupFits:
         something; inf before."""
         if self._best_trial is None:
             return math.inf
-        return self._best_trial.cells(name, state) * self._cell_px**2
+        return self._best_trial.shown_px(name, state)
 
     def settle(self, T_camera_base: Transform) -> None:
         """Where the last frame's base turned out to be once its group was settled: from there on it is
@@ -139,14 +136,14 @@ class GroupFits:
         said = best.all_said(weight=weight)
         top = max(said, key=lambda one: one.value)
         rests = self._last is not None and self._apart(best.T_camera_base, self._last) == 0.0
-        least = {"visible": config.least_visible, "agreeing": config.least_agreeing}
-        if not top.is_seen(**least, rests=rests):
+        if not top.is_seen(
+            visible=config.least_visible, agreeing=config.least_agreeing, rests=rests
+        ):
             return None
         share = top.agreeing / top.visible
         self._base = PoseEstimate(self._assembly.base, best.T_camera_base, share, "group")
         state = self._assembly.states[said.index(top)]
-        self._best_trial, self._cell_px = best, float(frame.camera.K[0, 0] / view.K[0, 0])
-        self._last, self._places = best.T_camera_base, best.settled(state)
+        self._best_trial, self._last, self._places = best, best.T_camera_base, best.settled(state)
         return probabilities([weight * one.value for one in said])
 
     def _likely(self, belief: Scores | None) -> list[State]:

@@ -20,7 +20,7 @@ from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
 from asdfviz.state.joints import Deviation, off_place
 from asdfviz.state.place_odds import JoinedOdds
-from asdfviz.state.twins import twin_groups
+from asdfviz.state.twins import twins_by_name
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,7 @@ class GroupPoses:
         self._places = JointPlaces(assembly, config=near)
         self._odds = JoinedOdds(assembly)
         self._held: tuple[str, ...] = ()
-        groups = twin_groups(assembly)
-        self._twins = {name: frozenset(names) for names in groups for name in names}
+        self._twins = twins_by_name(assembly)
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -151,7 +150,7 @@ class GroupPoses:
             T_base_part = self._places.last(name, state)
             account = poses[name].T_camera_part @ inverse(T_base_part), poses[name].score
             # A loose twin goes by the name of the joined one while that is hidden.
-            is_one = self._twins[name].issubset(joined) or name == self._assembly.base
+            is_one = set(self._twins[name]).issubset(joined) or name == self._assembly.base
             (accounts if is_one else doubtful).append(account)
         if seen is not None:
             accounts.append((seen.T_camera_part, seen.score))

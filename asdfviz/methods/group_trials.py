@@ -109,9 +109,10 @@ class Trial:
             self.places.settle(names, state, self._settled[_key(names, state)])
         return self.places
 
-    def cells(self, name: str, state: State) -> int:
-        """In how many cells a part shows if this state holds."""
-        return int(np.count_nonzero(self._scene(state).ids == self._numbers[name]))
+    def shown_px(self, name: str, state: State) -> float:
+        """In how many pixels a part shows if this state holds."""
+        cells = np.count_nonzero(self._scene(state).ids == self._numbers[name])
+        return float(cells * self._view.cell_px**2)
 
     def moved(self, move: Move, state: State) -> Trial:
         """The same group after a move in the view, and as near as the state's scene is measured."""

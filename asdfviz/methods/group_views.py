@@ -42,6 +42,8 @@ class GroupView:
     depth: Depth
     features: Features
     K: Intrinsics
+    cell_px: int
+    """Side of a cell, pixels."""
 
 
 def view_of(pixels: Pixels, frame: Frame, depth: Depth, *, cells: int) -> GroupView | None:
@@ -75,7 +77,7 @@ def view_of(pixels: Pixels, frame: Frame, depth: Depth, *, cells: int) -> GroupV
         ]
     )
     return GroupView(
-        np.ascontiguousarray(depth[window][::step, ::step]), color_features(rgb), K_view
+        np.ascontiguousarray(depth[window][::step, ::step]), color_features(rgb), K_view, step
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -143,8 +144,8 @@ class LooseParts:
         for kind in self._kinds:
             if kind.places:
                 there = self._count(kind, T_camera_base, poses, frame, rest)
-                is_small = self._is_small(kind, T_camera_base, frame, rest)
-                against += self._against(kind, there, None if is_small else shown_px)
+                is_small = partial(self._is_small, kind, T_camera_base, frame, rest)
+                against += self._against(kind, there, is_small, shown_px)
         if not against.any():
             return None
         scores = np.exp(against.min() - against)
@@ -212,32 +213,33 @@ class LooseParts:
         return there
 
     def _against(
-        self, kind: _Kind, there: int, shown_px: Callable[[str, State], float] | None
+        self,
+        kind: _Kind,
+        there: int,
+        is_small: Callable[[], bool],
+        shown_px: Callable[[str, State], float],
     ) -> Scores:
         """What speaks against each state, log odds.
 
         Args:
             kind: of parts.
             there: how many of them surely lie where they lay.
-            shown_px: how much of a joined part shows; None where it is little in any case.
+            is_small: says whether none of them shows where it is joined,
+            shown_px: and in how many pixels one does in a state.
         """
         config, most = self._config, [0.0]
         for loose, (found, gone) in enumerate(zip(kind.found, kind.gone, strict=True)):
-            told = min(config.gain * max(gone - config.wait, 0), config.most)
-            if told > 0 and (found < config.enough or not self._hides(kind, loose, shown_px)):
-                told = 0.0
+            told, is_long = 0.0, gone > config.wait and found >= config.enough
+            if is_long and (is_small() or self._hides(kind, loose, shown_px)):
+                told = min(config.gain * (gone - config.wait), config.most)
             # Where not even one is found, two are not either.
             most.append(max(told, most[-1]))
         return np.array(
             [most[loose] + config.there * max(there - loose, 0) for loose in kind.loose]
         )
 
-    def _hides(
-        self, kind: _Kind, loose: int, shown_px: Callable[[str, State], float] | None
-    ) -> bool:
+    def _hides(self, kind: _Kind, loose: int, shown_px: Callable[[str, State], float]) -> bool:
         """Whether the joined ones show nowhere in the states that leave so many loose."""
-        if shown_px is None:
-            return True
         return all(
             shown_px(name, state) < self._config.small_px**2
             for state in self._assembly.states

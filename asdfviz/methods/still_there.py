@@ -19,7 +19,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply, point_distance
-from asdfviz.state.twins import renamed, twin_groups
+from asdfviz.state.twins import renamed, twins_by_name
 
 AWAY = 0.015
 """Poses nearer to each other than this are in one place, metres."""
@@ -63,7 +63,7 @@ class StillThere:
     def __init__(self, assembly: Assembly, *, config: StillThereConfig) -> None:
         """Start without frames."""
         self._parts = assembly.parts
-        self._twins = {n: set(names) - {n} for names in twin_groups(assembly) for n in names}
+        self._twins = {n: set(names) - {n} for n, names in twins_by_name(assembly).items()}
         self._config = config
         self._then: dict[str, tuple[Frame, int]] = {}
         """And the number of each."""

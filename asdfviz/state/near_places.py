@@ -15,7 +15,7 @@ from asdfviz.geometry.transforms import inverse, point_distance
 from asdfviz.state.colors import is_black
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import off_place
-from asdfviz.state.twins import twin_groups
+from asdfviz.state.twins import twins_by_name
 
 SURE = 0.5
 """Score from which a part is where its pose has it."""
@@ -44,11 +44,9 @@ class NearPlaces:
             for name, T in state.T_base_part.items()
             if name != assembly.base
         }
-        groups = twin_groups(assembly)
         self._places = {
             name: [place for place in places.values() if place[0] in names]
-            for names in groups
-            for name in names
+            for name, names in twins_by_name(assembly).items()
             if name != assembly.base and not is_black(assembly.parts[name].color, black)
         }
         """Of every part, where it or a twin is in some state."""

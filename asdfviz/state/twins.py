@@ -42,6 +42,11 @@ def twin_groups(assembly: Assembly) -> tuple[tuple[str, ...], ...]:
     return tuple(tuple(names) for names in groups.values())
 
 
+def twins_by_name(assembly: Assembly) -> dict[str, tuple[str, ...]]:
+    """Of every part the names of all that cannot be told from it, its own among them."""
+    return {name: names for names in twin_groups(assembly) for name in names}
+
+
 class PlaceNames:
     """Names twins by where they lie; one for each assembly."""
 

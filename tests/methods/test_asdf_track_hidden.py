@@ -52,6 +52,12 @@ def frames(toy) -> list[Frame]:
     return made
 
 
+def tracks_of(toy, shots: list[Frame]) -> PartTracks:
+    return PartTracks(
+        toy.assembly, shots[0].camera, tracker=PROPOSED, refind=RefindConfig(), turns=TurnConfig()
+    )
+
+
 def last_seen(
     toy, detector, shots: list[Frame], found: list[Transform], config: StillThereConfig
 ) -> Transform | None:
@@ -77,9 +83,7 @@ def test_a_hidden_part_is_not_taken_for_what_lay_elsewhere_all_along(toy, detect
 
 def test_what_the_detector_said_of_one_place_does_not_speak_for_the_next(toy) -> None:
     shots = frames(toy)
-    parts = PartTracks(
-        toy.assembly, shots[0].camera, tracker=PROPOSED, refind=RefindConfig(), turns=TurnConfig()
-    )
+    parts = tracks_of(toy, shots)
     for frame in shots[: HIDDEN + 1]:
         T = BLOCK if frame.index < HIDDEN else LIKE_IT
         assert frame.index < HIDDEN or parts.tracks["block"].is_established
@@ -97,9 +101,7 @@ def test_the_detector_moves_no_part_that_the_state_joins_and_the_tracker_is_sure
     toy, monkeypatch: pytest.MonkeyPatch, *, joined: bool
 ) -> None:
     shots = frames(toy)
-    parts = PartTracks(
-        toy.assembly, shots[0].camera, tracker=PROPOSED, refind=RefindConfig(), turns=TurnConfig()
-    )
+    parts = tracks_of(toy, shots)
     parts.begin(shots[0], {"block": BLOCK})
     parts.tracks["block"].joined, parts.tracks["block"].age = joined, 9
     heard: list[PoseEstimate | None] = []
@@ -119,9 +121,7 @@ def test_of_a_hidden_part_nobody_asks_which_turn_looks_more_like_what_is_seen(
     toy, monkeypatch: pytest.MonkeyPatch, *, hidden: bool
 ) -> None:
     shots = frames(toy)
-    parts = PartTracks(
-        toy.assembly, shots[0].camera, tracker=PROPOSED, refind=RefindConfig(), turns=TurnConfig()
-    )
+    parts = tracks_of(toy, shots)
     for frame in shots[:HIDDEN]:
         parts.refind(frame, {"block": PoseEstimate("block", BLOCK, 0.8, "refined")}, {}, None)
         parts.tracker.move(frame)
