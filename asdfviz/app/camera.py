@@ -15,6 +15,8 @@ from asdfviz.geometry.shapes import Vector
 
 DRIFT = 1e-4
 """Metres off the pinned centre that are put right; turning by hand moves it by less."""
+STALE = 1e-3
+"""Radians between a camera's rotation and its own point looked at beyond which the two are of other moments."""
 _FREE_FOV = 0.75
 _FAR = 60.0
 
@@ -64,6 +66,10 @@ def looked_at(camera: Any, view: View, facts: Facts) -> act.Look | None:
     if view.mode != "ar" or abs(camera.fov - window_of(view, facts).fov(view.zoom)) > 1e-4:
         return None
     R = T_from_wxyz(camera.wxyz, np.zeros(3))[:3, :3]
+    # viser reports a new field of view at once, before the next picture turns to the new point.
+    ahead = np.asarray(camera.look_at) - np.asarray(camera.position)
+    if np.linalg.norm(np.cross(R[:, 2], ahead)) > STALE * np.linalg.norm(ahead):
+        return None
     u, v = pixel_at(facts.K, R, fov=camera.fov, aspect=view.aspect, ndc=(0.0, 0.0))
     return act.Look(u, v)
 
