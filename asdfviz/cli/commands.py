@@ -13,6 +13,7 @@ from asdfviz.cli.judge import Agree, Evaluate
 from asdfviz.cli.learn import Train
 from asdfviz.cli.learn_crops import TrainCrops
 from asdfviz.cli.learn_masks import TrainMasks
+from asdfviz.cli.learn_states import TrainStates
 from asdfviz.cli.report import Report
 from asdfviz.cli.run import Chosen, Methods, RunMethod, method_apart, print_method_help
 from asdfviz.cli.synth import Synth
@@ -33,6 +34,7 @@ Command = (
     | Annotated[Synth, tyro.conf.subcommand("synth")]
     | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[TrainCrops, tyro.conf.subcommand("train-crops")]
+    | Annotated[TrainStates, tyro.conf.subcommand("train-states")]
     | Annotated[TrainMasks, tyro.conf.subcommand("train-masks")]
     | Annotated[ImportGbot, tyro.conf.subcommand("import-gbot")]
     | Annotated[Export, tyro.conf.subcommand("export")]

@@ -23,7 +23,11 @@ from asdfviz.geometry.transforms import orthonormalized, rotation_about, transfo
 
 _MM = 1e-3
 _AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
-_WEIGHTS = ("weights.safetensors", "weights.json", "crops.safetensors", "crops.json")
+_WEIGHTS = tuple(
+    f"{name}.{ending}"
+    for name in ("weights", "crops", "states")
+    for ending in ("safetensors", "json")
+)
 _JOINT = "gbot"
 """Folder of shipped weights that know all of these assemblies; an assembly's own go before."""
 _COMMENT = """Made by `asdfviz import-gbot` from the GBOT data (MIT licence).

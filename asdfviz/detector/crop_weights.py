@@ -1,8 +1,4 @@
-"""Reads and writes the weights of crop networks: safetensors with what they mean.
-
-Every matrix lies there in 8 bits with one scale a row (an output channel), the rest in half
-precision: half the size, and answers that differ less than two trainings of the same network.
-"""
+"""Reads and writes the weights of crop networks: safetensors with what they mean."""
 
 from __future__ import annotations
 
@@ -10,20 +6,17 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import torch
-from torch import Tensor
 
 from asdfviz.detector.crop_classes import state_spans
 from asdfviz.detector.crop_network import CropNetwork
+from asdfviz.detector.packed_tensors import packed, unpacked
 from asdfviz.detector.tensor_files import read_tensors, write_tensors
 from asdfviz.errors import WeightsError
 
 FORMAT = "asdfviz-crops-2"
-_SCALE = ".scale"
-"""Ends the name of the scales that belong to a tensor of 8 bits."""
-_LEVELS = 127
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,16 +50,13 @@ def save_crop_network(
         classes: names, in order.
         states: of every group its states, in order.
     """
-    tensors: dict[str, Tensor] = {}
-    for name, tensor in network.state_dict().items():
-        tensors |= _packed(name, cast(Tensor, tensor).detach().cpu())
     metadata = {
         "format": FORMAT,
         "classes": json.dumps(list(classes)),
         "states": json.dumps({name: list(of) for name, of in states.items()}),
         "shape": json.dumps(network.shape),
     }
-    write_tensors(path, tensors, metadata)
+    write_tensors(path, packed(network), metadata)
 
 
 def load_crop_network(path: Path) -> LoadedCropNetwork:
@@ -88,7 +78,7 @@ def load_crop_network(path: Path) -> LoadedCropNetwork:
         told: dict[str, list[str]] = json.loads(metadata.get("states", "{}"))
         states = {name: tuple(str(state) for state in of) for name, of in told.items()}
         network = network_of_shape(json.loads(metadata["shape"]))
-        weights = _unpacked(tensors)
+        weights = unpacked(tensors)
         network.load_state_dict(weights)
     except (KeyError, ValueError, TypeError, RuntimeError) as error:
         reason = str(error).splitlines()[0] if str(error) else repr(error)
@@ -111,30 +101,6 @@ def network_of_shape(shape: dict[str, Any]) -> CropNetwork:
         states=int(shape.get("states", 0)),
         names=bool(shape.get("names", False)),
     )
-
-
-def _packed(name: str, value: Tensor) -> dict[str, Tensor]:
-    """A weight as it lies in the file: one tensor, or whole numbers and the scale of every row."""
-    if not value.is_floating_point():
-        return {name: value.contiguous()}
-    if value.dim() < 2:
-        return {name: value.half().contiguous()}
-    rows = value.float().flatten(1)
-    scale = (rows.abs().amax(dim=1) / _LEVELS).half().float().clamp_min(1e-7)
-    levels = (rows / scale[:, None]).round().clamp(-_LEVELS, _LEVELS).to(torch.int8)
-    return {name: levels.view(value.shape).contiguous(), name + _SCALE: scale.half()}
-
-
-def _unpacked(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """What `_packed` packed, in single precision."""
-    weights: dict[str, Tensor] = {}
-    for name, value in tensors.items():
-        if value.dtype == torch.int8:
-            scale = tensors[name + _SCALE].float()
-            weights[name] = value.float() * scale.view(-1, *[1] * (value.dim() - 1))
-        elif not name.endswith(_SCALE):
-            weights[name] = value.float() if value.is_floating_point() else value
-    return weights
 
 
 def _count(states: Mapping[str, Sequence[str]]) -> int:

@@ -57,9 +57,27 @@ def read_metadata(path: Path, *, format: str, otherwise: str) -> dict[str, str]:
     return _read(path, format, otherwise, with_tensors=False)[1]
 
 
+def format_of(path: Path) -> str | None:
+    """The format that a file's metadata names.
+
+    Raises:
+        WeightsError: a file that is not whole.
+    """
+    return _content(path, with_tensors=False)[1].get("format")
+
+
 def _read(
     path: Path, format: str, otherwise: str, *, with_tensors: bool
 ) -> tuple[dict[str, Tensor], dict[str, str]]:
+    tensors, metadata = _content(path, with_tensors=with_tensors)
+    if metadata.get("format") != format:
+        raise WeightsError(
+            f"'{path}' says format '{metadata.get('format')}', expected '{format}': {otherwise}"
+        )
+    return tensors, metadata
+
+
+def _content(path: Path, *, with_tensors: bool) -> tuple[dict[str, Tensor], dict[str, str]]:
     try:
         with cast(Any, safe_open)(path, framework="pt") as file:
             metadata = cast(dict[str, str], file.metadata() or {})
@@ -68,8 +86,4 @@ def _read(
     except (SafetensorError, OSError, ValueError) as error:
         instead = "; a checkpoint's run leaves one beside it" if path.suffix == ".pt" else ""
         raise WeightsError(f"'{path}' is not a whole safetensors file: {error}{instead}") from error
-    if metadata.get("format") != format:
-        raise WeightsError(
-            f"'{path}' says format '{metadata.get('format')}', expected '{format}': {otherwise}"
-        )
     return tensors, metadata

@@ -62,10 +62,10 @@ class AsdfConfig:
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     """Further boxes of a part whose best one depth rules out."""
     state_looks: StateLooksFrom | None = None
-    """What tells the state by its looks: boxes (the paper: states as classes of the detector) or
-    crops (the crop network, looking about the base part). Default: crops where first poses come
-    from crops and their network knows the assembly's states, unless the detector is the
-    assembly's own, whose state boxes are about as good."""
+    """What tells the state by its looks: boxes (the paper: states as classes of the detector),
+    crops (the crop network, looking about the base part) or places (the state network, looking where
+    the base part's pose puts each joined part). Default, where first poses come from crops: places if
+    there is such a network, else crops unless the detector is the assembly's own."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """S_DL: from state boxes to probabilities."""
     place_looks: PlaceLooksConfig = field(default_factory=PlaceLooksConfig)

@@ -65,15 +65,17 @@ class LooksAtParts(Protocol):
 
 @dataclass(frozen=True)
 class CropPoseConfig:
-    """First poses from crops."""
+    """First poses and the state's looks from crops."""
 
     weights: Path | None = None
     """Trained crop weights (.safetensors). Default: crops.safetensors in the assembly's folder, or
     in the folder above."""
+    state_weights: Path | None = None
+    """Likewise of the state network. Default: states.safetensors there."""
     device: str = "cpu"
     """Torch device, such as cpu or cuda."""
     bfloat16: bool = True
-    """Run the crop network in bfloat16 where the device has it: faster, rotations hardly change."""
+    """Run these networks in bfloat16 where the device has it: faster, rotations hardly change."""
     hypotheses: HypothesisConfig = field(default_factory=HypothesisConfig)
     """How rotations are scored and refined."""
 
@@ -107,10 +109,8 @@ def load_looker(config: CropPoseConfig, assembly: Assembly) -> LooksAtParts:
     from asdfviz.detector.device import require_device
 
     require_device(config.device)
-    looker = CropLooker(
-        path,
-        config=CropLookerConfig(config.hypotheses.count, config.device, config.bfloat16),
-    )
+    running = CropLookerConfig(config.hypotheses.count, config.device, config.bfloat16)
+    looker = CropLooker(path, config=running)
     wanted = {class_name(assembly, assembly.parts[name]) for name in assembly.parts}
     if not wanted & set(looker.classes):
         raise WeightsError(

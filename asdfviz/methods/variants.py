@@ -30,6 +30,7 @@ from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.seen_smear import SmearConfig
+from asdfviz.methods.state_looks import has_state_network
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.methods.thing_names import NamesConfig
@@ -163,11 +164,12 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     """What the methods beyond the paper weigh besides, each piece off; they need crop weights."""
     if len(first_poses(AsdfPlusConfig(), assembly)) < 2:
         return []
-    return [*_beyond_asdf(), *_beyond_asdf_plus(), *_beyond_asdf_track()]
+    return [*_beyond_asdf(assembly), *_beyond_asdf_plus(), *_beyond_asdf_track()]
 
 
-def _beyond_asdf() -> list[Variant]:
+def _beyond_asdf(assembly: Assembly) -> list[Variant]:
     certain = RelativePoseConfig(in_place=PlaceOdds(offset=50.0))
+    looks = [Variant("asdf, looks from the crop network", "asdf", AsdfConfig(state_looks="crops"))]
     return [
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=BLIND)),
@@ -177,6 +179,7 @@ def _beyond_asdf() -> list[Variant]:
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=UNNAMED)),
         Variant("asdf, no contests", "asdf", AsdfConfig(contests=BEST_BOX)),
         Variant("asdf, no strangers", "asdf", AsdfConfig(names=TRUSTING)),
+        *(looks if has_state_network(AsdfConfig().crops, assembly) else ()),
     ]
 
 

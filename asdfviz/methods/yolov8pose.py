@@ -78,10 +78,10 @@ class Yolov8PoseConfig:
     icp: IcpConfig = PAPER_ICP
     """Refinement "icp"."""
     state_looks: StateLooksFrom | None = None
-    """What tells the state by its looks: boxes (the paper: states as classes of the detector) or
-    crops (the crop network, looking about the base part). Default: crops where first poses come
-    from crops and their network knows the assembly's states, unless the detector is the
-    assembly's own, whose state boxes are about as good."""
+    """What tells the state by its looks: boxes (the paper: states as classes of the detector),
+    crops (the crop network, looking about the base part) or places (the state network, looking where
+    the base part's pose puts each joined part). Default, where first poses come from crops: places if
+    there is such a network, else crops unless the detector is the assembly's own."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """From state boxes to probabilities."""
     published: bool = False

@@ -59,6 +59,10 @@ class Crops:
         """Some rows."""
         return Crops(*(getattr(self, f.name)[rows] for f in fields(self)))
 
+    def groups(self) -> Crops:
+        """Those that show groups."""
+        return self.taken((self.states >= 0).nonzero()[:, 0])
+
     def to(self, device: str) -> Crops:
         """The same on a device."""
         return Crops(*(getattr(self, f.name).to(device) for f in fields(self)))

@@ -29,7 +29,7 @@ from asdfviz.detector.crop_classes import (
     group_states,
     state_spans,
 )
-from asdfviz.detector.crop_cut import crop_camera, cut
+from asdfviz.detector.crop_cut import CROP_PIXELS, crop_camera, cut
 from asdfviz.errors import SequenceError
 from asdfviz.geometry.shapes import Intrinsics, Rgb, Transform
 from asdfviz.geometry.transforms import transform_from
@@ -39,7 +39,6 @@ from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import LEAST_VISIBLE, CropMaker, Crops
 from asdfviz.train.crop_places import EmptyPlaces, box_of, held_bases
 from asdfviz.train.crop_pool import CropPool
-from asdfviz.train.crop_render import CENTER
 from asdfviz.train.crop_scenes import STORED_PIXELS
 from asdfviz.train.dataset import shown_subject, subjects_of
 
@@ -112,7 +111,12 @@ def mixed(
 
 
 def found_crops(
-    folders: Sequence[Path], assemblies: Sequence[Assembly], classes: Sequence[CropClass]
+    folders: Sequence[Path],
+    assemblies: Sequence[Assembly],
+    classes: Sequence[CropClass],
+    *,
+    pixels: int = STORED_PIXELS,
+    only_groups: bool = False,
 ) -> FoundCrops:
     """Cut out every part that is seen well enough, what is joined to every base part, and the places
     about it that are still empty, as far as all parts of the frame were checked.
@@ -121,6 +125,8 @@ def found_crops(
         folders: scene folders with truth; with several assemblies, sequence.json says whose.
         assemblies: in the order of the network's.
         classes: `crop_classes` of them.
+        pixels: side of a crop.
+        only_groups: leave parts and empty places out.
 
     Raises:
         SequenceError: a folder is broken, shows none of the assemblies, or nothing is seen in any.
@@ -141,16 +147,17 @@ def found_crops(
             held = groups.get(index, ())
             parts = [part_of(assembly, item) for item in objects[index]]
             shown = [*_shown(assembly, number, spans, objects[index], parts, held)]
+            shown = [one for one in shown if one.state >= 0 or not only_groups]
             if not shown:
                 continue
             rgb, K = read_rgb(files.rgb[index]), cameras[index].K
             size_wh = (rgb.shape[1], rgb.shape[0])
             empty = places[assembly.name].find(objects[index], parts, held, K=K, size_wh=size_wh)
-            for part, T in empty if index not in unchecked else ():
+            for part, T in () if only_groups or index in unchecked else empty:
                 label = number[class_name(assembly, part)]
                 shown.append(_Shown(label, -1, len(classes), T))
             for one in shown:
-                made = _cut(rgb, K, one, classes)
+                made = _cut(rgb, K, one, classes, pixels=pixels)
                 cuts += [] if made is None else [made]
     if not cuts:
         raise SequenceError(f"no part is seen in {[str(f) for f in folders]}")
@@ -197,15 +204,17 @@ def _is_seen(item: SceneObject) -> bool:
     return item.visible is None or item.visible >= LEAST_VISIBLE
 
 
-def _cut(rgb: Rgb, K: Intrinsics, shown: _Shown, classes: Sequence[CropClass]) -> _Cut | None:
+def _cut(
+    rgb: Rgb, K: Intrinsics, shown: _Shown, classes: Sequence[CropClass], *, pixels: int
+) -> _Cut | None:
     """The crop about a true box, wider than the network's input so that it can be rolled."""
     box = box_of(classes[shown.label].corners, shown.T_camera_part, K)
     if box is None:
         return None
-    camera = crop_camera(box, K)
+    camera = crop_camera(box, K, side=round(CROP_PIXELS * pixels / STORED_PIXELS))
     K_stored = camera.K.copy()
-    K_stored[:2, 2] = CENTER
-    picture = cut(rgb, replace(camera, K=K_stored), K, side=STORED_PIXELS)
+    K_stored[:2, 2] = (pixels - 1) / 2
+    picture = cut(rgb, replace(camera, K=K_stored), K, side=pixels)
     T_crop_camera = transform_from(camera.R_camera_crop.T, np.zeros(3))
     return _Cut(shown, picture, T_crop_camera @ shown.T_camera_part, float(camera.K[0, 0]))
 
@@ -213,7 +222,8 @@ def _cut(rgb: Rgb, K: Intrinsics, shown: _Shown, classes: Sequence[CropClass]) -
 def _crops(cuts: Sequence[_Cut]) -> Crops:
     labels = torch.tensor([c.shown.label for c in cuts])
     states = torch.tensor([c.shown.state for c in cuts])
-    pictures = np.zeros((len(cuts), 4, STORED_PIXELS, STORED_PIXELS), np.uint8)
+    side = cuts[0].picture.shape[0]
+    pictures = np.zeros((len(cuts), 4, side, side), np.uint8)
     for row, one in zip(pictures, cuts, strict=True):
         row[:3] = one.picture.transpose(2, 0, 1)
     return Crops(

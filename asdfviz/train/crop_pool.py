@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -18,8 +18,10 @@ import torch
 from asdfviz.data.assembly import load_assembly
 from asdfviz.errors import InputError, Stopped
 from asdfviz.synth.workers import spawned
+from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import CropMaker, Crops
 from asdfviz.train.crop_scenes import CropConfig
+from asdfviz.train.state_config import StateTrainConfig
 
 SPARE = 2
 """Shards that are made ahead when nobody trains."""
@@ -124,6 +126,55 @@ def fill_folder(
             time.sleep(1.0)
             continue
         maker.make(shard, rng=rng).save(folder / f"shard_{time.time_ns():020d}.npz")
+
+
+def pools(
+    config: CropTrainConfig | StateTrainConfig,
+    *,
+    maker: CropMaker,
+    drawing: CropConfig,
+    stop: Callable[[], bool],
+    step: Callable[[], int],
+    rng: np.random.Generator,
+) -> Iterator[CropPool]:
+    """The pool before every step of a run, renewed as fresh crops come.
+
+    Args:
+        config: of the run.
+        maker: makes crops here, where nobody makes them beside a run on a GPU.
+        drawing: how those that do draw them.
+        stop: says that the run is to end.
+        step: which is next.
+        rng: of crops that are made here.
+
+    Raises:
+        Stopped: `stop` said so before the first step.
+        InputError: there are no crops, and nobody makes any.
+    """
+    pool = CropPool(config.pool)
+    if config.generators == 0 and torch.device(config.device).type != "cpu":
+        while True:
+            if len(pool) < config.first_shards or step() % config.live_steps == 0:
+                pool.add(maker.make(config.shard, rng=rng))
+            yield pool
+    folder = config.output / "pool"
+    shards = ShardFolder(folder, size=config.pool, device=config.device)
+    with generating(
+        config.assemblies,
+        folder,
+        processes=config.generators,
+        shard=config.shard,
+        size=config.pool,
+        seed=config.seed,
+        niceness=config.generator_niceness,
+        drawing=drawing,
+    ) as alive:
+        wanted = min(config.first_shards, config.pool)
+        await_shards(shards, pool, count=wanted, alive=alive, stop=stop)
+        while True:
+            for crops in shards.fresh(limit=1) if step() % 10 == 0 else ():
+                pool.add(crops)
+            yield pool
 
 
 def await_shards(

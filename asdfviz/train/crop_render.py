@@ -22,12 +22,11 @@ from asdfviz.synth.raster import Projected, corner_weights, depth_map, rasterize
 from asdfviz.synth.shading import look_at
 from asdfviz.synth.tensors import to_tensor, transform_each
 from asdfviz.synth.textures import MACRO_KINDS, MICRO_KINDS, macro_map, micro_map
-from asdfviz.train.crop_scenes import STORED_PIXELS, CropScene
+from asdfviz.train.crop_scenes import CropScene
 
 TILES, TILE_PIXELS = 360, 128
 """The bank of textures."""
 SHADOW_PIXELS = 64
-CENTER = (STORED_PIXELS - 1) / 2
 FARTHEST = 4.0
 """Metres at which the plane ends."""
 LIGHT_DISTANCE = 1.5
@@ -49,7 +48,7 @@ class RenderedCrops:
 def render_crops(
     scenes: Sequence[CropScene], bank: MeshBank, *, rng: np.random.Generator
 ) -> RenderedCrops:
-    """Render crops of `STORED_PIXELS` a side."""
+    """Render crops, all of one size."""
     device = bank.vertices.device
     with torch.inference_mode():
         return _Batch(scenes, bank, rng, device).render()
@@ -66,7 +65,8 @@ class _Batch:
         device: torch.device,
     ) -> None:
         self.scenes, self.rng, self.device = scenes, rng, device
-        self.shape = (len(scenes), STORED_PIXELS, STORED_PIXELS)
+        self.side = side = scenes[0].pixels
+        self.shape = (len(scenes), side, side)
         owner = [i for i, scene in enumerate(scenes) for _ in scene.things]
         things = [thing for scene in scenes for thing in scene.things]
         self.triangles = bank.place(
@@ -82,7 +82,7 @@ class _Batch:
         self.distance = self._tensor([s.T_crop_part[2, 3] for s in scenes])[:, None, None]
         self.normal = self._tensor(np.stack([s.normal for s in scenes], axis=1))[:, :, None, None]
         self.height = self._tensor([s.height for s in scenes])[:, None, None]
-        place = torch.arange(STORED_PIXELS, device=device, dtype=torch.float32) - CENTER
+        place = torch.arange(side, device=device, dtype=torch.float32) - (side - 1) / 2
         x, y = place / self.focal, place[:, None] / self.focal
         ones = torch.ones(self.shape, device=device)
         self.rays = torch.stack([x.expand(self.shape), y.expand(self.shape), ones])
@@ -123,7 +123,9 @@ class _Batch:
     def _projected(self, triangles: Triangles) -> Projected:
         p, image = triangles.vertices, triangles.vertex_image
         flat = p[:, :2] / p[:, 2:].clamp(min=1e-3) * self.focal[image, 0]
-        return Projected(flat + CENTER, p[:, 2].contiguous(), triangles.faces, triangles.image)
+        return Projected(
+            flat + (self.side - 1) / 2, p[:, 2].contiguous(), triangles.faces, triangles.image
+        )
 
     def _alone(self, projected: Projected, of_part: Tensor) -> Tensor:
         part = Projected(
@@ -145,7 +147,7 @@ class _Batch:
         side = _unit(_across(self.normal, any_way))
         up = _across(self.normal, side)
         # A tile covers one to five widths of the view.
-        size = STORED_PIXELS / self.focal * self.distance * self._each(1.0, 5.0)
+        size = self.side / self.focal * self.distance * self._each(1.0, 5.0)
         u = (points * side).sum(0) / size + self._each(-5.0, 5.0)
         v = (points * up).sum(0) / size + self._each(-5.0, 5.0)
         grid = torch.stack([u, v], dim=3)
@@ -202,7 +204,7 @@ class _Batch:
         side = SHADOW_PIXELS
         for scene, eye in zip(self.scenes, light[:, :, 0, 0].T.double().cpu().numpy(), strict=True):
             middle = np.array([0.0, 0.0, scene.T_crop_part[2, 3]])
-            reach = 0.75 * STORED_PIXELS / scene.focal * middle[2]
+            reach = 0.75 * self.side / scene.focal * middle[2]
             focal = side / 2 * LIGHT_DISTANCE / reach
             rows.append(np.diag([focal, focal, 1.0]) @ look_at(eye, middle, roll=0.3)[:3])
         M = self._tensor(np.stack(rows))

@@ -46,6 +46,8 @@ FOCALS = (303.6, 607.2)
 class CropConfig:
     """How crops are drawn; probabilities unless said otherwise."""
 
+    pixels: int = STORED_PIXELS
+    """Side of a stored crop."""
     distance: tuple[float, float] = (0.35, 1.1)
     """From the camera to the part, metres."""
     groups: float = 0.5
@@ -97,8 +99,10 @@ class CropScene:
     """The truth: of the part or the base part; of nothing known, of the part that might be there."""
     focal: float
     """Of the stored crop, pixels; its centre is the principal point."""
+    pixels: int
+    """Side of the stored crop."""
     detail: float
-    """Pixels of the frame a pixel of the network's input: below 1 the crop is blurred."""
+    """Pixels of the frame a pixel of the crop: below 1 the crop is blurred."""
     things: tuple[Thing, ...]
     normal: Vector
     """Of the plane behind, towards the camera."""
@@ -170,14 +174,14 @@ class CropDrawer:
         if state is not None:
             things += self._waiting(rng, crop_class, joined, colors, T_crop_base, extent)
         things += self._around(rng, things, extent)
-        focal = CROP_PIXELS * float(T_crop_part[2, 3]) / (CONTEXT * extent)
+        shown_px = CROP_PIXELS * config.pixels / STORED_PIXELS
+        focal = shown_px * float(T_crop_part[2, 3]) / (CONTEXT * extent)
         frame_focal = FOCALS[int(rng.integers(len(FOCALS)))] * rng.uniform(0.98, 1.02)
         name_shown = len(self.classes) if is_nothing else label if state is None else -1
         shown = -1 if state is None else self._spans[crop_class.name].start + state
         detail = frame_focal / focal
-        return CropScene(
-            label, shown, name_shown, T_crop_part, focal, detail, tuple(things), normal, height
-        )
+        truth = (label, shown, name_shown, T_crop_part)
+        return CropScene(*truth, focal, config.pixels, detail, tuple(things), normal, height)
 
     def _joined(self, rng: np.random.Generator, assembly: int, name: str) -> dict[str, Transform]:
         """T_base_part of a state that joins the part, or of the part alone."""

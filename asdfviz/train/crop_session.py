@@ -33,7 +33,7 @@ from asdfviz.train.crop_config import CropTrainConfig, check_crop_config
 from asdfviz.train.crop_data import CropMaker
 from asdfviz.train.crop_found import found_crops, mixed
 from asdfviz.train.crop_losses import LOSSES, crop_losses, misnamed
-from asdfviz.train.crop_pool import CropPool, ShardFolder, await_shards, generating
+from asdfviz.train.crop_pool import CropPool, pools
 from asdfviz.train.crop_scenes import CropConfig
 from asdfviz.train.crop_validation import CropValidation, validate_crops
 from asdfviz.train.crop_validation_sets import validation_sets
@@ -220,32 +220,14 @@ class CropSession(Sitting):
         export(self.config, network, self.progress, names=names, states=states, found=found)
 
     def _pools(self, stop: Callable[[], bool]) -> Iterator[CropPool]:
-        """The pool before every step, renewed as fresh crops come."""
-        config = self.config
-        pool = CropPool(config.pool)
-        if config.generators == 0 and torch.device(config.device).type != "cpu":
-            while True:
-                if len(pool) < config.first_shards or self.progress.step % config.live_steps == 0:
-                    pool.add(self.maker.make(config.shard, rng=self.rng))
-                yield pool
-        folder = config.output / "pool"
-        shards = ShardFolder(folder, size=config.pool, device=config.device)
-        with generating(
-            config.assemblies,
-            folder,
-            processes=config.generators,
-            shard=config.shard,
-            size=config.pool,
-            seed=config.seed,
-            niceness=config.generator_niceness,
+        return pools(
+            self.config,
+            maker=self.maker,
             drawing=self._drawing,
-        ) as alive:
-            wanted = min(config.first_shards, config.pool)
-            await_shards(shards, pool, count=wanted, alive=alive, stop=stop)
-            while True:
-                for crops in shards.fresh(limit=1) if self.progress.step % 10 == 0 else ():
-                    pool.add(crops)
-                yield pool
+            stop=stop,
+            step=lambda: self.progress.step,
+            rng=self.rng,
+        )
 
     def checkpoint(self) -> None:
         """Write last.pt with all that is needed to go on."""

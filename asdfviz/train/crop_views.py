@@ -98,19 +98,19 @@ class ViewMaker:
             return jitter * to_tensor(values, self.device)
 
         turn = rng.uniform(-np.pi, np.pi, count) * (jitter > 0)
-        R_stored_rolled = _about_z(to_tensor(turn.astype(np.float32), self.device))
+        R_stored_rolled = about_z(to_tensor(turn.astype(np.float32), self.device))
         middle, side = self._boxes(crops, R_stored_rolled)
         middle = middle + SHIFT * normal(2).clamp(-2, 2) * side[:, None]
         side = side * torch.exp(ZOOM * normal().clamp(-2, 2))
-        R_stored_view = R_stored_rolled @ _towards(middle)
+        R_stored_view = R_stored_rolled @ towards(middle)
         focal = CROP_PIXELS / (CONTEXT * side)
         T = crops.T_crop_part
         R_view_part = R_stored_view.transpose(1, 2) @ T[:, :3, :3]
         t = (R_stored_view.transpose(1, 2) @ T[:, :3, 3:])[:, :, 0]
-        shown = _cut(crops, R_stored_view, focal)
+        shown = cut_views(crops, R_stored_view, focal, side=CROP_PIXELS)
         rgb, seen = shown[:, :3], shown[:, 3:]
         if jitter > 0:
-            rgb = self._toned(rgb, rng)
+            rgb = toned(rgb, rng)
         return Views(
             rgb - 0.5,
             crops.labels,
@@ -173,21 +173,20 @@ class ViewMaker:
         noise = measured_sizes(rng, len(side)) if jitter > 0 else np.ones(len(side), np.float32)
         return side * distance * to_tensor(noise, self.device)
 
-    def _toned(self, rgb: Tensor, rng: np.random.Generator) -> Tensor:
-        """Other brightness, contrast and tint; now and then grey."""
-        count = len(rgb)
 
-        def each(low: float, high: float, channels: int = 1) -> Tensor:
-            values = rng.uniform(low, high, (count, channels, 1, 1)).astype(np.float32)
-            return to_tensor(values, self.device)
+def toned(rgb: Float32[Tensor, "b 3 h w"], rng: np.random.Generator) -> Float32[Tensor, "b 3 h w"]:
+    """Other brightness, contrast and tint; now and then grey."""
+    count, device = len(rgb), rgb.device
 
-        rgb = rgb * each(0.75, 1.3) * each(0.92, 1.08, 3) + each(-0.08, 0.08)
-        gray = rgb.mean(1, keepdim=True)
-        keep = torch.where(
-            each(0.0, 1.0) < 0.08, torch.zeros_like(gray[:, :, :1, :1]), each(0.6, 1.3)
-        )
-        noise = to_tensor(rng.standard_normal(rgb.shape, dtype=np.float32), self.device)
-        return (gray + (rgb - gray) * keep + noise * each(0.0, 0.02)).clamp(0, 1)
+    def each(low: float, high: float, channels: int = 1) -> Tensor:
+        values = rng.uniform(low, high, (count, channels, 1, 1)).astype(np.float32)
+        return to_tensor(values, device)
+
+    rgb = rgb * each(0.75, 1.3) * each(0.92, 1.08, 3) + each(-0.08, 0.08)
+    gray = rgb.mean(1, keepdim=True)
+    keep = torch.where(each(0.0, 1.0) < 0.08, torch.zeros_like(gray[:, :, :1, :1]), each(0.6, 1.3))
+    noise = to_tensor(rng.standard_normal(rgb.shape, dtype=np.float32), device)
+    return (gray + (rgb - gray) * keep + noise * each(0.0, 0.02)).clamp(0, 1)
 
 
 def measured_sizes(rng: np.random.Generator, count: int) -> Float32[np.ndarray, "n"]:
@@ -215,34 +214,38 @@ def _spans(classes: Sequence[CropClass], device: str) -> tuple[Tensor, Tensor]:
     return padded(firsts), padded(seconds)
 
 
-def _cut(crops: Crops, R_stored_view: Tensor, focal: Tensor) -> Float32[Tensor, "b 4 s s"]:
-    """Resample the stored pictures, 0 to 1; beyond their border the last pixels go on."""
+def cut_views(
+    crops: Crops, R_stored_view: Float32[Tensor, "b 3 3"], focal: Float32[Tensor, "b"], *, side: int
+) -> Float32[Tensor, "b 4 s s"]:
+    """Resample the stored pictures, 0 to 1; beyond their border the last pixels go on.
+
+    Args:
+        crops: stored.
+        R_stored_view: of every view; both cameras have the same centre.
+        focal: of the views, pixels.
+        side: of the views, pixels.
+    """
     device, stored = crops.pictures.device, crops.pictures.shape[3]
-    place = torch.arange(CROP_PIXELS, device=device, dtype=torch.float32) - (CROP_PIXELS - 1) / 2
+    place = torch.arange(side, device=device, dtype=torch.float32) - (side - 1) / 2
     y, x = torch.meshgrid(place, place, indexing="ij")
     flat = torch.stack([x.reshape(-1), y.reshape(-1)])
     # One ray in twelve columns would do for the eye; all of them keep the outline exact.
-    rays = torch.cat(
-        [
-            flat[None] / focal[:, None, None],
-            torch.ones(len(focal), 1, flat.shape[1], device=device),
-        ],
-        dim=1,
-    )
-    seen = R_stored_view @ rays
+    ones = torch.ones(len(focal), 1, flat.shape[1], device=device)
+    seen = R_stored_view @ torch.cat([flat[None] / focal[:, None, None], ones], dim=1)
     grid = seen[:, :2] / seen[:, 2:] * (crops.focal / (stored / 2))[:, None, None]
-    grid = grid.transpose(1, 2).view(len(focal), CROP_PIXELS, CROP_PIXELS, 2)
+    grid = grid.transpose(1, 2).view(len(focal), side, side, 2)
     pictures = crops.pictures.float() / 255
     return grid_sample(pictures, grid, padding_mode="border", align_corners=False)
 
 
-def _about_z(angle: Tensor) -> Float32[Tensor, "b 3 3"]:
+def about_z(angle: Float32[Tensor, "b"]) -> Float32[Tensor, "b 3 3"]:
+    """Rotations about the optical axis."""
     c, s, o = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)
     rows = torch.stack([c, -s, o, s, c, o, o, o, o + 1], dim=1)
     return rows.view(-1, 3, 3)
 
 
-def _towards(flat: Float32[Tensor, "b 2"]) -> Float32[Tensor, "b 3 3"]:
+def towards(flat: Float32[Tensor, "b 2"]) -> Float32[Tensor, "b 3 3"]:
     """Smallest rotations of the optical axis onto rays (x, y, 1), as `rotation_to_ray`."""
     ray = torch.cat([flat, torch.ones_like(flat[:, :1])], dim=1)
     ray = ray / (ray * ray).sum(1, keepdim=True).sqrt()

@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 from asdfviz.data.interrupts import stop_on_interrupt
 from asdfviz.detector.device import require_device
@@ -30,9 +31,11 @@ from asdfviz.train.crop_session import CropReport, CropSession
 from asdfviz.train.loop import train
 from asdfviz.train.pieces import cut_file, join_file
 from asdfviz.train.session import TrainReport
+from asdfviz.train.state_config import StateTrainConfig
+from asdfviz.train.state_session import StateReport, StateSession
 
 STATE = "state.pt"
-"""What travels: how far the run is, with the averaged weights (detector) or all (crops)."""
+"""What travels: how far the run is, with the averaged weights (detector) or all (others)."""
 LINE_SECONDS = 60.0
 SHARD = 256
 """Crops a file: many processes bring their first ones soon."""
@@ -45,7 +48,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     line = argparse.ArgumentParser(prog="python -m asdfviz.train.kit", description=__doc__)
     line.formatter_class = argparse.RawDescriptionHelpFormatter
     line.add_argument("--assemblies", nargs="+", required=True, help="names or folders")
-    line.add_argument("--network", choices=("detector", "crops"), default="detector")
+    line.add_argument("--network", choices=("detector", "crops", "states"), default="detector")
     line.add_argument("--out", type=Path, required=True, help="folder for what comes back")
     line.add_argument("--work", type=Path, default=Path("kit_run"), help="run folder on the spot")
     line.add_argument("--carried", type=Path, help="folder with the pieces of an earlier sitting")
@@ -83,8 +86,8 @@ def run_sitting(options: argparse.Namespace, asked: Callable[[], bool]) -> bool:
     if options.carried is not None and not (work / "last.pt").is_file():
         join_file(STATE, options.carried, work / "last.pt")
     options.out.mkdir(parents=True, exist_ok=True)
-    sit = _sit_with_crops if options.network == "crops" else _sit_with_detector
-    is_done = sit(options, work, asked)
+    sit = {"detector": _sit_with_detector, "crops": _sit_with_crops, "states": _sit_with_states}
+    is_done = sit[options.network](options, work, asked)
     cut_file(work / STATE, options.out)
     shutil.copyfile(work / "log.csv", options.out / "log.csv")
     return is_done
@@ -92,31 +95,66 @@ def run_sitting(options: argparse.Namespace, asked: Callable[[], bool]) -> bool:
 
 def _sit_with_crops(options: argparse.Namespace, work: Path, asked: Callable[[], bool]) -> bool:
     config = CropTrainConfig(
-        assemblies=tuple(options.assemblies),
-        output=work,
-        scenes=tuple(options.crop_scenes),
-        scene_share=0.5,
-        start=options.start,
-        minutes=options.total,
-        learning_rate=options.learning_rate,
-        generators=options.loaders,
-        shard=SHARD,
-        pool=max(1, options.fresh // SHARD),
-        first_shards=4,
-        validation_crops=12,
-        batch=options.batch,
-        device=options.device,
-        seed=options.seed,
+        **_of_crops(options, work), learning_rate=options.learning_rate, validation_crops=12
     )
-    session = CropSession(config)
+    return _sit(CropSession(config), "crops", options, work, asked)
+
+
+def _sit_with_states(options: argparse.Namespace, work: Path, asked: Callable[[], bool]) -> bool:
+    config = StateTrainConfig(**_of_crops(options, work), learning_rate=options.learning_rate)
+    return _sit(StateSession(config), "states", options, work, asked)
+
+
+def _of_crops(options: argparse.Namespace, work: Path) -> dict[str, Any]:
+    """What training on crops is told alike."""
+    return {
+        "assemblies": tuple(options.assemblies),
+        "output": work,
+        "scenes": tuple(options.crop_scenes),
+        "scene_share": 0.5,
+        "start": options.start,
+        "minutes": options.total,
+        "generators": options.loaders,
+        "shard": SHARD,
+        "pool": max(1, options.fresh // SHARD),
+        "first_shards": 4,
+        "batch": options.batch,
+        "device": options.device,
+        "seed": options.seed,
+    }
+
+
+@runtime_checkable
+class _Session(Protocol):
+    """A run on crops."""
+
+    @property
+    def last(self) -> Path: ...
+
+    def go(
+        self, report: Callable[[CropReport | StateReport], None], stop: Callable[[], bool]
+    ) -> bool: ...
+
+    def validate(self) -> object: ...
+
+    def checkpoint(self) -> None: ...
+
+
+def _sit(
+    session: _Session,
+    name: str,
+    options: argparse.Namespace,
+    work: Path,
+    asked: Callable[[], bool],
+) -> bool:
     is_done = session.go(_minute_lines(), _sitting_over(options, asked))
     if not asked():  # who sends SIGTERM does not wait for long
         session.validate()
         session.checkpoint()
     shutil.copyfile(session.last, work / STATE)
-    for name in ("crops.safetensors", "crops.json"):
-        if (work / name).is_file():
-            shutil.copyfile(work / name, options.out / name)
+    for file in (f"{name}.safetensors", f"{name}.json"):
+        if (work / file).is_file():
+            shutil.copyfile(work / file, options.out / file)
     return is_done
 
 
@@ -157,15 +195,15 @@ def _sitting_over(options: argparse.Namespace, asked: Callable[[], bool]) -> Cal
     return lambda: time.monotonic() > end or asked()
 
 
-def _minute_lines() -> Callable[[TrainReport | CropReport], None]:
+def _minute_lines() -> Callable[[TrainReport | CropReport | StateReport], None]:
     told = 0.0
 
-    def tell(report: TrainReport | CropReport) -> None:
+    def tell(report: TrainReport | CropReport | StateReport) -> None:
         nonlocal told
         if time.monotonic() - told >= LINE_SECONDS or report.share >= 1:
             told = time.monotonic()
             losses = " ".join(f"{name} {value:.2f}" for name, value in report.losses.items())
-            rate = report.crops_per_s if isinstance(report, CropReport) else report.inputs_per_s
+            rate = report.inputs_per_s if isinstance(report, TrainReport) else report.crops_per_s
             speed = f"{rate:.0f} inputs/s"
             sys.stdout.write(f"step {report.step} {100 * report.share:.1f} % {speed} {losses}\n")
             sys.stdout.flush()

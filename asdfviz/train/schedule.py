@@ -12,6 +12,7 @@ from torch import nn
 from asdfviz.train.config import Stage, TrainConfig
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.mask_config import MaskTrainConfig
+from asdfviz.train.state_config import StateTrainConfig
 
 
 def make_optimizer(
@@ -32,7 +33,9 @@ def make_optimizer(
 
 
 def rate_at(
-    config: TrainConfig | CropTrainConfig | MaskTrainConfig, step: int, share: float
+    config: TrainConfig | CropTrainConfig | MaskTrainConfig | StateTrainConfig,
+    step: int,
+    share: float,
 ) -> float:
     """Return the learning rate: warm-up by steps, level for `hold`, then half a cosine."""
     warm = min(1.0, (step + 1) / max(config.warmup_steps, 1))

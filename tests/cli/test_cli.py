@@ -49,6 +49,7 @@ COMMANDS = (
     "synth",
     "train",
     "train-crops",
+    "train-states",
     "train-masks",
     "import-gbot",
     "export",
@@ -75,7 +76,8 @@ def test_frames_that_a_training_leaves_out_are_told_before_it(
     (scene / "unchecked.json").write_text('{"3": ["jaw"]}')
     own = ("--assembly", "corner_clamp", "--out", str(tmp_path / "out"))
     crops = ("train-crops", "--validation", str(scene), "--empty-share", "2")
-    for asked in (("train", "--data", str(scene)), crops):
+    states = ("train-states", "--validation", str(scene), "--scene-share", "2")
+    for asked in (("train", "--data", str(scene)), crops, states):
         assert exit_code(*asked, *own) == 2
         note, error = capsys.readouterr().err.strip().splitlines()
         assert note.startswith(f"note: 1 frame of {scene} left out, with parts that nobody checked")
@@ -91,6 +93,7 @@ def test_nothing_is_trained_into_a_recording(
     for asked in (
         ("train", "--data", str(scene)),
         ("train-crops",),
+        ("train-states",),
         ("train-masks", "--data", str(scene)),
     ):
         assert exit_code(*asked, *own) == 2

@@ -8,12 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from asdfviz.datatypes import PoseEstimate
 from asdfviz.detector.crop_answer import CropAnswer
 from asdfviz.detector.crop_classes import crop_classes, group_box, group_name, group_radius
 from asdfviz.detector.crop_cut import CONTEXT, crop_camera
 from asdfviz.detector.network import Network
+from asdfviz.detector.state_network import StateNetwork
+from asdfviz.detector.state_weights import save_state_network
 from asdfviz.detector.weights import save_network
 from asdfviz.errors import WeightsError
 from asdfviz.geometry.camera import project
@@ -23,7 +26,7 @@ from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.first_pose import CropPoseConfig, CropPoses
 from asdfviz.methods.network import NetworkConfig
-from asdfviz.methods.state_looks import GroupLooker, StateLooks
+from asdfviz.methods.state_looks import CropStates, GroupLooker, StateLooks
 from asdfviz.pose.hypotheses import HypothesisConfig
 from asdfviz.state.appearance import AppearanceConfig
 
@@ -92,7 +95,8 @@ def test_errors_are_rarer_than_in_training(toy) -> None:
     wrong = replace(toy.assembly.states[1], is_error=True, after=0)
     assembly = replace(toy.assembly, states=(toy.assembly.states[0], wrong))
     even = FakeLooker(told=(0.0, 0.5, 0.5))
-    group = GroupLooker.of(assembly, even, config=AppearanceConfig(error_odds=0.25))
+    looker = CropStates(even, group_radius(assembly))
+    group = GroupLooker.of(assembly, looker, config=AppearanceConfig(error_odds=0.25))
     assert group is not None
     assert group.look(base_pose(toy), toy.frame(0)) == pytest.approx([0.8, 0.2])
 
@@ -179,6 +183,53 @@ def test_a_network_that_does_not_know_every_state_leaves_it_to_the_boxes(toy) ->
     assert looks(toy, looker).group is None
     with pytest.raises(WeightsError, match=r"it has base, other; the assembly has base, block"):
         looks(toy, looker, "crops")
+
+
+def _write_states(file: Path, *states: str) -> None:
+    network = StateNetwork(
+        points=0.02 * torch.randn(1, 16, 3), normals=torch.ones(1, 16, 3), states=len(states)
+    )
+    save_state_network(network, file, states={GROUP: states})
+
+
+def test_a_state_network_that_knows_the_states_is_asked_first(toy, tmp_path) -> None:
+    toy = replace(toy, assembly=replace(toy.assembly, path=str(tmp_path / "assembly.yaml")))
+    _write_states(tmp_path / "states.safetensors", "block", "base", "other")
+    _write_detector(tmp_path / "weights.safetensors", ("base", "block"))
+    looker = FakeLooker()
+    told = looks(toy, looker).probabilities((), base_pose(toy), toy.frame(0))
+    assert told is not None
+    assert told.shape == (2,)
+    assert told.sum() == pytest.approx(1)
+    assert looker.boxes == []
+    assert looks(toy, looker, "boxes").group is None
+    looks(toy, looker, "crops").probabilities((), base_pose(toy), toy.frame(0))
+    assert len(looker.boxes) == 1
+    _write_states(tmp_path / "states.safetensors", "block", "other")
+    assert looks(toy, looker).group is None  # so the assembly's own detector speaks
+    with pytest.raises(WeightsError, match=r"state network does not know all states.*train-states"):
+        looks(toy, looker, "places")
+
+
+def test_a_state_network_that_is_broken_says_so(toy, tmp_path) -> None:
+    toy = replace(toy, assembly=replace(toy.assembly, path=str(tmp_path / "assembly.yaml")))
+    with pytest.raises(WeightsError, match="no state weights"):
+        looks(toy, FakeLooker(), "places")
+    (tmp_path / "states.safetensors").write_bytes(b"nothing of the kind")
+    with pytest.raises(WeightsError, match="not a whole safetensors file"):
+        looks(toy, FakeLooker())
+    crops = CropPoseConfig(state_weights=tmp_path / "other.safetensors")
+    _write_states(tmp_path / "other.safetensors", "base", "block")
+    chosen = StateLooks.of(
+        toy.assembly,
+        config=AppearanceConfig(),
+        chosen="places",
+        detector=NetworkConfig(),
+        crops=crops,
+        crop_poses=None,
+    )
+    assert chosen.probabilities((), base_pose(toy), toy.frame(0)) is not None
+    assert chosen.probabilities((), {}, toy.frame(0)) is None
 
 
 def test_asdf_says_what_the_crop_says(toy, detector) -> None:

@@ -15,6 +15,7 @@ from asdfviz.train.checkpoint import load_checkpoint
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.kit import main
 from asdfviz.train.pieces import cut_file, join_file
+from asdfviz.train.state_config import StateTrainConfig
 
 ABSENT = (
     *("viser", "pyrender", "OpenGL", "tyro", "rich", "manifold3d", "small_gicp", "numba"),
@@ -67,15 +68,18 @@ def test_a_run_goes_on_from_what_a_sitting_that_was_ended_early_brought_back(
     assert "state.pt.json" in told
 
 
+@pytest.mark.parametrize(
+    ("network", "session"), [("crops", "CropSession"), ("states", "StateSession")]
+)
 def test_crops_are_not_judged_first_where_a_sitting_is_ended_early(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, network: str, session: str
 ) -> None:
     done: list[str] = []
 
     class Session:
         last = tmp_path / "work" / "last.pt"
 
-        def __init__(self, config: CropTrainConfig) -> None:
+        def __init__(self, config: CropTrainConfig | StateTrainConfig) -> None:
             (config.output / "log.csv").write_text("")
 
         def go(self, report: object, stop: Callable[[], bool]) -> bool:
@@ -91,9 +95,8 @@ def test_crops_are_not_judged_first_where_a_sitting_is_ended_early(
         def checkpoint(self) -> None:
             self.last.write_text("all of it")
 
-    monkeypatch.setattr("asdfviz.train.kit.CropSession", Session)
-    crops = ("--network", "crops")
-    assert main(line(*crops, out=tmp_path / "out", work=tmp_path / "work")) == 130
+    monkeypatch.setattr(f"asdfviz.train.kit.{session}", Session)
+    assert main(line("--network", network, out=tmp_path / "out", work=tmp_path / "work")) == 130
     assert not done
     assert (tmp_path / "out" / "state.pt.000").read_text() == "all of it"
 

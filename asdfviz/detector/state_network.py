@@ -1,0 +1,145 @@
+"""The state network: from a crop about the base part, and how that part lies in it, to the assembly's state.
+
+What is joined to a base part whose pose is known stands at known places of the picture. So the network
+does not search: it reads its maps at the places where points of the joined parts would be seen, each
+point always in the same place of what it reads, and tells from these which parts are there. The maps
+are made as `CropNetwork` makes them and begin with its weights.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float, Float32, Int64
+from torch import Tensor, nn
+from torch.nn.functional import grid_sample, interpolate, silu
+
+from asdfviz.detector.blocks import Bottleneck, Conv
+from asdfviz.detector.crop_network import Film
+
+MAPS = (
+    "quarter", "know_quarter", "eighth", "know_eighth", "sixteenth", "know_sixteenth", "lift",
+)  # fmt: skip
+"""Modules that are those of a crop network."""
+OWN = 10
+"""Numbers that are kept of what is read at a point."""
+_POSE = 9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BasePoses:
+    """How base parts lie in crops."""
+
+    R: Float32[Tensor, "b 3 3"]
+    """R_crop_base."""
+    t: Float32[Tensor, "b 3"]
+    """Base part's origin in the crop's camera, metres."""
+    focal: Float32[Tensor, "b"]
+    """Of the crop, pixels; its centre is the principal point."""
+
+
+class StateNetwork(nn.Module):
+    """About 1.5 million parameters with the default sizes."""
+
+    points: Tensor
+    normals: Tensor
+
+    def __init__(
+        self,
+        *,
+        points: Float32[Tensor, "g p 3"],
+        normals: Float32[Tensor, "g p 3"],
+        states: int,
+        widths: tuple[int, ...] = (24, 48, 96, 160),
+        hidden: int = 192,
+    ) -> None:
+        """Build it with random weights.
+
+        Args:
+            points: of every group, on the parts in their places, base part's frame, metres.
+            normals: outward, likewise.
+            states: of all groups together.
+            widths: channels at strides 2, 4, 8 and 16.
+            hidden: features from which states are told.
+        """
+        super().__init__()
+        groups, count = points.shape[:2]
+        self.groups, self.states = groups, states
+        self.shape: dict[str, object] = {
+            "groups": groups,
+            "points": count,
+            "states": states,
+            "widths": list(widths),
+            "hidden": hidden,
+        }
+        self.register_buffer("points", points)
+        self.register_buffer("normals", normals)
+        a, b, c, d = widths
+        self.quarter = nn.Sequential(
+            Conv(3, a, 3, stride=2), Conv(a, b, 3, stride=2), Bottleneck(b, shortcut=True)
+        )
+        self.know_quarter = Film(groups, b)
+        self.eighth = nn.Sequential(
+            Conv(b, c, 3, stride=2), Bottleneck(c, shortcut=True), Bottleneck(c, shortcut=True)
+        )
+        self.know_eighth = Film(groups, c)
+        self.sixteenth = nn.Sequential(Conv(c, d, 3, stride=2), Bottleneck(d, shortcut=True))
+        self.know_sixteenth = Film(groups, d)
+        self.lift = nn.ModuleList([nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)])
+        self.own = nn.Parameter(torch.randn(groups, count, b + 2, OWN) * (b + 2) ** -0.5)
+        self.own_shift = nn.Parameter(torch.zeros(groups, count, OWN))
+        self.pose = nn.Sequential(nn.Linear(_POSE, 64), nn.SiLU(), nn.Linear(64, count))
+        self.drop = nn.Dropout(0.1)
+        self.gather = nn.Parameter(
+            torch.randn(groups, count * OWN + d + _POSE, hidden) * (count * OWN) ** -0.5
+        )
+        self.gather_shift = nn.Parameter(torch.zeros(groups, hidden))
+        self.mix = nn.Linear(hidden, hidden)
+        self.to_states = nn.Linear(hidden, states)
+
+    def forward(
+        self, crops: Float[Tensor, "b 3 s s"], group: Int64[Tensor, "b"], poses: BasePoses
+    ) -> Float[Tensor, "b t"]:
+        """Logits of the states of all groups, of which a crop's own count.
+
+        Args:
+            crops: RGB, -0.5 to 0.5; a multiple of 16 on a side, `STATE_PIXELS` by default.
+            group: of every crop.
+            poses: of the base part in it.
+        """
+        quarter = self.know_quarter(self.quarter(crops), group)
+        eighth = self.know_eighth(self.eighth(quarter), group)
+        sixteenth = self.know_sixteenth(self.sixteenth(eighth), group)
+        small, middle, large = self.lift
+        up = middle(eighth) + _doubled(small(sixteenth))
+        maps = silu(large(quarter) + _doubled(up))
+        read, facing = self._read(maps, group, poses, side=crops.shape[-1])
+        # How a point is turned, and what may hide it from there, weighs what is read at it.
+        R = poses.R.flatten(1)
+        weight = torch.sigmoid(self.pose(R) + 2 * facing)
+        kept = torch.einsum("bpc,bpco->bpo", read, self.own[group]) + self.own_shift[group]
+        seen = (silu(kept) * weight[:, :, None]).flatten(1)
+        features = torch.cat([seen, sixteenth.mean((2, 3)), R], dim=1)
+        gathered = torch.einsum("bf,bfh->bh", self.drop(features), self.gather[group])
+        hidden = silu(gathered + self.gather_shift[group])
+        return self.to_states(hidden + silu(self.mix(hidden)))
+
+    def _read(
+        self, maps: Float[Tensor, "b c i j"], group: Tensor, poses: BasePoses, *, side: int
+    ) -> tuple[Float[Tensor, "b p e"], Float[Tensor, "b p"]]:
+        """The maps at every point, whether it is in view and faces the camera; and how much it does."""
+        R = poses.R.transpose(1, 2)
+        seen = self.points[group] @ R + poses.t[:, None]
+        normals = self.normals[group] @ R
+        depth = seen[:, :, 2:].clamp(min=1e-3)
+        grid = seen[:, :, :2] / depth * (poses.focal / (side / 2))[:, None, None]
+        distance = (seen * seen).sum(2).sqrt()
+        facing = -(normals * seen).sum(2) / distance.clamp(min=1e-3)
+        found = grid_sample(maps.float(), grid[:, None], align_corners=False)
+        extra = torch.stack([(grid.abs().amax(2) < 1).float(), facing], dim=2)
+        return torch.cat([found[:, :, 0].transpose(1, 2), extra], dim=2), facing
+
+
+def _doubled(x: Tensor) -> Tensor:
+    return interpolate(x, scale_factor=2.0, mode="nearest")
