@@ -28,6 +28,7 @@ from asdfviz.datatypes import (
 )
 from asdfviz.errors import AsdfvizError, InputError, MethodError, SequenceError, Stopped
 from asdfviz.methods.answers import check_answer
+from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.first_pose import (
     CropPoseConfig,
     FirstPose,
@@ -37,6 +38,7 @@ from asdfviz.methods.first_pose import (
 from asdfviz.methods.network import NetworkConfig, masks_path, weights_path
 from asdfviz.methods.registry import build_method
 from asdfviz.methods.spec import Method, MethodSpec
+from asdfviz.methods.state_looks import asked_state_network
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.track.viewpoint_cache import load_viewpoint_models
 
@@ -161,6 +163,9 @@ def input_hashes(sequence: Sequence, assembly: Assembly, config: object) -> dict
         weights = crop_weights_path(crops, assembly)
         if weights.is_file():
             hashes["crops"] = file_sha256(weights)
+    states = _state_network(config, assembly)
+    if states is not None and states.is_file():
+        hashes["states"] = file_sha256(states)
     masks = _masks(config, assembly)
     if masks is not None and masks.is_file():
         hashes["masks"] = file_sha256(masks)
@@ -239,11 +244,24 @@ def resolved_config(config: Any, assembly: Assembly) -> Any:
         absolute["first_pose"] = _first_pose(config, assembly)
         if absolute["first_pose"] == "hypotheses":
             weights = crop_weights_path(crops, assembly)
-            absolute["crops"] = dataclasses.replace(crops, weights=weights)
+            crops = dataclasses.replace(crops, weights=weights)
+        states = _state_network(config, assembly)
+        if states is not None:
+            absolute["state_looks"] = "places"
+            crops = dataclasses.replace(crops, state_weights=states)
+        absolute["crops"] = crops
     masks = _masks(config, assembly)
     if masks is not None:
         absolute["masks"] = masks
     return dataclasses.replace(config, **absolute) if absolute else config
+
+
+def _state_network(config: Any, assembly: Assembly) -> Path | None:
+    """The weights of the state network, if one runs."""
+    if not isinstance(config, Yolov8PoseConfig | AsdfConfig):
+        return None
+    first_pose = _first_pose(config, assembly)
+    return asked_state_network(config.state_looks, first_pose, config.crops, assembly)
 
 
 def _masks(config: Any, assembly: Assembly) -> Path | None:

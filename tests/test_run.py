@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from asdfviz import __version__
 from asdfviz.datatypes import (
@@ -23,6 +24,8 @@ from asdfviz.datatypes import (
     State,
     StateEstimate,
 )
+from asdfviz.detector.state_network import StateNetwork
+from asdfviz.detector.state_weights import save_state_network
 from asdfviz.errors import MethodError, SequenceError, WeightsError
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.methods.asdf_config import AsdfConfig
@@ -229,6 +232,30 @@ def test_crop_weights_are_named_where_first_poses_come_from_them(
     weights.write_bytes(b"two")
     assert input_hashes(sequence, assembly, AsdfConfig())["crops"] != before
     assert "crops" not in input_hashes(sequence, assembly, AsdfConfig(first_pose="keypoints"))
+
+
+def test_the_state_network_is_named_where_it_is_asked(
+    sequence: ToySequence, assembly: Assembly
+) -> None:
+    folder = Path(assembly.path).parent
+    (folder / "crops.safetensors").write_bytes(b"one")
+    assert resolved_config(AsdfConfig(), assembly).state_looks is None
+    nowhere = torch.zeros(1, 4, 3)
+    known = {f"{assembly.name}//group": [s.name for s in assembly.states]}
+    network = StateNetwork(
+        points=nowhere,
+        normals=nowhere.clone(),
+        axes=nowhere[:, 0].clone(),
+        states=len(assembly.states),
+    )
+    weights = folder / "states.safetensors"
+    save_state_network(network, weights, states=known)
+    used = resolved_config(AsdfConfig(), assembly)
+    assert (used.state_looks, used.crops.state_weights) == ("places", weights.resolve())
+    assert "states" in input_hashes(sequence, assembly, AsdfConfig())
+    for config in (AsdfConfig(state_looks="crops"), AsdfConfig(first_pose="keypoints")):
+        assert "states" not in input_hashes(sequence, assembly, config)
+        assert resolved_config(config, assembly).state_looks == config.state_looks
 
 
 def test_progress_is_told_after_every_frame(spec: MethodSpec, sequence: ToySequence) -> None:

@@ -1,7 +1,7 @@
-"""How the state network's crops are cut: about the base part as its pose says, rolled so that it lies level.
+"""How the state network's crops are cut: by the base part's pose, about all places that joined parts take.
 
-Training and use take the same camera: its axis goes through the base part's middle, the crop is as wide as
-the assembly gets there, and the base part's longest axis points to the right.
+Training and use take the same camera: it looks at the middle of the box in which the group's points are seen,
+the base part's longest axis points to the right, and the box just fits.
 """
 
 from __future__ import annotations
@@ -9,56 +9,84 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float32
+from torch import Tensor, atan2
 
-from asdfviz.datatypes import Assembly
-from asdfviz.detector.crop_classes import group_radius
-from asdfviz.detector.crop_cut import CONTEXT, CropCamera
-from asdfviz.geometry.rotation_grid import rotation_to_ray
-from asdfviz.geometry.sampling import surface_middle, surface_points
-from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import apply, rotation_about
+from asdfviz.datatypes import Part
+from asdfviz.detector.view_rotations import about_z, towards
+from asdfviz.geometry.sampling import surface_points
+from asdfviz.geometry.shapes import Vector
 
 STATE_PIXELS = 128
 """Side of the network's input."""
+MARGIN = 1.15
+"""Side of a crop over the longer side of the box."""
+NEAREST = 0.03
+"""Metres; points nearer than this are not before the camera."""
 _SAMPLES = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class GroupFrame:
-    """What a crop of an assembly's group is cut by, base part's frame."""
+class BasePoses:
+    """How base parts lie in crops, or in frames."""
 
-    middle: Vector
-    """`surface_middle` of the base part, metres."""
-    axis: Vector
-    """Unit vector along the base part's greatest extent."""
-    radius: float
-    """`group_radius`, metres."""
-
-    @classmethod
-    def of(cls, assembly: Assembly) -> GroupFrame:
-        """Of an assembly's base part."""
-        mesh = assembly.parts[assembly.base].mesh
-        spread = np.cov(surface_points(mesh.vertices, mesh.faces, _SAMPLES).T)
-        axis = np.linalg.eigh(spread)[1][:, 2]
-        axis = axis * np.sign(axis[np.abs(axis).argmax()])
-        return cls(surface_middle(mesh.vertices, mesh.faces), axis, group_radius(assembly))
+    R: Float32[Tensor, "b 3 3"]
+    """R_camera_base."""
+    t: Float32[Tensor, "b 3"]
+    """Base part's origin in the camera, metres."""
 
 
-def state_camera(group: GroupFrame, T_camera_base: Transform) -> CropCamera | None:
-    """The camera of a crop of `STATE_PIXELS` a side; None where the base part is not before the frame's.
+@dataclass(frozen=True, slots=True, eq=False)
+class StateCameras:
+    """Cameras of crops of `STATE_PIXELS` a side, which share the centre of those that the poses are given in."""
+
+    R_camera_crop: Float32[Tensor, "b 3 3"]
+    focal: Float32[Tensor, "b"]
+    """Pixels; the principal point is the crop's middle."""
+
+
+def state_cameras(
+    points: Float32[Tensor, "b p 3"],
+    axes: Float32[Tensor, "b 3"],
+    poses: BasePoses,
+    *,
+    roll: Float32[Tensor, "b"] | None = None,
+) -> StateCameras:
+    """The cameras of crops of groups.
 
     Args:
-        group: of the assembly.
-        T_camera_base: where the base part is, metres.
+        points: of every group, base part's frame, metres.
+        axes: `long_axis` of every base part.
+        poses: of the base parts in a camera; every point farther ahead than `NEAREST`.
+        roll: by which crops are turned besides, radians.
     """
-    middle = apply(T_camera_base, group.middle[None])[0]
-    if middle[2] <= 0:
-        return None
-    R = rotation_to_ray(middle)
-    across = R.T @ T_camera_base[:3, :3] @ group.axis
-    roll = float(np.arctan2(across[1], across[0]))
-    distance = float(np.linalg.norm(middle))
-    focal = STATE_PIXELS * distance / (CONTEXT * 2 * group.radius)
-    center = (STATE_PIXELS - 1) / 2
-    K = np.array([[focal, 0, center], [0, focal, center], [0, 0, 1.0]])
-    return CropCamera(K, R @ rotation_about(np.array([0.0, 0.0, 1.0]), roll))
+    seen = points @ poses.R.transpose(1, 2) + poses.t[:, None]
+    middle = seen.mean(dim=1)
+    R_ahead = towards(middle[:, :2] / middle[:, 2:])
+    across = (R_ahead.transpose(1, 2) @ poses.R @ axes[:, :, None])[:, :, 0]
+    angle = atan2(across[:, 1], across[:, 0])
+    R_level = R_ahead @ about_z(angle if roll is None else angle + roll)
+    level = seen @ R_level
+    flat = level[:, :, :2] / level[:, :, 2:].clamp(min=NEAREST)
+    low, high = flat.amin(1), flat.amax(1)
+    side = (high - low).amax(1)
+    return StateCameras(R_level @ towards((low + high) / 2), STATE_PIXELS / (MARGIN * side))
+
+
+def seen_by(cameras: StateCameras, poses: BasePoses) -> BasePoses:
+    """The poses in the crops' cameras."""
+    R = cameras.R_camera_crop.transpose(1, 2)
+    return BasePoses(R @ poses.R, (R @ poses.t[:, :, None])[:, :, 0])
+
+
+def are_ahead(points: Float32[Tensor, "b p 3"], poses: BasePoses) -> bool:
+    """Whether every point of every group lies before the camera."""
+    depth = (points @ poses.R.transpose(1, 2) + poses.t[:, None])[:, :, 2]
+    return bool((depth > NEAREST).all())
+
+
+def long_axis(part: Part) -> Vector:
+    """Unit vector along a part's greatest extent, part's frame."""
+    points = surface_points(part.mesh.vertices, part.mesh.faces, _SAMPLES)
+    axis = np.linalg.eigh(np.cov(points.T))[1][:, 2]
+    return axis * np.sign(axis[np.abs(axis).argmax()])

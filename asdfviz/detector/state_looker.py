@@ -11,10 +11,16 @@ import torch
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.blocks import Conv
 from asdfviz.detector.crop_classes import group_name
-from asdfviz.detector.crop_cut import cut
+from asdfviz.detector.crop_cut import CropCamera, cut
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.detector.state_cut import STATE_PIXELS, GroupFrame, state_camera
-from asdfviz.detector.state_network import BasePoses
+from asdfviz.detector.state_cut import (
+    STATE_PIXELS,
+    BasePoses,
+    StateCameras,
+    are_ahead,
+    seen_by,
+    state_cameras,
+)
 from asdfviz.detector.state_weights import load_state_network
 from asdfviz.geometry.shapes import Intrinsics, Rgb, Scores, Transform
 
@@ -47,13 +53,12 @@ class StateLooker:
         self._network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
         self._number = {name: place for place, name in enumerate(loaded.states)}
         self._span = loaded.spans
-        self._frames: dict[str, GroupFrame] = {}
 
     @torch.inference_mode()
     def look(
         self, rgb: Rgb, K: Intrinsics, assembly: Assembly, T_camera_base: Transform
     ) -> Scores | None:
-        """Probability of every state, in the network's order; None where the base part is behind the camera.
+        """Probability of every state, in the network's order; None where the group reaches behind the camera.
 
         Args:
             rgb: the frame.
@@ -61,28 +66,25 @@ class StateLooker:
             assembly: whose group; the network knows it.
             T_camera_base: where the base part is, metres.
         """
-        name, device = group_name(assembly), self._config.device
-        if name not in self._frames:
-            self._frames[name] = GroupFrame.of(assembly)
-        camera = state_camera(self._frames[name], T_camera_base)
-        if camera is None:
+        device, span = self._config.device, self._span[group_name(assembly)]
+        group = torch.tensor([self._number[group_name(assembly)]], device=device)
+        T = torch.as_tensor(T_camera_base, dtype=torch.float32, device=device)[None]
+        poses, points = BasePoses(T[:, :3, :3], T[:, :3, 3]), self._network.points[group]
+        if not are_ahead(points, poses):
             return None
-        picture = torch.as_tensor(cut(rgb, camera, K, side=STATE_PIXELS)).to(device)
-        crops = (picture.permute(2, 0, 1)[None].float() / 255 - 0.5).contiguous(
-            memory_format=torch.channels_last
-        )
-        R_crop_camera = camera.R_camera_crop.T
-
-        def tensor(values: np.ndarray) -> torch.Tensor:
-            return torch.as_tensor(values, dtype=torch.float32, device=device)[None]
-
-        poses = BasePoses(
-            tensor(R_crop_camera @ T_camera_base[:3, :3]),
-            tensor(R_crop_camera @ T_camera_base[:3, 3]),
-            tensor(np.array(camera.K[0, 0])),
-        )
-        group = torch.tensor([self._number[name]], device=device)
+        cameras = state_cameras(points, self._network.axes[group], poses)
+        there = seen_by(cameras, poses)
+        picture = torch.as_tensor(cut(rgb, _camera(cameras), K, side=STATE_PIXELS)).to(device)
+        crops = picture.permute(2, 0, 1)[None].float() / 255 - 0.5
+        crops = crops.contiguous(memory_format=torch.channels_last)
         half = self._config.bfloat16 and has_bfloat16(device)
         with torch.autocast(torch.device(device).type, torch.bfloat16, enabled=half):
-            logits = self._network(crops, group, poses)
-        return logits[0, self._span[name]].double().softmax(0).cpu().numpy()
+            logits = self._network(crops, group, there, cameras.focal)
+        return logits[0, span].double().softmax(0).cpu().numpy()
+
+
+def _camera(cameras: StateCameras) -> CropCamera:
+    """The first of them, to cut with."""
+    focal, center = float(cameras.focal[0]), (STATE_PIXELS - 1) / 2
+    K = np.array([[focal, 0, center], [0, focal, center], [0, 0, 1.0]])
+    return CropCamera(K, cameras.R_camera_crop[0].double().cpu().numpy())

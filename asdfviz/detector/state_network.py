@@ -8,8 +8,6 @@ are made as `CropNetwork` makes them and begin with its weights.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from jaxtyping import Float, Float32, Int64
 from torch import Tensor, nn
@@ -17,6 +15,7 @@ from torch.nn.functional import grid_sample, interpolate, silu
 
 from asdfviz.detector.blocks import Bottleneck, Conv
 from asdfviz.detector.crop_network import Film
+from asdfviz.detector.state_cut import BasePoses
 
 MAPS = (
     "quarter", "know_quarter", "eighth", "know_eighth", "sixteenth", "know_sixteenth", "lift",
@@ -27,29 +26,19 @@ OWN = 10
 _POSE = 9
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BasePoses:
-    """How base parts lie in crops."""
-
-    R: Float32[Tensor, "b 3 3"]
-    """R_crop_base."""
-    t: Float32[Tensor, "b 3"]
-    """Base part's origin in the crop's camera, metres."""
-    focal: Float32[Tensor, "b"]
-    """Of the crop, pixels; its centre is the principal point."""
-
-
 class StateNetwork(nn.Module):
     """About 1.5 million parameters with the default sizes."""
 
     points: Tensor
     normals: Tensor
+    axes: Tensor
 
     def __init__(
         self,
         *,
         points: Float32[Tensor, "g p 3"],
         normals: Float32[Tensor, "g p 3"],
+        axes: Float32[Tensor, "g 3"],
         states: int,
         widths: tuple[int, ...] = (24, 48, 96, 160),
         hidden: int = 192,
@@ -59,6 +48,7 @@ class StateNetwork(nn.Module):
         Args:
             points: of every group, on the parts in their places, base part's frame, metres.
             normals: outward, likewise.
+            axes: `long_axis` of every base part.
             states: of all groups together.
             widths: channels at strides 2, 4, 8 and 16.
             hidden: features from which states are told.
@@ -75,6 +65,7 @@ class StateNetwork(nn.Module):
         }
         self.register_buffer("points", points)
         self.register_buffer("normals", normals)
+        self.register_buffer("axes", axes)
         a, b, c, d = widths
         self.quarter = nn.Sequential(
             Conv(3, a, 3, stride=2), Conv(a, b, 3, stride=2), Bottleneck(b, shortcut=True)
@@ -99,14 +90,19 @@ class StateNetwork(nn.Module):
         self.to_states = nn.Linear(hidden, states)
 
     def forward(
-        self, crops: Float[Tensor, "b 3 s s"], group: Int64[Tensor, "b"], poses: BasePoses
+        self,
+        crops: Float[Tensor, "b 3 s s"],
+        group: Int64[Tensor, "b"],
+        poses: BasePoses,
+        focal: Float[Tensor, "b"],
     ) -> Float[Tensor, "b t"]:
         """Logits of the states of all groups, of which a crop's own count.
 
         Args:
             crops: RGB, -0.5 to 0.5; a multiple of 16 on a side, `STATE_PIXELS` by default.
             group: of every crop.
-            poses: of the base part in it.
+            poses: of the base part in its camera.
+            focal: of that camera, pixels; the crop's middle is its principal point.
         """
         quarter = self.know_quarter(self.quarter(crops), group)
         eighth = self.know_eighth(self.eighth(quarter), group)
@@ -114,7 +110,7 @@ class StateNetwork(nn.Module):
         small, middle, large = self.lift
         up = middle(eighth) + _doubled(small(sixteenth))
         maps = silu(large(quarter) + _doubled(up))
-        read, facing = self._read(maps, group, poses, side=crops.shape[-1])
+        read, facing = self._read(maps, group, poses, focal / (crops.shape[-1] / 2))
         # How a point is turned, and what may hide it from there, weighs what is read at it.
         R = poses.R.flatten(1)
         weight = torch.sigmoid(self.pose(R) + 2 * facing)
@@ -126,14 +122,15 @@ class StateNetwork(nn.Module):
         return self.to_states(hidden + silu(self.mix(hidden)))
 
     def _read(
-        self, maps: Float[Tensor, "b c i j"], group: Tensor, poses: BasePoses, *, side: int
+        self, maps: Float[Tensor, "b c i j"], group: Tensor, poses: BasePoses, scale: Tensor
     ) -> tuple[Float[Tensor, "b p e"], Float[Tensor, "b p"]]:
         """The maps at every point, whether it is in view and faces the camera; and how much it does."""
-        R = poses.R.transpose(1, 2)
-        seen = self.points[group] @ R + poses.t[:, None]
-        normals = self.normals[group] @ R
+        # Sums, not matrix products: those would be rounded to bfloat16 where the maps are.
+        R = poses.R[:, None]
+        seen = (R * self.points[group][:, :, None]).sum(3) + poses.t[:, None]
+        normals = (R * self.normals[group][:, :, None]).sum(3)
         depth = seen[:, :, 2:].clamp(min=1e-3)
-        grid = seen[:, :, :2] / depth * (poses.focal / (side / 2))[:, None, None]
+        grid = seen[:, :, :2] / depth * scale[:, None, None]
         distance = (seen * seen).sum(2).sqrt()
         facing = -(normals * seen).sum(2) / distance.clamp(min=1e-3)
         found = grid_sample(maps.float(), grid[:, None], align_corners=False)

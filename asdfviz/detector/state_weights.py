@@ -49,7 +49,7 @@ def save_state_network(
         "states": json.dumps({name: list(of) for name, of in states.items()}),
         "shape": json.dumps(network.shape),
     }
-    tensors = packed(network, by_last=("own", "gather"), exact=("points", "normals"))
+    tensors = packed(network, by_last=("own", "gather"), exact=("points", "normals", "axes"))
     write_tensors(path, tensors, metadata)
 
 
@@ -100,6 +100,7 @@ def state_network_of_shape(shape: dict[str, Any]) -> StateNetwork:
     return StateNetwork(
         points=nowhere,
         normals=nowhere.clone(),
+        axes=nowhere[:, 0].clone(),
         states=int(shape["states"]),
         widths=tuple(int(w) for w in shape["widths"]),
         hidden=int(shape["hidden"]),

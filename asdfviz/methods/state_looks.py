@@ -20,7 +20,13 @@ from asdfviz.detector.crop_classes import group_box, group_name, group_radius
 from asdfviz.errors import WeightsError
 from asdfviz.geometry.boxes import is_in_view
 from asdfviz.geometry.shapes import Intrinsics, Rgb, Scores, Transform
-from asdfviz.methods.first_pose import CropPoseConfig, CropPoses, LooksAtParts, load_looker
+from asdfviz.methods.first_pose import (
+    CropPoseConfig,
+    CropPoses,
+    FirstPose,
+    LooksAtParts,
+    load_looker,
+)
 from asdfviz.methods.network import NetworkConfig, has_own_detector, shipped_weights
 from asdfviz.state.appearance import AppearanceConfig, appearance_probabilities
 
@@ -115,6 +121,27 @@ def state_weights_path(crops: CropPoseConfig, assembly: Assembly) -> Path:
     return shipped_weights(assembly, STATE_WEIGHTS)
 
 
+def asked_state_network(
+    chosen: StateLooksFrom | None, first_pose: FirstPose, crops: CropPoseConfig, assembly: Assembly
+) -> Path | None:
+    """The file of the state network that methods with these options ask; None: they ask none.
+
+    Args:
+        chosen: what tells the state by its looks; None takes a state network where first poses come
+            from crops and there is one that knows the assembly's states.
+        first_pose: what first poses come from.
+        crops: where the weights are.
+        assembly: whose states.
+
+    Raises:
+        WeightsError: the network is corrupt.
+    """
+    is_default = chosen is None and first_pose == "hypotheses"
+    if chosen == "places" or (is_default and has_state_network(crops, assembly)):
+        return state_weights_path(crops, assembly)
+    return None
+
+
 def load_state_looker(crops: CropPoseConfig, assembly: Assembly) -> LooksAtGroups:
     """Load the state network for an assembly.
 
@@ -198,7 +225,8 @@ class StateLooks:
         """
         if chosen == "boxes" or (chosen is None and crop_poses is None):
             return cls(assembly, config, None)
-        if chosen == "places" or (chosen is None and has_state_network(crops, assembly)):
+        first_pose = "keypoints" if crop_poses is None else "hypotheses"
+        if asked_state_network(chosen, first_pose, crops, assembly) is not None:
             looker = load_state_looker(crops, assembly)
         elif chosen is None and has_own_detector(detector, assembly):
             return cls(assembly, config, None)

@@ -18,6 +18,7 @@ from torch.nn.functional import avg_pool2d, grid_sample
 from asdfviz.detector.crop_classes import CropClass, group_states, state_spans
 from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
 from asdfviz.detector.crop_network import STRIDE
+from asdfviz.detector.view_rotations import about_z, towards
 from asdfviz.geometry.rotation_grid import Quaternions, even_rotations
 from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_data import Crops
@@ -236,23 +237,6 @@ def cut_views(
     grid = grid.transpose(1, 2).view(len(focal), side, side, 2)
     pictures = crops.pictures.float() / 255
     return grid_sample(pictures, grid, padding_mode="border", align_corners=False)
-
-
-def about_z(angle: Float32[Tensor, "b"]) -> Float32[Tensor, "b 3 3"]:
-    """Rotations about the optical axis."""
-    c, s, o = torch.cos(angle), torch.sin(angle), torch.zeros_like(angle)
-    rows = torch.stack([c, -s, o, s, c, o, o, o, o + 1], dim=1)
-    return rows.view(-1, 3, 3)
-
-
-def towards(flat: Float32[Tensor, "b 2"]) -> Float32[Tensor, "b 3 3"]:
-    """Smallest rotations of the optical axis onto rays (x, y, 1), as `rotation_to_ray`."""
-    ray = torch.cat([flat, torch.ones_like(flat[:, :1])], dim=1)
-    ray = ray / (ray * ray).sum(1, keepdim=True).sqrt()
-    x, y, z = ray.T
-    k = 1 / (1 + z)
-    rows = [1 - k * x * x, -k * x * y, x, -k * x * y, 1 - k * y * y, y, -x, -y, z]
-    return torch.stack(rows, dim=1).view(-1, 3, 3)
 
 
 def _quaternions(R: Float32[Tensor, "b 3 3"]) -> Float32[Tensor, "b 4"]:

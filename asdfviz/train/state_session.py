@@ -43,7 +43,6 @@ from asdfviz.train.state_views import (
     STORED_STATE_PIXELS,
     StateViewMaker,
     StateViews,
-    group_points,
 )
 from asdfviz.train.whole_run import resume_whole, whole_run
 
@@ -79,10 +78,10 @@ class StateSession(Sitting):
         self.states = group_states(classes)
         self.views = StateViewMaker(assemblies, classes, device=config.device)
         self.found = self._found(assemblies)
-        sampled = [group_points(assembly) for assembly in assemblies]
         self.network = StateNetwork(
-            points=to_tensor(np.stack([points for points, _ in sampled]), "cpu"),
-            normals=to_tensor(np.stack([normals for _, normals in sampled]), "cpu"),
+            points=self.views.points,
+            normals=self.views.normals,
+            axes=self.views.axes,
             states=sum(len(states) for states in self.states.values()),
         ).to(config.device)
         self.network.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue] - missing overload in torch's stubs
@@ -161,7 +160,7 @@ class StateSession(Sitting):
         half = config.bfloat16 and has_bfloat16(config.device)
         pictures = batch.pictures.contiguous(memory_format=torch.channels_last)
         with torch.autocast(torch.device(config.device).type, torch.bfloat16, enabled=half):
-            logits = self.network(pictures, batch.groups, batch.poses)
+            logits = self.network(pictures, batch.groups, batch.poses, batch.focal)
         return cross_entropy(self.views.own_states(logits.float(), batch.groups), batch.states)
 
     def validate(self) -> tuple[StateValidation, ...]:

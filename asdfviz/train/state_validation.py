@@ -103,7 +103,7 @@ def validate_states(
     missed: list[np.ndarray] = []
     shown: list[np.ndarray] = []
     for batch in batches:
-        logits = network(batch.pictures, batch.groups, batch.poses).float()
+        logits = network(batch.pictures, batch.groups, batch.poses, batch.focal).float()
         own = views.own_states(logits, batch.groups)
         right.append((own.argmax(1) == batch.states).cpu().numpy())
         missed.append(cross_entropy(own, batch.states, reduction="none").cpu().numpy())

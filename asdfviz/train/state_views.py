@@ -12,17 +12,21 @@ from torch import Tensor
 
 from asdfviz.datatypes import Assembly, Part
 from asdfviz.detector.crop_classes import CropClass, group_states, state_spans
-from asdfviz.detector.crop_cut import CONTEXT
-from asdfviz.detector.state_cut import STATE_PIXELS, GroupFrame
-from asdfviz.detector.state_network import BasePoses
-from asdfviz.geometry.sampling import farthest_points, oriented_surface_points
+from asdfviz.detector.state_cut import (
+    STATE_PIXELS,
+    BasePoses,
+    long_axis,
+    seen_by,
+    state_cameras,
+)
+from asdfviz.geometry.sampling import farthest_points, oriented_surface_points, surface_middle
 from asdfviz.geometry.transforms import apply
 from asdfviz.synth.joint_motion import joined_poses
 from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_data import Crops
-from asdfviz.train.crop_views import about_z, cut_views, toned, towards
+from asdfviz.train.crop_views import cut_views, toned
 
-STORED_STATE_PIXELS = 168
+STORED_STATE_PIXELS = 208
 """Side of a stored crop."""
 POINTS = 160
 """Of a group, on all of its parts alike."""
@@ -45,13 +49,15 @@ class StateViews:
     """RGB, -0.5 to 0.5."""
     groups: Int64[Tensor, "b"]
     poses: BasePoses
-    """As a method would find them."""
+    """As a method would find them, in the crops' cameras."""
+    focal: Float32[Tensor, "b"]
+    """Of these."""
     states: Int64[Tensor, "b"]
     """The place among the states of all groups."""
 
 
 class StateViewMaker:
-    """Cuts views of stored crops of groups."""
+    """Cuts views of stored crops of groups; has the points, normals and axes of these."""
 
     def __init__(
         self, assemblies: Sequence[Assembly], classes: Sequence[CropClass], *, device: str = "cpu"
@@ -60,10 +66,13 @@ class StateViewMaker:
         labels = [place for place, c in enumerate(classes) if c.states]
         self._group = torch.full((len(classes),), -1, dtype=torch.int64, device=device)
         self._group[labels] = torch.arange(len(labels), device=device)
-        frames = [GroupFrame.of(assembly) for assembly in assemblies]
-        self._middle = self._tensor(np.stack([f.middle for f in frames]))
-        self._axis = self._tensor(np.stack([f.axis for f in frames]))
-        self._radius = self._tensor(np.array([f.radius for f in frames]))
+        bases = [assembly.parts[assembly.base] for assembly in assemblies]
+        middles = [surface_middle(base.mesh.vertices, base.mesh.faces) for base in bases]
+        self._middle = self._tensor(np.stack(middles))
+        sampled = [group_points(assembly) for assembly in assemblies]
+        self.points = self._tensor(np.stack([points for points, _ in sampled]))
+        self.normals = self._tensor(np.stack([normals for _, normals in sampled]))
+        self.axes = self._tensor(np.stack([long_axis(base) for base in bases]))
         spans = state_spans(group_states(classes))
         own = torch.zeros(len(labels), sum(len(c.states) for c in classes), dtype=torch.bool)
         for row, label in enumerate(labels):
@@ -79,29 +88,26 @@ class StateViewMaker:
             jitter: factor on the errors; with 0 tones stay, too.
         """
         groups = self._group[crops.labels]
+        poses = self._believed(crops, groups, rng, jitter)
+        roll = jitter * ROLL * self._normal(rng, len(crops), 1)[:, 0]
+        cameras = state_cameras(self.points[groups], self.axes[groups], poses, roll=roll)
+        rgb = cut_views(crops, cameras.R_camera_crop, cameras.focal, side=STATE_PIXELS)[:, :3]
+        if jitter > 0:
+            rgb = toned(rgb, rng)
+        return StateViews(rgb - 0.5, groups, seen_by(cameras, poses), cameras.focal, crops.states)
+
+    def _believed(
+        self, crops: Crops, groups: Tensor, rng: np.random.Generator, jitter: float
+    ) -> BasePoses:
+        """Base poses as methods would find them, in the stored crops' cameras."""
         T, middle_base = crops.T_crop_part, self._middle[groups][:, :, None]
-        R_error = self._errors(len(crops), rng, jitter)
-        R = T[:, :3, :3] @ R_error
+        R = T[:, :3, :3] @ self._errors(len(crops), rng, jitter)
         middle = (T[:, :3, :3] @ middle_base + T[:, :3, 3:])[:, :, 0]
         off = self._normal(rng, len(crops), 3) * jitter
         off[:, :2] *= ACROSS
         off[:, 2] *= ALONG
         middle = middle + off * middle[:, 2:]
-        R_stored_ray = towards(middle[:, :2] / middle[:, 2:])
-        across = (R_stored_ray.transpose(1, 2) @ R @ self._axis[groups][:, :, None])[:, :, 0]
-        roll = torch.atan2(across[:, 1], across[:, 0])
-        roll = roll + jitter * ROLL * self._normal(rng, len(crops), 1)[:, 0]
-        R_stored_view = R_stored_ray @ about_z(roll)
-        distance = (middle * middle).sum(1).sqrt()
-        focal = STATE_PIXELS * distance / (CONTEXT * 2 * self._radius[groups])
-        rgb = cut_views(crops, R_stored_view, focal, side=STATE_PIXELS)[:, :3]
-        if jitter > 0:
-            rgb = toned(rgb, rng)
-        R_view_base = R_stored_view.transpose(1, 2) @ R
-        t = (R_stored_view.transpose(1, 2) @ middle[:, :, None] - R_view_base @ middle_base)[
-            :, :, 0
-        ]
-        return StateViews(rgb - 0.5, groups, BasePoses(R_view_base, t, focal), crops.states)
+        return BasePoses(R, middle - (R @ middle_base)[:, :, 0])
 
     def own_states(
         self, logits: Float32[Tensor, "b t"], groups: Int64[Tensor, "b"]

@@ -198,14 +198,15 @@ def test_shipped_weights_come_along(
     for name in ("weights.safetensors", "weights.json"):
         (shipped / "gbot_nanovise" / name).write_text(name)
     (shipped / "gbot").mkdir()
-    for name in ("crops.safetensors", "weights.json"):
+    for name in ("crops.safetensors", "states.safetensors", "weights.json"):
         (shipped / "gbot" / name).write_text(f"joint {name}")
     monkeypatch.setattr(module, "models_folder", lambda: shipped)
     import_gbot(dataset, tmp_path / "models")
     copied = tmp_path / "models" / "gbot_nanovise"
     assert (copied / "weights.safetensors").read_text() == "weights.safetensors"
     assert (copied / "weights.json").read_text() == "weights.json"
-    assert (copied / "crops.safetensors").read_text() == "joint crops.safetensors"
+    for name in ("crops.safetensors", "states.safetensors"):
+        assert (copied / name).read_text() == f"joint {name}"
     # Into the shipped folder itself: nothing to copy, nothing lost.
     import_gbot(dataset, shipped)
     assert (shipped / "gbot_nanovise" / "weights.json").read_text() == "weights.json"
@@ -220,7 +221,8 @@ def test_importing_twice_gives_the_same_files(dataset: Path, tmp_path: Path) -> 
             {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
         )
     assert contents[0] == contents[1]
-    made = [name for name in contents[0] if "weights" not in name and "crops" not in name]
+    networks = ("weights", "crops", "states")
+    made = [name for name in contents[0] if Path(name).stem not in networks]
     assert len(made) == 1 + len(NANO_PARTS)
 
 

@@ -187,7 +187,10 @@ def test_a_network_that_does_not_know_every_state_leaves_it_to_the_boxes(toy) ->
 
 def _write_states(file: Path, *states: str) -> None:
     network = StateNetwork(
-        points=0.02 * torch.randn(1, 16, 3), normals=torch.ones(1, 16, 3), states=len(states)
+        points=0.02 * torch.randn(1, 16, 3),
+        normals=torch.ones(1, 16, 3),
+        axes=torch.tensor([[1.0, 0.0, 0.0]]),
+        states=len(states),
     )
     save_state_network(network, file, states={GROUP: states})
 
