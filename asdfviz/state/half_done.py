@@ -138,6 +138,14 @@ class HalfDone:
             k for k, (b, a) in enumerate(zip(self.before, self.after, strict=True)) if a != b
         )
 
+    @property
+    def halves(self) -> dict[int, tuple[State, ...]]:
+        """Of every step that can be half done, by its index, the half-done states that count to it."""
+        found: dict[int, tuple[State, ...]] = {}
+        for k in sorted(self.indices):
+            found[self.before[k]] = (*found.get(self.before[k], ()), self.assembly.states[k])
+        return found
+
     def unfolded(self, looks: Scores | None) -> AllScores | None:
         """Probabilities of the assembly's states as those of all: half done looks like a bit of both.
 

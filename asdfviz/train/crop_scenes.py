@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Int64
 
-from asdfviz.datatypes import Assembly, Mesh, State
+from asdfviz.datatypes import Assembly, Mesh
 from asdfviz.detector.crop_classes import (
     CORNERS,
     CropClass,
@@ -25,6 +25,7 @@ from asdfviz.detector.crop_cut import CONTEXT, CROP_PIXELS
 from asdfviz.geometry.sampling import hull_corners
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse, rotation_about, transform_from
+from asdfviz.state.half_done import HalfDone
 from asdfviz.synth.hands import GRASPS, hand_mesh
 from asdfviz.synth.joint_motion import joined_poses, random_rotation
 from asdfviz.synth.looks import part_colors, random_hue, skin
@@ -52,6 +53,8 @@ class CropConfig:
     """From the camera to the part, metres."""
     groups: float = 0.5
     """A group is shown for its state; otherwise a part."""
+    half_done: float = 0.3
+    """Of a step that adds several parts some are in, which counts to the step before."""
     joined: float = 0.5
     """A part that can be joined is shown so."""
     waiting: float = 0.3
@@ -133,9 +136,9 @@ class CropDrawer:
         meshes += _hand_meshes()
         self._corners = [hull_corners(m.vertices, CORNERS) for m in meshes]
         self.bank = MeshBank.of(meshes, device=device)
-        self._joining = {
-            (i, name): [s for s in assemblies[i].states if _joins(s, name)] for i, name in names
-        }
+        several = [[s for s in a.states if len(s.T_base_part) > 1] for a in assemblies]
+        self._joining = {(i, n): [s for s in several[i] if n in s.T_base_part] for i, n in names}
+        self._halves = [HalfDone.of(assembly).halves for assembly in assemblies]
         self._spans = state_spans(group_states(self.classes))
         counts = np.array([len(c.states) for c in self.classes])
         parts = np.flatnonzero(counts == 0)
@@ -156,7 +159,10 @@ class CropDrawer:
             copy = int(rng.integers(len(crop_class.parts)))
             joined = self._joined(rng, crop_class.assembly, crop_class.parts[copy])
         else:
-            joined = dict(joined_poses(assembly.states[state], rng))
+            shown, halves = assembly.states[state], self._halves[crop_class.assembly].get(state)
+            if halves and rng.random() < config.half_done:
+                shown = halves[int(rng.integers(len(halves)))]
+            joined = dict(joined_poses(shown, rng))
         name = crop_class.parts[copy]
         mesh = self._place[crop_class.assembly, name]
         distance = float(rng.uniform(*config.distance))
@@ -178,9 +184,9 @@ class CropDrawer:
         focal = shown_px * float(T_crop_part[2, 3]) / (CONTEXT * extent)
         frame_focal = FOCALS[int(rng.integers(len(FOCALS)))] * rng.uniform(0.98, 1.02)
         name_shown = len(self.classes) if is_nothing else label if state is None else -1
-        shown = -1 if state is None else self._spans[crop_class.name].start + state
+        told = -1 if state is None else self._spans[crop_class.name].start + state
         detail = frame_focal / focal
-        truth = (label, shown, name_shown, T_crop_part)
+        truth = (label, told, name_shown, T_crop_part)
         return CropScene(*truth, focal, config.pixels, detail, tuple(things), normal, height)
 
     def _joined(self, rng: np.random.Generator, assembly: int, name: str) -> dict[str, Transform]:
@@ -291,7 +297,3 @@ class CropDrawer:
         where = middle + away * extent * rng.uniform(0.3, 0.7) + [0, 0, rng.normal() * 0.01]
         T = transform_from(R @ roll @ np.diag([side, 1.0, 1.0]), where)
         return Thing(self._hands[int(rng.integers(len(self._hands)))], T, skin(rng).color)
-
-
-def _joins(state: State, name: str) -> bool:
-    return name in state.T_base_part and len(state.T_base_part) > 1

@@ -149,6 +149,15 @@ def test_probabilities_and_terms_come_back_to_the_state_before(caliper: Assembly
     assert plain.summed(scores[:count]) == pytest.approx(scores[:count])
 
 
+def test_half_done_states_are_found_by_the_step_that_they_count_to(caliper: Assembly) -> None:
+    half_done = HalfDone.of(caliper)
+    halves = half_done.halves
+    assert sorted(s.index for of in halves.values() for s in of) == sorted(half_done.indices)
+    for before, states in halves.items():
+        assert all(s.after == before for s in states)
+    assert HalfDone.none(caliper).halves == {}
+
+
 def test_half_done_states_last_and_lead_on(caliper: Assembly) -> None:
     unfolded = HalfDone.of(caliper)
     config = SmoothingConfig(leak=0.0, fall=0.0)

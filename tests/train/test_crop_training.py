@@ -18,12 +18,14 @@ from asdfviz.errors import InputError, WeightsError
 from asdfviz.geometry.rotation_grid import rotation_of
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import apply, rotation_angle, transform_from
+from asdfviz.state.half_done import HalfDone
 from asdfviz.train.checkpoint import Average, Progress
 from asdfviz.train.crop_checkpoint import begin_crops_from, save_crop_checkpoint
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_data import CropMaker, Crops
 from asdfviz.train.crop_losses import crop_losses
 from asdfviz.train.crop_pool import CropPool, ShardFolder
+from asdfviz.train.crop_scenes import CropConfig, CropDrawer
 from asdfviz.train.crop_session import DRAWN, CropSession
 from asdfviz.train.crop_views import ViewMaker
 from asdfviz.train.schedule import rate_at
@@ -97,6 +99,21 @@ def test_a_group_lies_about_the_middle_and_has_all_that_the_state_joins(
         pixels = pixels_of(corners, float(crops.focal[i]), side)
         shown += bool(np.all((pixels >= 0) & (pixels < side)))
     assert shown >= 0.8 * len(crops)
+
+
+def test_a_group_shows_half_a_step_for_the_step_before() -> None:
+    caliper = load_assembly("geared_caliper")
+    step, halves = next(iter(HalfDone.of(caliper).halves.items()))
+    label = len(crop_classes([caliper])) - 1
+    bare = {"waiting": 0.0, "neighbours": 0.0, "occluder": 0.0, "hand": 0.0}
+    drawer = CropDrawer([caliper], config=CropConfig(groups=1.0, half_done=1.0, **bare))
+    rng = np.random.default_rng(0)
+    shown = {
+        len(scene.things)
+        for scene in (drawer.draw(rng, label) for _ in range(60))
+        if scene.state == step
+    }
+    assert shown == {len(half.T_base_part) for half in halves}
 
 
 def test_a_group_learns_among_its_own_states(assembly: Assembly) -> None:
