@@ -149,7 +149,10 @@ class Ablate:
             run = made_run(
                 spec, scene, spec.config(), title=f"asdf {scene.name}", if_stopped=STOPPED
             )
-            runs.append(StudiedRun(assembly, run.predictions, known_truth(scene, assembly)))
+            by_places = run.config["state_looks"] == "places"
+            fusion = spec.config().fusion.chosen(places=by_places)
+            truth = known_truth(scene, assembly)
+            runs.append(StudiedRun(assembly, run.predictions, truth, fusion))
         with progress_bar("weights") as report:
             found = fusion_study(runs, progress=lambda done, total: report(done, total, ""))
         return plain_table(found, poses=False, layout=layout)

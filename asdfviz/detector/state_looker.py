@@ -68,7 +68,7 @@ class StateLooker:
         """
         device, span = self._config.device, self._span[group_name(assembly)]
         group = torch.tensor([self._number[group_name(assembly)]], device=device)
-        T = torch.as_tensor(T_camera_base, dtype=torch.float32, device=device)[None]
+        T = torch.tensor(T_camera_base[None], dtype=torch.float32, device=device)
         poses, points = BasePoses(T[:, :3, :3], T[:, :3, 3]), self._network.points[group]
         if not are_ahead(points, poses):
             return None

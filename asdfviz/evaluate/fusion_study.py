@@ -28,7 +28,7 @@ from asdfviz.state.smoothing import FOLLOWED, StateFilter
 
 Terms: TypeAlias = tuple[Scores | None, Scores | None]
 """By looks and by relative poses."""
-Fuse: TypeAlias = Callable[[Sequence[Terms], Assembly], list[Scores | None]]
+Fuse: TypeAlias = "Callable[[Sequence[Terms], StudiedRun], list[Scores | None]]"
 
 W_DL = (0.0, 0.15, 0.3, 0.5, 0.7, 1.0)
 """Equation 3; w_P is what is left to 1."""
@@ -45,6 +45,8 @@ class StudiedRun:
     assembly: Assembly
     predictions: tuple[FramePrediction, ...]
     truth: Mapping[int, FrameTruth]
+    fusion: FusionConfig
+    """The weights that it had."""
 
 
 def fusion_study(
@@ -58,7 +60,7 @@ def fusion_study(
         Markov model online and offline.
     """
     ways = dict(_ways())
-    grid = {_named(config): _pose2state(config) for config in _grid()}
+    grid = {_named(config): _pose2state(lambda _, chosen=config: chosen) for config in _grid()}
     total = len(ways) + len(grid)
     judged: list[JudgedVariant] = []
     for place, (title, fuse) in enumerate(ways.items()):
@@ -80,16 +82,17 @@ def fusion_study(
 
 
 def _ways() -> Iterator[tuple[str, Fuse]]:
-    default = FusionConfig()
     yield "looks alone, frame by frame", lambda terms, _: [looks for looks, _ in terms]
     yield "poses alone, frame by frame", lambda terms, _: [places for _, places in terms]
-    yield f"Pose2State as it comes: {_named(default)}", _pose2state(default)
+    yield "Pose2State as it comes", _pose2state(lambda config: config)
     for w in W_DL:
-        yield f"w_DL {w:g}, w_P {1 - w:g}", _pose2state(_with(default, w_dl=w))
+        title = f"w_DL {w:g}, w_P {1 - w:g}"
+        yield title, _pose2state(lambda config, w=w: _with(config, w_dl=w))
     for w in W_F:
-        yield f"w_f {w:g}, w_f-1 {1 - w:g}", _pose2state(_with(default, w_f=w))
+        title = f"w_f {w:g}, w_f-1 {1 - w:g}"
+        yield title, _pose2state(lambda config, w=w: _with(config, w_f=w))
     for n in NEIGHBOUR:
-        yield f"neighbour {n:g}", _pose2state(_with(default, neighbour=n))
+        yield f"neighbour {n:g}", _pose2state(lambda config, n=n: _with(config, neighbour=n))
     yield "hidden Markov model, online", _filtered
     yield "hidden Markov model, offline", _viterbi
 
@@ -101,10 +104,10 @@ def _with(
     w_f: float | None = None,
     neighbour: float | None = None,
 ) -> FusionConfig:
-    w_dl = config.w_dl if w_dl is None else w_dl
+    share = config.w_dl / (config.w_dl + config.w_p) if w_dl is None else w_dl
     w_f = config.w_f if w_f is None else w_f
     neighbour = config.neighbour if neighbour is None else neighbour
-    return FusionConfig(w_dl, 1 - w_dl, w_f, 1 - w_f, neighbour)
+    return FusionConfig(share, 1 - share, w_f, 1 - w_f, neighbour)
 
 
 def _grid() -> list[FusionConfig]:
@@ -118,27 +121,28 @@ def _named(config: FusionConfig) -> str:
     return f"w_DL {config.w_dl:g}, w_f {config.w_f:g}, neighbour {config.neighbour:g}"
 
 
-def _pose2state(config: FusionConfig) -> Fuse:
-    def fuse(terms: Sequence[Terms], assembly: Assembly) -> list[Scores | None]:
-        model = Pose2State(assembly, config=config)
+def _pose2state(weights: Callable[[FusionConfig], FusionConfig]) -> Fuse:
+    """With other weights, by those that the run had."""
+
+    def fuse(terms: Sequence[Terms], run: StudiedRun) -> list[Scores | None]:
+        model = Pose2State(run.assembly, config=weights(run.fusion))
         said = [model.step(looks, places) for looks, places in terms]
         return [None if state is None else state.probabilities for state in said]
 
     return fuse
 
 
-def _filtered(terms: Sequence[Terms], assembly: Assembly) -> list[Scores | None]:
-    model = StateFilter(assembly, config=FOLLOWED)
+def _filtered(terms: Sequence[Terms], run: StudiedRun) -> list[Scores | None]:
+    model = StateFilter(run.assembly, config=FOLLOWED)
     return [model.step(looks, places) for looks, places in terms]
 
 
-def _viterbi(terms: Sequence[Terms], assembly: Assembly) -> list[Scores | None]:
-    path = most_likely_path(
-        [looks for looks, _ in terms], [places for _, places in terms], assembly, config=FOLLOWED
-    )
+def _viterbi(terms: Sequence[Terms], run: StudiedRun) -> list[Scores | None]:
+    looks, places = [looks for looks, _ in terms], [places for _, places in terms]
+    path = most_likely_path(looks, places, run.assembly, config=FOLLOWED)
     if path is None:
         return [None] * len(terms)
-    return list(np.eye(len(assembly.states))[path])
+    return list(np.eye(len(run.assembly.states))[path])
 
 
 def _figures(run: StudiedRun, fuse: Fuse) -> Figures:
@@ -149,7 +153,7 @@ def _figures(run: StudiedRun, fuse: Fuse) -> Figures:
             terms.append((None, None))
         else:
             terms.append((said.terms.get("appearance"), said.terms.get("relative_pose")))
-    fused = fuse(terms, run.assembly)
+    fused = fuse(terms, run)
     predictions = {
         old.frame_index: FramePrediction(
             old.frame_index, {}, None if belief is None else StateEstimate(belief)

@@ -18,12 +18,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Scores, Transform
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.contests import Contests
-from asdfviz.methods.first_pose import (
-    CropPoses,
-    LooksAtParts,
-    best_settled,
-    crop_poses,
-)
+from asdfviz.methods.first_pose import CropPoses, LooksAtParts, best_settled, crop_poses
 from asdfviz.methods.group_poses import GroupPoses
 from asdfviz.methods.looked_at import Before, LookedAt
 from asdfviz.methods.network import Detects, load_detector
@@ -112,6 +107,14 @@ class Asdf:
         contests = None
         if first is not None:
             contests = Contests(assembly, partial(self._looked_at, first), config.contests)
+        looks = StateLooks.of(
+            assembly,
+            config=config.appearance,
+            chosen=config.state_looks,
+            detector=config.detector,
+            crops=config.crops,
+            crop_poses=first,
+        )
         self._scene = _Scene(
             assembly=assembly,
             finder=PartFinder(
@@ -126,16 +129,9 @@ class Asdf:
                 contests=contests,
             ),
             shapes=shapes,
-            pose2state=Pose2State(assembly, config=config.fusion),
+            pose2state=Pose2State(assembly, config=config.fusion.chosen(places=looks.by_places)),
             crop_poses=first,
-            looks=StateLooks.of(
-                assembly,
-                config=config.appearance,
-                chosen=config.state_looks,
-                detector=config.detector,
-                crops=config.crops,
-                crop_poses=first,
-            ),
+            looks=looks,
             place_looks=PlaceLooks(
                 assembly, shapes, first and first.looker, config=config.place_looks
             ),

@@ -193,6 +193,8 @@ class StateLooks:
     config: AppearanceConfig
     group: GroupLooker | None
     """None: boxes alone."""
+    by_places: bool = False
+    """Whether the state network tells them."""
 
     @classmethod
     def of(
@@ -226,7 +228,8 @@ class StateLooks:
         if chosen == "boxes" or (chosen is None and crop_poses is None):
             return cls(assembly, config, None)
         first_pose = "keypoints" if crop_poses is None else "hypotheses"
-        if asked_state_network(chosen, first_pose, crops, assembly) is not None:
+        by_places = asked_state_network(chosen, first_pose, crops, assembly) is not None
+        if by_places:
             looker = load_state_looker(crops, assembly)
         elif chosen is None and has_own_detector(detector, assembly):
             return cls(assembly, config, None)
@@ -236,7 +239,7 @@ class StateLooks:
         group = GroupLooker.of(assembly, looker, config=config)
         if group is None and chosen is not None:
             raise _unknown(assembly, looker.states, chosen)
-        return cls(assembly, config, group)
+        return cls(assembly, config, group, by_places)
 
     def probabilities(
         self,

@@ -173,7 +173,8 @@ class StateSession(Sitting):
         values = {"step": float(self.progress.step), "minutes": self.seconds / 60}
         for one in found:
             values |= {f"{one.name}:right": one.mean, f"{one.name}:surprise": one.surprise}
-        values["score"] = found[-1].mean  # scenes are what counts, where there are any
+        # Scenes are what counts, but there are few: alone they would pick by chance.
+        values["score"] = sum(one.mean for one in found) / len(found)
         self.validation_log.add(values)
         path = self.config.output / "validation.png"
         shown = [f"{one.name}:right" for one in found]

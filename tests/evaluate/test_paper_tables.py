@@ -25,6 +25,7 @@ from asdfviz.evaluate.paper_ablations import (
 from asdfviz.evaluate.paper_layout import laid_out, layout_of
 from asdfviz.evaluate.paper_table1 import PAPER_ASSEMBLIES, SetFacts, counterpart, table1
 from asdfviz.evaluate.paper_table4 import MEAN, PAPER, JudgedSet, table4
+from asdfviz.state.fusion import FusionConfig
 
 
 def rows_of(text: str) -> list[dict[str, str]]:
@@ -142,7 +143,7 @@ def test_fusing_anew_gives_every_way_its_row() -> None:
     truth = {i: FrameTruth(i, {}, state, is_error=False) for i, state in enumerate(true)}
     calls: list[tuple[int, int]] = []
     found = fusion_study(
-        [StudiedRun(assembly, tuple(predictions), truth)],
+        [StudiedRun(assembly, tuple(predictions), truth, FusionConfig())],
         progress=lambda done, total: calls.append((done, total)),
     )
     accuracy = {variant.title: variant.report["state"]["accuracy"] for variant in found}

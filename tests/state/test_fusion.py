@@ -22,6 +22,19 @@ def peak(index: int, count: int = 5, height: float = 0.8) -> np.ndarray:
     return scores
 
 
+def test_looks_of_the_state_network_weigh_more() -> None:
+    config = FusionConfig(w_dl=0.2, w_p=0.8, w_places=0.7)
+    assert config.chosen(places=False) == config
+    assert config.chosen(places=True).w_dl == 0.7
+    looks, places = np.array([0.9, 0.1]), np.array([0.2, 0.8])
+    told = Pose2State(chain(2), config=config).step(looks, places)
+    surer = Pose2State(chain(2), config=config.chosen(places=True)).step(looks, places)
+    assert told is not None
+    assert surer is not None
+    assert told.probabilities.argmax() == 1
+    assert surer.probabilities.argmax() == 0
+
+
 def test_the_first_frame_is_the_weighted_sum_of_its_own_terms(assembly: Assembly) -> None:
     fusion = Pose2State(assembly, config=FusionConfig(w_dl=0.3, w_p=0.9, sharpness=1.0))
     estimate = fusion.step(peak(1), peak(2))
