@@ -47,7 +47,7 @@ from asdfviz.train.state_views import (
 from asdfviz.train.whole_run import resume_whole, whole_run
 
 LOG_SECONDS = 20.0
-DRAWN = CropConfig(pixels=STORED_STATE_PIXELS, groups=1.0)
+DRAWN = CropConfig(pixels=STORED_STATE_PIXELS, groups=1.0, half_done=0.5)
 """What rendered crops show."""
 
 
