@@ -29,6 +29,8 @@ from asdfviz.detector.state_weights import save_state_network
 from asdfviz.errors import MethodError, SequenceError, WeightsError
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
+from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.registry import find_method
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.run import input_hashes, resolved_config, run
@@ -253,7 +255,16 @@ def test_the_state_network_is_named_where_it_is_asked(
     used = resolved_config(AsdfConfig(), assembly)
     assert (used.state_looks, used.crops.state_weights) == ("places", weights.resolve())
     assert "states" in input_hashes(sequence, assembly, AsdfConfig())
-    for config in (AsdfConfig(state_looks="crops"), AsdfConfig(first_pose="keypoints")):
+    plus = AsdfPlusConfig(state_looks="places")
+    assert resolved_config(plus, assembly).crops.state_weights == weights.resolve()
+    others = (
+        AsdfConfig(state_looks="crops"),
+        AsdfConfig(first_pose="keypoints"),
+        AsdfConfig(state_network=False),
+        AsdfPlusConfig(),
+        AsdfTrackConfig(),
+    )
+    for config in others:
         assert "states" not in input_hashes(sequence, assembly, config)
         assert resolved_config(config, assembly).state_looks == config.state_looks
 

@@ -114,6 +114,7 @@ class Asdf:
             detector=config.detector,
             crops=config.crops,
             crop_poses=first,
+            state_network=config.state_network,
         )
         self._scene = _Scene(
             assembly=assembly,

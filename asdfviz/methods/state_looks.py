@@ -122,7 +122,12 @@ def state_weights_path(crops: CropPoseConfig, assembly: Assembly) -> Path:
 
 
 def asked_state_network(
-    chosen: StateLooksFrom | None, first_pose: FirstPose, crops: CropPoseConfig, assembly: Assembly
+    chosen: StateLooksFrom | None,
+    first_pose: FirstPose,
+    crops: CropPoseConfig,
+    assembly: Assembly,
+    *,
+    by_default: bool = True,
 ) -> Path | None:
     """The file of the state network that methods with these options ask; None: they ask none.
 
@@ -132,11 +137,12 @@ def asked_state_network(
         first_pose: what first poses come from.
         crops: where the weights are.
         assembly: whose states.
+        by_default: whether None may take a state network at all.
 
     Raises:
         WeightsError: the network is corrupt.
     """
-    is_default = chosen is None and first_pose == "hypotheses"
+    is_default = by_default and chosen is None and first_pose == "hypotheses"
     if chosen == "places" or (is_default and has_state_network(crops, assembly)):
         return state_weights_path(crops, assembly)
     return None
@@ -206,6 +212,7 @@ class StateLooks:
         detector: NetworkConfig,
         crops: CropPoseConfig,
         crop_poses: CropPoses | None,
+        state_network: bool = True,
     ) -> StateLooks:
         """What a method's options ask for.
 
@@ -219,6 +226,7 @@ class StateLooks:
             detector: says whose its weights are.
             crops: where the crop network is, if it is not loaded yet, and the state network.
             crop_poses: holds the crop network, if it is.
+            state_network: whether None may take the state network.
 
         Raises:
             InputError: the device is not there.
@@ -228,7 +236,8 @@ class StateLooks:
         if chosen == "boxes" or (chosen is None and crop_poses is None):
             return cls(assembly, config, None)
         first_pose = "keypoints" if crop_poses is None else "hypotheses"
-        by_places = asked_state_network(chosen, first_pose, crops, assembly) is not None
+        asked = asked_state_network(chosen, first_pose, crops, assembly, by_default=state_network)
+        by_places = asked is not None
         if by_places:
             looker = load_state_looker(crops, assembly)
         elif chosen is None and has_own_detector(detector, assembly):

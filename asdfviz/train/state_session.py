@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -173,8 +174,8 @@ class StateSession(Sitting):
         values = {"step": float(self.progress.step), "minutes": self.seconds / 60}
         for one in found:
             values |= {f"{one.name}:right": one.mean, f"{one.name}:surprise": one.surprise}
-        # Scenes are what counts, but there are few: alone they would pick by chance.
-        values["score"] = sum(one.mean for one in found) / len(found)
+        # How probable the truth was: few crops would pick by chance if only right and wrong counted.
+        values["score"] = sum(math.exp(-one.surprise) for one in found) / len(found)
         self.validation_log.add(values)
         path = self.config.output / "validation.png"
         shown = [f"{one.name}:right" for one in found]

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from asdfviz.data.assembly import load_assembly
+from asdfviz.data.resources import models_folder
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.state_cut import MARGIN, STATE_PIXELS, BasePoses, seen_by, state_cameras
 from asdfviz.detector.state_looker import StateLooker
@@ -145,3 +146,14 @@ def test_a_looker_tells_a_groups_own_states(clamp: Assembly, file: Path) -> None
     elsewhere = looker.look(rgb, K, clamp, transform_from(np.eye(3), np.array([0.1, 0.0, 0.5])))
     assert elsewhere is not None
     assert np.abs(told - elsewhere).max() > 1e-4
+
+
+def test_the_bundled_network_tells_the_paper_s_four_apart() -> None:
+    states = load_state_network(models_folder() / "gbot" / "states.safetensors").states
+    counts = {name: len(of) for name, of in states.items()}
+    assert counts == {
+        "gbot_nanovise//group": 10,
+        "gbot_cornerclamp//group": 5,
+        "gbot_gearedcaliper//group": 7,
+        "gbot_screwclamp//group": 15,
+    }
