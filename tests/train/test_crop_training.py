@@ -105,8 +105,10 @@ def test_a_group_shows_half_a_step_for_the_step_before() -> None:
     caliper = load_assembly("geared_caliper")
     step, halves = next(iter(HalfDone.of(caliper).halves.items()))
     label = len(crop_classes([caliper])) - 1
-    bare = {"waiting": 0.0, "neighbours": 0.0, "occluder": 0.0, "hand": 0.0}
-    drawer = CropDrawer([caliper], config=CropConfig(groups=1.0, half_done=1.0, **bare))
+    bare = CropConfig(
+        groups=1.0, half_done=1.0, waiting=0.0, neighbours=0.0, occluder=0.0, hand=0.0
+    )
+    drawer = CropDrawer([caliper], config=bare)
     rng = np.random.default_rng(0)
     shown = {
         len(scene.things)
