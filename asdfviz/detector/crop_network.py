@@ -20,6 +20,7 @@ from jaxtyping import Float, Int64
 from torch import Tensor, nn
 
 from asdfviz.detector.blocks import Bottleneck, Conv
+from asdfviz.detector.crop_maps import CropMaps
 
 GRID = 2304
 """Rotations, about 17 degrees apart."""
@@ -45,20 +46,6 @@ class CropOutput:
     states: Float[Tensor, "b t"]
     """Logits of the states of all groups, one group's after another's: only its own ones tell of a
     crop. None where the network knows no groups (t = 0)."""
-
-
-class Film(nn.Module):
-    """Scales and shifts channels by what is known of a part class."""
-
-    def __init__(self, classes: int, channels: int) -> None:
-        super().__init__()
-        self.table = nn.Embedding(classes, 2 * channels)
-        nn.init.normal_(self.table.weight, 0, 0.02)
-
-    def forward(self, x: Float[Tensor, "b c h w"], part: Int64[Tensor, "b"]) -> Tensor:
-        """Modulate a feature map."""
-        gain, shift = self.table(part)[:, :, None, None].chunk(2, dim=1)
-        return x * (1 + gain) + shift
 
 
 class NameBranch(nn.Module):
@@ -93,7 +80,7 @@ class NameBranch(nn.Module):
         return self.to_names(nn.functional.silu(features))
 
 
-class CropNetwork(nn.Module):
+class CropNetwork(CropMaps):
     """About 3 million parameters and 0.1 GMAC a crop with the default widths."""
 
     def __init__(
@@ -118,7 +105,7 @@ class CropNetwork(nn.Module):
             states: of all groups together.
             names: whether it tells which part something is.
         """
-        super().__init__()
+        super().__init__(classes, widths[:4])
         self.classes, self.grid, self.own, self.states = classes, grid, own, states
         self.shape: dict[str, object] = {
             "classes": classes,
@@ -129,17 +116,7 @@ class CropNetwork(nn.Module):
             "states": states,
             "names": names,
         }
-        a, b, c, d, e = widths
-        self.quarter = nn.Sequential(
-            Conv(3, a, 3, stride=2), Conv(a, b, 3, stride=2), Bottleneck(b, shortcut=True)
-        )
-        self.know_quarter = Film(classes, b)
-        self.eighth = nn.Sequential(
-            Conv(b, c, 3, stride=2), Bottleneck(c, shortcut=True), Bottleneck(c, shortcut=True)
-        )
-        self.know_eighth = Film(classes, c)
-        self.sixteenth = nn.Sequential(Conv(c, d, 3, stride=2), Bottleneck(d, shortcut=True))
-        self.know_sixteenth = Film(classes, d)
+        a, b, _, d, e = widths
         self.last = Conv(d, e, 3, stride=2)
         self.features = nn.Linear(9 * e, hidden)
         self.own_layer = nn.Linear(hidden, classes * own)
@@ -147,7 +124,6 @@ class CropNetwork(nn.Module):
         self.to_place = nn.Linear(own, 3)
         self.to_states = nn.Linear(own, states) if states else None
         self.name = NameBranch((a, b), classes + 1) if names else None
-        self.lift = nn.ModuleList([nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)])
         self.draw = nn.Sequential(Conv(b, b // 2, 3), nn.Conv2d(b // 2, 1, 1))
 
     @property
@@ -157,16 +133,12 @@ class CropNetwork(nn.Module):
 
     def forward(self, crops: Float[Tensor, "b 3 s s"], part: Int64[Tensor, "b"]) -> CropOutput:
         """Look at crops (RGB, -0.5 to 0.5; a multiple of 32 on a side, 96 by default) of parts."""
-        quarter = self.know_quarter(self.quarter(crops), part)
-        eighth = self.know_eighth(self.eighth(quarter), part)
-        sixteenth = self.know_sixteenth(self.sixteenth(eighth), part)
+        fine, sixteenth = self.maps(crops, part)
         last = self.last(sixteenth)
         features = nn.functional.silu(self.features(last.flatten(1)))
         everyone = self.own_layer(features).view(len(part), self.classes, self.own)
         mine = nn.functional.silu(everyone[torch.arange(len(part), device=part.device), part])
-        small, middle, large = self.lift
-        up = middle(eighth) + _doubled(small(sixteenth))
-        outline = self.draw(nn.functional.silu(large(quarter) + _doubled(up)))[:, 0]
+        outline = self.draw(fine)[:, 0]
         none = mine[:, :0]
         states = none if self.to_states is None else self.to_states(mine)
         return CropOutput(self.to_grid(mine), self.to_place(mine), outline, states)
@@ -194,7 +166,3 @@ def _spread(sizes: Float[Tensor, "b"]) -> Float[Tensor, "b k"]:
     logs = torch.where(known, sizes[:, None], 1.0).log()
     bumps = torch.exp(-(((logs - centers) / (centers[1] - centers[0])) ** 2))
     return torch.cat([torch.where(known, bumps, 0.0), known.to(bumps.dtype)], dim=1)
-
-
-def _doubled(x: Tensor) -> Tensor:
-    return nn.functional.interpolate(x, scale_factor=2.0, mode="nearest")

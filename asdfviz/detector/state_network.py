@@ -11,22 +11,17 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float, Float32, Int64
 from torch import Tensor, nn
-from torch.nn.functional import grid_sample, interpolate, silu
+from torch.nn.functional import grid_sample, silu
 
-from asdfviz.detector.blocks import Bottleneck, Conv
-from asdfviz.detector.crop_network import Film
+from asdfviz.detector.crop_maps import CropMaps
 from asdfviz.detector.state_cut import BasePoses
 
-MAPS = (
-    "quarter", "know_quarter", "eighth", "know_eighth", "sixteenth", "know_sixteenth", "lift",
-)  # fmt: skip
-"""Modules that are those of a crop network."""
 OWN = 10
 """Numbers that are kept of what is read at a point."""
 _POSE = 9
 
 
-class StateNetwork(nn.Module):
+class StateNetwork(CropMaps):
     """About 1.5 million parameters with the default sizes."""
 
     points: Tensor
@@ -53,8 +48,8 @@ class StateNetwork(nn.Module):
             widths: channels at strides 2, 4, 8 and 16.
             hidden: features from which states are told.
         """
-        super().__init__()
         groups, count = points.shape[:2]
+        super().__init__(groups, widths)
         self.groups, self.states = groups, states
         self.shape: dict[str, object] = {
             "groups": groups,
@@ -66,18 +61,7 @@ class StateNetwork(nn.Module):
         self.register_buffer("points", points)
         self.register_buffer("normals", normals)
         self.register_buffer("axes", axes)
-        a, b, c, d = widths
-        self.quarter = nn.Sequential(
-            Conv(3, a, 3, stride=2), Conv(a, b, 3, stride=2), Bottleneck(b, shortcut=True)
-        )
-        self.know_quarter = Film(groups, b)
-        self.eighth = nn.Sequential(
-            Conv(b, c, 3, stride=2), Bottleneck(c, shortcut=True), Bottleneck(c, shortcut=True)
-        )
-        self.know_eighth = Film(groups, c)
-        self.sixteenth = nn.Sequential(Conv(c, d, 3, stride=2), Bottleneck(d, shortcut=True))
-        self.know_sixteenth = Film(groups, d)
-        self.lift = nn.ModuleList([nn.Conv2d(d, b, 1), nn.Conv2d(c, b, 1), nn.Conv2d(b, b, 1)])
+        _, b, _, d = widths
         self.own = nn.Parameter(torch.randn(groups, count, b + 2, OWN) * (b + 2) ** -0.5)
         self.own_shift = nn.Parameter(torch.zeros(groups, count, OWN))
         self.pose = nn.Sequential(nn.Linear(_POSE, 64), nn.SiLU(), nn.Linear(64, count))
@@ -104,12 +88,7 @@ class StateNetwork(nn.Module):
             poses: of the base part in its camera.
             focal: of that camera, pixels; the crop's middle is its principal point.
         """
-        quarter = self.know_quarter(self.quarter(crops), group)
-        eighth = self.know_eighth(self.eighth(quarter), group)
-        sixteenth = self.know_sixteenth(self.sixteenth(eighth), group)
-        small, middle, large = self.lift
-        up = middle(eighth) + _doubled(small(sixteenth))
-        maps = silu(large(quarter) + _doubled(up))
+        maps, sixteenth = self.maps(crops, group)
         read, facing = self._read(maps, group, poses, focal / (crops.shape[-1] / 2))
         # How a point is turned, and what may hide it from there, weighs what is read at it.
         R = poses.R.flatten(1)
@@ -136,7 +115,3 @@ class StateNetwork(nn.Module):
         found = grid_sample(maps.float(), grid[:, None], align_corners=False)
         extra = torch.stack([(grid.abs().amax(2) < 1).float(), facing], dim=2)
         return torch.cat([found[:, :, 0].transpose(1, 2), extra], dim=2), facing
-
-
-def _doubled(x: Tensor) -> Tensor:
-    return interpolate(x, scale_factor=2.0, mode="nearest")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
-import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -19,7 +17,7 @@ from asdfviz.errors import WeightsError
 from asdfviz.train.checkpoint import Average, Progress, load_checkpoint, write_checkpoint
 from asdfviz.train.crop_config import CropTrainConfig
 from asdfviz.train.crop_validation import CropValidation
-from asdfviz.train.record import made_by, without_places
+from asdfviz.train.record import record_of
 from asdfviz.train.whole_run import resume_whole, whole_run
 
 CROP_WEIGHTS = "crops.safetensors"
@@ -158,14 +156,13 @@ def export(
     record = {
         "classes": list(names),
         "states": {name: list(of) for name, of in states.items()},
-        "command": made_by(),
-        "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
-        "torch": torch.__version__,
-        "steps": progress.step,
-        "crops": progress.step * config.batch,
-        "minutes": round(progress.seconds / 60, 1),
-        "bytes": path.stat().st_size,
-        "config": without_places(dataclasses.asdict(config)),
+        **record_of(
+            config,
+            path,
+            steps=progress.step,
+            batch=config.batch,
+            seconds=progress.seconds,
+        ),
         "validation": [one.as_json() for one in found],
     }
     write_text(path.with_suffix(".json"), json.dumps(record, indent=2) + "\n")

@@ -18,10 +18,9 @@ import torch
 from asdfviz.data.assembly import load_assembly
 from asdfviz.errors import InputError, Stopped
 from asdfviz.synth.workers import spawned
-from asdfviz.train.crop_config import CropTrainConfig
+from asdfviz.train.crop_config import CropRunConfig
 from asdfviz.train.crop_data import CropMaker, Crops
 from asdfviz.train.crop_scenes import CropConfig
-from asdfviz.train.state_config import StateTrainConfig
 
 SPARE = 2
 """Shards that are made ahead when nobody trains."""
@@ -129,7 +128,7 @@ def fill_folder(
 
 
 def pools(
-    config: CropTrainConfig | StateTrainConfig,
+    config: CropRunConfig,
     *,
     maker: CropMaker,
     drawing: CropConfig,

@@ -7,9 +7,7 @@ crops, where processes make them, and validation/ those that are judged on.
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +19,7 @@ from asdfviz.detector.crop_classes import group_states
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import network_of_shape
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.train.budget import Sitting, descend
+from asdfviz.train.budget import descend
 from asdfviz.train.checkpoint import Average
 from asdfviz.train.crop_checkpoint import (
     begin_crops_from,
@@ -33,15 +31,15 @@ from asdfviz.train.crop_config import CropTrainConfig, check_crop_config
 from asdfviz.train.crop_data import CropMaker
 from asdfviz.train.crop_found import found_crops, mixed
 from asdfviz.train.crop_losses import LOSSES, crop_losses, misnamed
-from asdfviz.train.crop_pool import CropPool, pools
+from asdfviz.train.crop_pool import CropPool
 from asdfviz.train.crop_scenes import CropConfig
+from asdfviz.train.crop_sitting import CropSitting
 from asdfviz.train.crop_validation import CropValidation, validate_crops
 from asdfviz.train.crop_validation_sets import validation_sets
 from asdfviz.train.crop_views import ViewMaker, Views
 from asdfviz.train.log import Meter, write_curve
 from asdfviz.train.schedule import make_optimizer, rate_at
 
-LOG_SECONDS = 20.0
 DRAWN = {
     "all": CropConfig(),
     "names": CropConfig(groups=0.0),  # crops of groups say nothing of names
@@ -63,7 +61,7 @@ class CropReport:
     validation: tuple[CropValidation, ...] = ()
 
 
-class CropSession(Sitting):
+class CropSession(CropSitting[CropTrainConfig, CropReport, CropValidation]):
     """The state of a run in progress."""
 
     def __init__(self, config: CropTrainConfig) -> None:
@@ -74,8 +72,7 @@ class CropSession(Sitting):
         self.config = config
         self.assemblies = [load_assembly(name) for name in config.assemblies]
         self._names_only = config.teach == "names"
-        self._drawing = DRAWN[config.teach]
-        self.maker = CropMaker(self.assemblies, config=self._drawing, device=config.device)
+        self.maker = CropMaker(self.assemblies, config=self.drawing, device=config.device)
         self.classes = self.maker.classes
         self.found = (
             found_crops(config.scenes, self.assemblies, self.classes) if config.scenes else None
@@ -104,32 +101,10 @@ class CropSession(Sitting):
         columns = [f"{name}:{figure}" for name in self.validation_sets for figure in FIGURES]
         self.validation_log = self.csv_log("validation.csv", ("step", "minutes", "score", *columns))
 
-    def go(self, report: Callable[[CropReport], None], stop: Callable[[], bool]) -> bool:
-        """Step until the budget is used (True) or `stop` says so (False), which leaves weights, too."""
-        checkpointed = validated = logged = self.seconds
-        meter = Meter()
-        for pool in self._pools(stop):
-            if self.share >= 1 or stop():
-                break
-            self.step(pool, meter)
-            now = self.seconds
-            if now - logged > LOG_SECONDS:
-                report(self._logged(meter))
-                logged, meter = now, Meter()
-            if now - checkpointed > self.config.checkpoint_minutes * 60:
-                self.checkpoint()
-                checkpointed = now
-            if now - validated > self.config.validate_minutes * 60 and self.share < 1:
-                found = self.validate()
-                report(dataclasses.replace(self._report(meter), validation=found))
-                validated = self.seconds
-        if meter.steps:
-            report(self._logged(meter))
-        self.checkpoint()
-        finished = self.share >= 1
-        if not finished and self.progress.best < 0:
-            self._export(self._averaged(), ())
-        return finished
+    @property
+    def drawing(self) -> CropConfig:
+        """What rendered crops show."""
+        return DRAWN[self.config.teach]
 
     def step(self, pool: CropPool, meter: Meter) -> None:
         """Take one optimiser step."""
@@ -209,6 +184,9 @@ class CropSession(Sitting):
             self._export(network, found)
         return found
 
+    def _export_unjudged(self) -> None:
+        self._export(self._averaged(), ())
+
     def _averaged(self) -> CropNetwork:
         network = network_of_shape(self.network.shape).to(self.config.device)
         network.load_state_dict(self.average.state)
@@ -218,16 +196,6 @@ class CropSession(Sitting):
         self.progress.seconds = self.seconds
         names, states = self.names, self.states
         export(self.config, network, self.progress, names=names, states=states, found=found)
-
-    def _pools(self, stop: Callable[[], bool]) -> Iterator[CropPool]:
-        return pools(
-            self.config,
-            maker=self.maker,
-            drawing=self._drawing,
-            stop=stop,
-            step=lambda: self.progress.step,
-            rng=self.rng,
-        )
 
     def checkpoint(self) -> None:
         """Write last.pt with all that is needed to go on."""
@@ -264,10 +232,10 @@ class CropSession(Sitting):
         write_curve(self.config.output / "curve.png", self.log, x="minutes", curves=LOSSES)
         return report
 
-    def _report(self, meter: Meter) -> CropReport:
+    def _report(self, meter: Meter, found: tuple[CropValidation, ...] = ()) -> CropReport:
         losses: dict[str, float] = dict(zip(LOSSES, meter.means(), strict=False))
         share = min(self.share, 1.0)
-        return CropReport(self.progress.step, share, losses, meter.inputs_per_s)
+        return CropReport(self.progress.step, share, losses, meter.inputs_per_s, found)
 
 
 def _taught(network: CropNetwork, teach: str) -> tuple[nn.Module, ...]:

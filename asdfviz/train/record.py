@@ -2,15 +2,43 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import platform
 import sys
 from pathlib import Path
 from typing import Any, cast
+
+import torch
 
 
 def made_by() -> str:
     """The command line of this process, the program and absolute paths by their names alone."""
     return " ".join(cast(list[str], without_places([Path(sys.argv[0]).name, *sys.argv[1:]])))
+
+
+def record_of(
+    config: object, weights: Path, *, steps: int, batch: int, seconds: float
+) -> dict[str, object]:
+    """How weights that were trained on crops came to be, as far as all such weights tell alike.
+
+    Args:
+        config: of the run, a dataclass.
+        weights: file that holds them.
+        steps: that were taken.
+        batch: crops a step.
+        seconds: that this took.
+    """
+    return {
+        "command": made_by(),
+        "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
+        "torch": torch.__version__,
+        "steps": steps,
+        "crops": steps * batch,
+        "minutes": round(seconds / 60, 1),
+        "bytes": weights.stat().st_size,
+        "config": without_places(dataclasses.asdict(cast(Any, config))),
+    }
 
 
 def without_places(value: object) -> Any:

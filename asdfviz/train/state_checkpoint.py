@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import torch
 
 from asdfviz.data.atomic import write_text
+from asdfviz.detector.crop_maps import MAPS
 from asdfviz.detector.crop_weights import FORMAT as CROP_FORMAT
 from asdfviz.detector.crop_weights import load_crop_network
-from asdfviz.detector.state_network import MAPS, StateNetwork
+from asdfviz.detector.state_network import StateNetwork
 from asdfviz.detector.state_weights import load_state_network, save_state_network
 from asdfviz.detector.tensor_files import format_of
 from asdfviz.errors import WeightsError
 from asdfviz.train.checkpoint import Progress
-from asdfviz.train.record import made_by, without_places
+from asdfviz.train.record import record_of
 from asdfviz.train.state_config import StateTrainConfig
 from asdfviz.train.state_validation import StateValidation
 
@@ -82,14 +82,13 @@ def export_states(
     save_state_network(network, path, states=states)
     record = {
         "states": {name: list(of) for name, of in states.items()},
-        "command": made_by(),
-        "machine": f"{platform.machine()}, {platform.processor() or platform.system()}",
-        "torch": torch.__version__,
-        "steps": progress.step,
-        "crops": progress.step * config.batch,
-        "minutes": round(progress.seconds / 60, 1),
-        "bytes": path.stat().st_size,
-        "config": without_places(dataclasses.asdict(config)),
+        **record_of(
+            config,
+            path,
+            steps=progress.step,
+            batch=config.batch,
+            seconds=progress.seconds,
+        ),
         "validation": [dataclasses.asdict(one) for one in found],
     }
     write_text(path.with_suffix(".json"), json.dumps(record, indent=2) + "\n")

@@ -6,10 +6,9 @@ date), log.csv, validation.csv and curve.png; pool/ holds the crops, where proce
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,21 +19,24 @@ from torch.nn.functional import cross_entropy
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.crop_classes import group_states
+from asdfviz.detector.crop_maps import MAPS
 from asdfviz.detector.precision import has_bfloat16
-from asdfviz.detector.state_network import MAPS, StateNetwork
+from asdfviz.detector.state_network import StateNetwork
 from asdfviz.detector.state_weights import state_network_of_shape
 from asdfviz.errors import WeightsError
 from asdfviz.synth.tensors import to_tensor
-from asdfviz.train.budget import Sitting, descend
+from asdfviz.train.budget import descend
 from asdfviz.train.checkpoint import Average, load_checkpoint, write_checkpoint
+from asdfviz.train.crop_config import check_run
 from asdfviz.train.crop_data import CropMaker, Crops
 from asdfviz.train.crop_found import found_crops
-from asdfviz.train.crop_pool import CropPool, pools
+from asdfviz.train.crop_pool import CropPool
 from asdfviz.train.crop_scenes import CropConfig
+from asdfviz.train.crop_sitting import CropSitting
 from asdfviz.train.log import Meter, write_curve
 from asdfviz.train.schedule import rate_at
 from asdfviz.train.state_checkpoint import begin_states_from, export_states
-from asdfviz.train.state_config import StateTrainConfig, check_state_config
+from asdfviz.train.state_config import StateTrainConfig
 from asdfviz.train.state_validation import (
     StateValidation,
     state_validation_sets,
@@ -47,7 +49,6 @@ from asdfviz.train.state_views import (
 )
 from asdfviz.train.whole_run import resume_whole, whole_run
 
-LOG_SECONDS = 20.0
 DRAWN = CropConfig(pixels=STORED_STATE_PIXELS, groups=1.0, half_done=0.5)
 """What rendered crops show."""
 
@@ -64,11 +65,11 @@ class StateReport:
     validation: tuple[StateValidation, ...] = ()
 
 
-class StateSession(Sitting):
+class StateSession(CropSitting[StateTrainConfig, StateReport, StateValidation]):
     """The state of a run in progress."""
 
     def __init__(self, config: StateTrainConfig) -> None:
-        check_state_config(config)
+        check_run(config)
         torch.set_num_threads(config.threads)
         torch.manual_seed(config.seed)  # pyright: ignore[reportUnknownMemberType] - untyped in torch
         config.output.mkdir(parents=True, exist_ok=True)
@@ -98,32 +99,10 @@ class StateSession(Sitting):
         columns = [f"{name}:{f}" for name in self.sets for f in ("right", "surprise")]
         self.validation_log = self.csv_log("validation.csv", ("step", "minutes", "score", *columns))
 
-    def go(self, report: Callable[[StateReport], None], stop: Callable[[], bool]) -> bool:
-        """Step until the budget is used (True) or `stop` says so (False), which leaves weights, too."""
-        checkpointed = validated = logged = self.seconds
-        meter = Meter()
-        for pool in self._pools(stop):
-            if self.share >= 1 or stop():
-                break
-            self.step(pool, meter)
-            now = self.seconds
-            if now - logged > LOG_SECONDS:
-                report(self._logged(meter))
-                logged, meter = now, Meter()
-            if now - checkpointed > self.config.checkpoint_minutes * 60:
-                self.checkpoint()
-                checkpointed = now
-            if now - validated > self.config.validate_minutes * 60 and self.share < 1:
-                found = self.validate()
-                report(dataclasses.replace(self._report(meter), validation=found))
-                validated = self.seconds
-        if meter.steps:
-            report(self._logged(meter))
-        self.checkpoint()
-        finished = self.share >= 1
-        if not finished and self.progress.best < 0:
-            self._export(self._averaged(), ())
-        return finished
+    @property
+    def drawing(self) -> CropConfig:
+        """What rendered crops show."""
+        return DRAWN
 
     def step(self, pool: CropPool, meter: Meter) -> None:
         """Take one optimiser step."""
@@ -214,6 +193,9 @@ class StateSession(Sitting):
         ]
         return torch.optim.AdamW(settings, lr=config.learning_rate, betas=(0.9, 0.99))
 
+    def _export_unjudged(self) -> None:
+        self._export(self._averaged(), ())
+
     def _averaged(self) -> StateNetwork:
         network = state_network_of_shape(self.network.shape).to(self.config.device)
         network.load_state_dict(self.average.state)
@@ -222,16 +204,6 @@ class StateSession(Sitting):
     def _export(self, network: StateNetwork, found: tuple[StateValidation, ...]) -> None:
         self.progress.seconds = self.seconds
         export_states(self.config, network, self.progress, states=self.states, found=found)
-
-    def _pools(self, stop: Callable[[], bool]) -> Iterator[CropPool]:
-        return pools(
-            self.config,
-            maker=self.maker,
-            drawing=DRAWN,
-            stop=stop,
-            step=lambda: self.progress.step,
-            rng=self.rng,
-        )
 
     def checkpoint(self) -> None:
         """Write last.pt with all that is needed to go on."""
@@ -271,7 +243,7 @@ class StateSession(Sitting):
         write_curve(self.config.output / "curve.png", self.log, x="minutes", curves=("state",))
         return report
 
-    def _report(self, meter: Meter) -> StateReport:
+    def _report(self, meter: Meter, found: tuple[StateValidation, ...] = ()) -> StateReport:
         losses: dict[str, float] = dict(zip(("state",), meter.means(), strict=False))
         share = min(self.share, 1.0)
-        return StateReport(self.progress.step, share, losses, meter.inputs_per_s)
+        return StateReport(self.progress.step, share, losses, meter.inputs_per_s, found)

@@ -15,10 +15,11 @@ from asdfviz.data.scene_files import find_scene_files
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.crop_classes import crop_classes, group_states
 from asdfviz.detector.crop_cut import CropCamera, cut
+from asdfviz.detector.crop_maps import MAPS
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import save_crop_network
 from asdfviz.detector.state_cut import STATE_PIXELS, BasePoses, seen_by, state_cameras
-from asdfviz.detector.state_network import MAPS, StateNetwork
+from asdfviz.detector.state_network import StateNetwork
 from asdfviz.detector.state_weights import load_state_network, save_state_network
 from asdfviz.errors import InputError, WeightsError
 from asdfviz.geometry.transforms import apply
