@@ -97,6 +97,11 @@ class Controller:
         self._end()
         self._inbox.wake()
 
+    @property
+    def has_ended(self) -> bool:
+        """Whether all that waited was dealt with after `close`."""
+        return not self._thread.is_alive()
+
     def wait(self, seconds: float) -> None:
         """Wait for the thread to end."""
         self._thread.join(seconds)

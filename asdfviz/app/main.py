@@ -67,6 +67,8 @@ class App:
         self.background = Background(workspace)
         self._server = server
         self._tabs: dict[int, Controller] = {}
+        self._leaving: list[Controller] = []
+        """Whose page has gone, as long as they still write what waits."""
         self._lock = threading.Lock()
         self._closed = threading.Event()
         self._methods = available_methods()
@@ -87,11 +89,11 @@ class App:
         self._closed.set()
         self.background.close()
         with self._lock:
-            tabs = tuple(self._tabs.values())
+            tabs, leaving = tuple(self._tabs.values()), tuple(self._leaving)
         for tab in tabs:
             tab.close()
-        for tab in tabs:
-            tab.wait(20.0)  # a slow one still reads what is closed below
+        for tab in (*tabs, *leaving):
+            tab.wait(20.0)  # a slow one still reads and writes what is closed below
         stop_server(self._server)
         self.workspace.close()
 
@@ -134,8 +136,10 @@ class App:
     def _close_tab(self, client: Any) -> None:
         with self._lock:
             tab = self._tabs.pop(client.client_id, None)
-        if tab is not None:
-            tab.close()
+            if tab is None:
+                return
+            self._leaving = [one for one in self._leaving if not one.has_ended] + [tab]
+        tab.close()
 
 
 def open_app(config: ViewConfig) -> App:

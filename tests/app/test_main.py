@@ -9,6 +9,7 @@ import time
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -279,6 +280,30 @@ def test_a_file_in_the_place_of_the_annotations_is_named(scene: Path) -> None:
     notes.touch()
     with pytest.raises(InputError, match=r"notes is a file; results need a folder"):
         open_workspace(config(scene))
+
+
+def test_what_a_page_that_has_gone_still_writes_is_waited_for(scene: Path) -> None:
+    """An edit may still wait when its page goes and the app is closed right after."""
+
+    class Tab:
+        has_ended = False
+
+        def close(self) -> None:
+            assert not self.has_ended
+
+        def wait(self, seconds: float) -> None:
+            app.workspace.store.poses()  # is still open
+            self.has_ended = True
+
+    app = open_app(config(scene))
+    gone, later = Tab(), Tab()
+    for number, tab in enumerate((gone, later)):
+        app._tabs[number] = tab  # pyright: ignore[reportPrivateUsage, reportArgumentType]
+        app._close_tab(SimpleNamespace(client_id=number))  # pyright: ignore[reportPrivateUsage]
+    assert app.tabs() == ()
+    app.close()
+    assert gone.has_ended
+    assert later.has_ended
 
 
 def test_a_token_is_in_the_address(scene: Path) -> None:
