@@ -39,6 +39,8 @@ def begin_states_from(
     Raises:
         WeightsError: no such file, a corrupt one, or weights of other groups or sizes.
     """
+    if not weights.is_file():
+        raise WeightsError(f"no weights to begin with at '{weights}'")
     if format_of(weights) != CROP_FORMAT:
         loaded = load_state_network(weights)
         if dict(loaded.states) != {name: tuple(of) for name, of in states.items()}:

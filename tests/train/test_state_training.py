@@ -137,6 +137,8 @@ def test_a_network_goes_on_only_for_the_same_states(tmp_path: Path, assembly: As
     assert torch.allclose(other.to_states.weight, network.to_states.weight, atol=1e-2)
     with pytest.raises(WeightsError, match="other states"):
         begin_states_from(other, file, states={"toy//group": ("start", "else")})
+    with pytest.raises(WeightsError, match="no weights to begin with at"):
+        begin_states_from(other, tmp_path / "nothing.safetensors", states=states)
     file.write_bytes(file.read_bytes()[:200])
     with pytest.raises(WeightsError, match="not a whole safetensors file"):
         begin_states_from(other, file, states=states)
