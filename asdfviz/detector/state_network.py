@@ -22,7 +22,7 @@ _POSE = 9
 
 
 class StateNetwork(CropMaps):
-    """About 1.5 million parameters with the default sizes."""
+    """About 2.8 million parameters with the default sizes, four groups and 160 points each."""
 
     points: Tensor
     normals: Tensor

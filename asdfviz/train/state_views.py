@@ -19,6 +19,7 @@ from asdfviz.detector.state_cut import (
     seen_by,
     state_cameras,
 )
+from asdfviz.geometry.rotation_grid import rotations_of
 from asdfviz.geometry.sampling import farthest_points, oriented_surface_points, surface_middle
 from asdfviz.geometry.transforms import apply
 from asdfviz.synth.joint_motion import joined_poses
@@ -121,12 +122,11 @@ class StateViewMaker:
         turned = rng.normal(size=(count, 3)) * size * jitter
         flipped = (rng.random(count) < FLIPPED) & (jitter > 0)
         turned[flipped] = np.pi * np.eye(3)[rng.integers(3, size=flipped.sum())]
-        angle = np.linalg.norm(turned, axis=1)[:, None, None]
-        x, y, z = (turned / np.maximum(angle[:, :, 0], 1e-9)).T
-        o = np.zeros_like(x)
-        cross = np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
-        R = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-        return self._tensor(R)
+        angle = np.linalg.norm(turned, axis=1, keepdims=True)
+        axis = turned / np.maximum(angle, 1e-9)
+        return self._tensor(
+            rotations_of(np.concatenate([axis * np.sin(angle / 2), np.cos(angle / 2)], axis=1))
+        )
 
     def _normal(self, rng: np.random.Generator, *size: int) -> Tensor:
         return self._tensor(rng.normal(size=size).clip(-2.5, 2.5))
