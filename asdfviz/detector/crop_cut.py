@@ -62,9 +62,13 @@ def metric_side(camera: CropCamera, distance: float) -> float:
 
 
 def cut(
-    rgb: Rgb, camera: CropCamera, K: Intrinsics, *, side: int = CROP_PIXELS
-) -> UInt8[np.ndarray, "side side 3"]:
-    """The crop's picture; beyond the frame's border its last pixels go on."""
+    rgb: Rgb,
+    camera: CropCamera,
+    K: Intrinsics,
+    *,
+    size: tuple[int, int] = (CROP_PIXELS, CROP_PIXELS),
+) -> UInt8[np.ndarray, "height width 3"]:
+    """The crop's picture, of this width and height; beyond the frame's border its last pixels go on."""
     scale = camera.K[0, 0] / K[0, 0]
     finer = 1 if scale >= SHARPEST else min(4, int(np.ceil(1 / scale)))
     S = np.array([[finer, 0, (finer - 1) / 2], [0, finer, (finer - 1) / 2], [0, 0, 1.0]])
@@ -72,10 +76,10 @@ def cut(
     picture = cv2.warpPerspective(
         rgb,
         H_crop_frame,
-        (side * finer, side * finer),
+        (size[0] * finer, size[1] * finer),
         flags=cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
     if finer > 1:
-        picture = cv2.resize(picture, (side, side), interpolation=cv2.INTER_AREA)
+        picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
     return np.asarray(picture, np.uint8)

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from asdfviz.detector.crop_classes import state_spans
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.packed_tensors import packed, unpacked
-from asdfviz.detector.tensor_files import read_tensors, write_tensors
+from asdfviz.detector.tensor_files import are_finite, fitting, read_tensors, write_tensors
 from asdfviz.errors import WeightsError
 
 FORMAT = "asdfviz-crops-2"
@@ -73,18 +71,18 @@ def load_crop_network(path: Path) -> LoadedCropNetwork:
     tensors, metadata = read_tensors(
         path, format=FORMAT, otherwise="it does not hold a crop network"
     )
-    try:
+    with fitting(path, "a crop network"):
         classes = tuple(str(name) for name in json.loads(metadata["classes"]))
         told: dict[str, list[str]] = json.loads(metadata.get("states", "{}"))
         states = {name: tuple(str(state) for state in of) for name, of in told.items()}
         network = network_of_shape(json.loads(metadata["shape"]))
         weights = unpacked(tensors)
         network.load_state_dict(weights)
-    except (KeyError, ValueError, TypeError, RuntimeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else repr(error)
-        raise WeightsError(f"'{path}' does not fit a crop network: {reason}") from error
-    finite = all(bool(torch.isfinite(v).all()) for v in weights.values() if v.is_floating_point())
-    if not finite or len(classes) != network.classes or _count(states) != network.states:
+    if (
+        not are_finite(weights)
+        or len(classes) != network.classes
+        or _count(states) != network.states
+    ):
         raise WeightsError(f"'{path}' holds numbers that are not finite, or too few names")
     network.eval()
     return LoadedCropNetwork(network, classes, states)

@@ -7,11 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
-
 from asdfviz.data.hashes import file_sha256
 from asdfviz.detector.mask_branch import MaskBranch
-from asdfviz.detector.tensor_files import half_tensors, read_tensors, single_tensors, write_tensors
+from asdfviz.detector.tensor_files import (
+    are_finite,
+    fitting,
+    half_tensors,
+    read_tensors,
+    single_tensors,
+    write_tensors,
+)
 from asdfviz.errors import WeightsError
 
 FORMAT = "asdfviz-masks-1"
@@ -79,15 +84,12 @@ def read_branch(path: Path) -> tuple[LoadedMasks, str | None]:
     tensors, metadata = read_tensors(
         path, format=FORMAT, otherwise="it does not hold a mask branch"
     )
-    try:
+    with fitting(path, "a mask branch"):
         classes = tuple(str(name) for name in json.loads(metadata["classes"]))
         channels = tuple(int(c) for c in json.loads(metadata["channels"]))
         branch = MaskBranch(channels, width=int(metadata["width"]))
         branch.load_state_dict(single_tensors(tensors))
-    except (KeyError, ValueError, TypeError, RuntimeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else repr(error)
-        raise WeightsError(f"'{path}' does not fit a mask branch: {reason}") from error
-    if not all(bool(torch.isfinite(v).all()) for v in tensors.values() if v.is_floating_point()):
+    if not are_finite(tensors):
         raise WeightsError(f"'{path}' holds numbers that are not finite: the training diverged")
     branch.eval()
     return LoadedMasks(branch, classes), metadata.get("detector")

@@ -1,7 +1,7 @@
 """How the state network's crops are cut: by the base part's pose, about all places that joined parts take.
 
 Training and use take the same camera: it looks at the middle of the box in which the group's points are seen,
-the base part's longest axis points to the right, and the box just fits.
+the group's longest axis points to the right or to the left, and the box just fits.
 """
 
 from __future__ import annotations
@@ -12,18 +12,15 @@ import numpy as np
 from jaxtyping import Float32
 from torch import Tensor, atan2
 
-from asdfviz.datatypes import Part
 from asdfviz.detector.view_rotations import about_z, towards
-from asdfviz.geometry.sampling import surface_points
 from asdfviz.geometry.shapes import Vector
 
-STATE_PIXELS = 128
-"""Side of the network's input."""
+STATE_SIZE = (224, 128)
+"""Width and height of the network's input, pixels: most groups are long, and small parts tell their states."""
 MARGIN = 1.15
-"""Side of a crop over the longer side of the box."""
+"""A crop over the box, in the direction in which it fits."""
 NEAREST = 0.03
 """Metres; points nearer than this are not before the camera."""
-_SAMPLES = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +35,7 @@ class BasePoses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateCameras:
-    """Cameras of crops of `STATE_PIXELS` a side, which share the centre of those that the poses are given in."""
+    """Cameras of crops of `STATE_SIZE`, which share the centre of those that the poses are given in."""
 
     R_camera_crop: Float32[Tensor, "b 3 3"]
     focal: Float32[Tensor, "b"]
@@ -56,7 +53,7 @@ def state_cameras(
 
     Args:
         points: of every group, base part's frame, metres.
-        axes: `long_axis` of every base part.
+        axes: `long_axis` of every group.
         poses: of the base parts in a camera; every point farther ahead than `NEAREST`.
         roll: by which crops are turned besides, radians.
     """
@@ -69,8 +66,9 @@ def state_cameras(
     level = seen @ R_level
     flat = level[:, :, :2] / level[:, :, 2:].clamp(min=NEAREST)
     low, high = flat.amin(1), flat.amax(1)
-    side = (high - low).amax(1)
-    return StateCameras(R_level @ towards((low + high) / 2), STATE_PIXELS / (MARGIN * side))
+    sides = high - low
+    focal = sides.new_tensor(STATE_SIZE) / (MARGIN * sides)
+    return StateCameras(R_level @ towards((low + high) / 2), focal.amin(1))
 
 
 def seen_by(cameras: StateCameras, poses: BasePoses) -> BasePoses:
@@ -85,8 +83,7 @@ def are_ahead(points: Float32[Tensor, "b p 3"], poses: BasePoses) -> bool:
     return bool((depth > NEAREST).all())
 
 
-def long_axis(part: Part) -> Vector:
-    """Unit vector along a part's greatest extent, part's frame."""
-    points = surface_points(part.mesh.vertices, part.mesh.faces, _SAMPLES)
+def long_axis(points: Float32[np.ndarray, "p 3"]) -> Vector:
+    """Unit vector along the greatest extent of a group's points, base part's frame."""
     axis = np.linalg.eigh(np.cov(points.T))[1][:, 2]
     return axis * np.sign(axis[np.abs(axis).argmax()])

@@ -14,7 +14,7 @@ from asdfviz.detector.crop_classes import group_name
 from asdfviz.detector.crop_cut import CropCamera, cut
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.detector.state_cut import (
-    STATE_PIXELS,
+    STATE_SIZE,
     BasePoses,
     StateCameras,
     are_ahead,
@@ -74,7 +74,7 @@ class StateLooker:
             return None
         cameras = state_cameras(points, self._network.axes[group], poses)
         there = seen_by(cameras, poses)
-        picture = torch.as_tensor(cut(rgb, _camera(cameras), K, side=STATE_PIXELS)).to(device)
+        picture = torch.as_tensor(cut(rgb, _camera(cameras), K, size=STATE_SIZE)).to(device)
         crops = picture.permute(2, 0, 1)[None].float() / 255 - 0.5
         crops = crops.contiguous(memory_format=torch.channels_last)
         half = self._config.bfloat16 and has_bfloat16(device)
@@ -85,6 +85,6 @@ class StateLooker:
 
 def _camera(cameras: StateCameras) -> CropCamera:
     """The first of them, to cut with."""
-    focal, center = float(cameras.focal[0]), (STATE_PIXELS - 1) / 2
-    K = np.array([[focal, 0, center], [0, focal, center], [0, 0, 1.0]])
-    return CropCamera(K, cameras.R_camera_crop[0].double().cpu().numpy())
+    focal, (width, height) = float(cameras.focal[0]), STATE_SIZE
+    K = [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]]
+    return CropCamera(np.array(K), cameras.R_camera_crop[0].double().cpu().numpy())

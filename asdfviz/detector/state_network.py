@@ -18,6 +18,8 @@ from asdfviz.detector.state_cut import BasePoses
 
 OWN = 10
 """Numbers that are kept of what is read at a point."""
+GEOMETRY = ("points", "normals", "axes")
+"""Buffers that hold what the groups are like, not what was learned."""
 _POSE = 9
 
 
@@ -43,7 +45,7 @@ class StateNetwork(CropMaps):
         Args:
             points: of every group, on the parts in their places, base part's frame, metres.
             normals: outward, likewise.
-            axes: `long_axis` of every base part.
+            axes: `long_axis` of every group.
             states: of all groups together.
             widths: channels at strides 2, 4, 8 and 16.
             hidden: features from which states are told.
@@ -75,7 +77,7 @@ class StateNetwork(CropMaps):
 
     def forward(
         self,
-        crops: Float[Tensor, "b 3 s s"],
+        crops: Float[Tensor, "b 3 h w"],
         group: Int64[Tensor, "b"],
         poses: BasePoses,
         focal: Float[Tensor, "b"],
@@ -83,13 +85,14 @@ class StateNetwork(CropMaps):
         """Logits of the states of all groups, of which a crop's own count.
 
         Args:
-            crops: RGB, -0.5 to 0.5; a multiple of 16 on a side, `STATE_PIXELS` by default.
+            crops: RGB, -0.5 to 0.5; multiples of 16 high and wide, `STATE_SIZE` by default.
             group: of every crop.
             poses: of the base part in its camera.
             focal: of that camera, pixels; the crop's middle is its principal point.
         """
         maps, sixteenth = self.maps(crops, group)
-        read, facing = self._read(maps, group, poses, focal / (crops.shape[-1] / 2))
+        half = focal.new_tensor((crops.shape[3] / 2, crops.shape[2] / 2))
+        read, facing = self._read(maps, group, poses, focal[:, None] / half)
         # How a point is turned, and what may hide it from there, weighs what is read at it.
         R = poses.R.flatten(1)
         weight = torch.sigmoid(self.pose(R) + 2 * facing)
@@ -101,7 +104,11 @@ class StateNetwork(CropMaps):
         return self.to_states(hidden + silu(self.mix(hidden)))
 
     def _read(
-        self, maps: Float[Tensor, "b c i j"], group: Tensor, poses: BasePoses, scale: Tensor
+        self,
+        maps: Float[Tensor, "b c i j"],
+        group: Tensor,
+        poses: BasePoses,
+        scale: Float[Tensor, "b 2"],
     ) -> tuple[Float[Tensor, "b p e"], Float[Tensor, "b p"]]:
         """The maps at every point, whether it is in view and faces the camera; and how much it does."""
         # Sums, not matrix products: those would be rounded to bfloat16 where the maps are.
@@ -109,7 +116,7 @@ class StateNetwork(CropMaps):
         seen = (R * self.points[group][:, :, None]).sum(3) + poses.t[:, None]
         normals = (R * self.normals[group][:, :, None]).sum(3)
         depth = seen[:, :, 2:].clamp(min=1e-3)
-        grid = seen[:, :, :2] / depth * scale[:, None, None]
+        grid = seen[:, :, :2] / depth * scale[:, None]
         distance = (seen * seen).sum(2).sqrt()
         facing = -(normals * seen).sum(2) / distance.clamp(min=1e-3)
         found = grid_sample(maps.float(), grid[:, None], align_corners=False)

@@ -12,12 +12,19 @@ import torch
 
 from asdfviz.detector.crop_classes import state_spans
 from asdfviz.detector.packed_tensors import packed, unpacked
-from asdfviz.detector.state_network import StateNetwork
-from asdfviz.detector.tensor_files import read_metadata, read_tensors, write_tensors
+from asdfviz.detector.state_network import GEOMETRY, StateNetwork
+from asdfviz.detector.tensor_files import (
+    are_finite,
+    fitting,
+    read_metadata,
+    read_tensors,
+    write_tensors,
+)
 from asdfviz.errors import WeightsError
 
-FORMAT = "asdfviz-states-1"
-_OTHERWISE = "it does not hold a state network"
+FORMAT = "asdfviz-states-2"
+_KIND = "a state network"
+_OTHERWISE = f"it does not hold {_KIND}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +56,7 @@ def save_state_network(
         "states": json.dumps({name: list(of) for name, of in states.items()}),
         "shape": json.dumps(network.shape),
     }
-    tensors = packed(network, by_last=("own", "gather"), exact=("points", "normals", "axes"))
+    tensors = packed(network, by_last=("own", "gather"), exact=GEOMETRY)
     write_tensors(path, tensors, metadata)
 
 
@@ -60,10 +67,8 @@ def states_known(path: Path) -> dict[str, tuple[str, ...]]:
         WeightsError: a file that is not whole, or of another network.
     """
     metadata = read_metadata(path, format=FORMAT, otherwise=_OTHERWISE)
-    try:
+    with fitting(path, _KIND):
         return _states(metadata)
-    except (KeyError, ValueError, TypeError, AttributeError) as error:
-        raise WeightsError(f"'{path}' does not fit a state network: {error!r}") from error
 
 
 def load_state_network(path: Path) -> LoadedStateNetwork:
@@ -78,17 +83,13 @@ def load_state_network(path: Path) -> LoadedStateNetwork:
             "--state-looks crops"
         )
     tensors, metadata = read_tensors(path, format=FORMAT, otherwise=_OTHERWISE)
-    try:
+    with fitting(path, _KIND):
         states = _states(metadata)
         network = state_network_of_shape(json.loads(metadata["shape"]))
         weights = unpacked(tensors)
         network.load_state_dict(weights)
-    except (KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
-        reason = str(error).splitlines()[0] if str(error) else repr(error)
-        raise WeightsError(f"'{path}' does not fit a state network: {reason}") from error
-    finite = all(bool(torch.isfinite(v).all()) for v in weights.values() if v.is_floating_point())
     count = sum(len(of) for of in states.values())
-    if not finite or len(states) != network.groups or count != network.states:
+    if not are_finite(weights) or len(states) != network.groups or count != network.states:
         raise WeightsError(f"'{path}' holds numbers that are not finite, or too few names")
     network.eval()
     return LoadedStateNetwork(network, states)

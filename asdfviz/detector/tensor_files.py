@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
+import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
@@ -64,6 +66,28 @@ def format_of(path: Path) -> str | None:
         WeightsError: a file that is not whole.
     """
     return _content(path, with_tensors=False)[1].get("format")
+
+
+@contextmanager
+def fitting(path: Path, network: str) -> Generator[None]:
+    """Where a network is rebuilt from a file: what does not fit is one WeightsError that names both.
+
+    Args:
+        path: the file.
+        network: what it is to be, such as "a crop network".
+    """
+    try:
+        yield
+    except (KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
+        # Torch says which tensors do not fit on many lines; the first says what is wrong.
+        reason = str(error).splitlines()[0] if str(error) else repr(error)
+        raise WeightsError(f"'{path}' does not fit {network}: {reason}") from error
+
+
+def are_finite(tensors: Mapping[str, Tensor]) -> bool:
+    """Whether no number of any tensor is infinite or none."""
+    floating = (value for value in tensors.values() if value.is_floating_point())
+    return all(bool(torch.isfinite(value).all()) for value in floating)
 
 
 def _read(

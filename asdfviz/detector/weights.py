@@ -18,6 +18,7 @@ from torch import Tensor
 
 from asdfviz.detector.network import Network, Scale
 from asdfviz.detector.tensor_files import (
+    are_finite,
     half_tensors,
     read_metadata,
     read_tensors,
@@ -216,8 +217,7 @@ def _fill(network: Network, tensors: Mapping[str, Tensor], path: Path) -> None:
             f"'{path}' does not fit a YOLOv8{network.scale}-pose with {network.keypoints} "
             f"keypoints: missing {missing[:3]}, unknown {unknown[:3]}, wrong shape {wrong[:3]}"
         )
-    floating = [v for v in tensors.values() if v.is_floating_point()]
-    if not all(bool(torch.isfinite(v).all()) for v in floating):
+    if not are_finite(tensors):
         raise WeightsError(f"'{path}' holds numbers that are not finite: the training diverged")
     network.load_state_dict(single_tensors(tensors))
     network.eval()

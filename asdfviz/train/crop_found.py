@@ -214,7 +214,7 @@ def _cut(
     camera = crop_camera(box, K, side=round(CROP_PIXELS * pixels / STORED_PIXELS))
     K_stored = camera.K.copy()
     K_stored[:2, 2] = (pixels - 1) / 2
-    picture = cut(rgb, replace(camera, K=K_stored), K, side=pixels)
+    picture = cut(rgb, replace(camera, K=K_stored), K, size=(pixels, pixels))
     T_crop_camera = transform_from(camera.R_camera_crop.T, np.zeros(3))
     return _Cut(shown, picture, T_crop_camera @ shown.T_camera_part, float(camera.K[0, 0]))
 

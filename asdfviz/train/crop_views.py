@@ -108,7 +108,7 @@ class ViewMaker:
         T = crops.T_crop_part
         R_view_part = R_stored_view.transpose(1, 2) @ T[:, :3, :3]
         t = (R_stored_view.transpose(1, 2) @ T[:, :3, 3:])[:, :, 0]
-        shown = cut_views(crops, R_stored_view, focal, side=CROP_PIXELS)
+        shown = cut_views(crops, R_stored_view, focal, size=(CROP_PIXELS, CROP_PIXELS))
         rgb, seen = shown[:, :3], shown[:, 3:]
         if jitter > 0:
             rgb = toned(rgb, rng)
@@ -216,25 +216,29 @@ def _spans(classes: Sequence[CropClass], device: str) -> tuple[Tensor, Tensor]:
 
 
 def cut_views(
-    crops: Crops, R_stored_view: Float32[Tensor, "b 3 3"], focal: Float32[Tensor, "b"], *, side: int
-) -> Float32[Tensor, "b 4 s s"]:
+    crops: Crops,
+    R_stored_view: Float32[Tensor, "b 3 3"],
+    focal: Float32[Tensor, "b"],
+    *,
+    size: tuple[int, int],
+) -> Float32[Tensor, "b 4 h w"]:
     """Resample the stored pictures, 0 to 1; beyond their border the last pixels go on.
 
     Args:
         crops: stored.
         R_stored_view: of every view; both cameras have the same centre.
         focal: of the views, pixels.
-        side: of the views, pixels.
+        size: width and height of the views, pixels.
     """
     device, stored = crops.pictures.device, crops.pictures.shape[3]
-    place = torch.arange(side, device=device, dtype=torch.float32) - (side - 1) / 2
-    y, x = torch.meshgrid(place, place, indexing="ij")
+    across, down = (torch.arange(n, device=device, dtype=torch.float32) - (n - 1) / 2 for n in size)
+    y, x = torch.meshgrid(down, across, indexing="ij")
     flat = torch.stack([x.reshape(-1), y.reshape(-1)])
     # One ray in twelve columns would do for the eye; all of them keep the outline exact.
     ones = torch.ones(len(focal), 1, flat.shape[1], device=device)
     seen = R_stored_view @ torch.cat([flat[None] / focal[:, None, None], ones], dim=1)
     grid = seen[:, :2] / seen[:, 2:] * (crops.focal / (stored / 2))[:, None, None]
-    grid = grid.transpose(1, 2).view(len(focal), side, side, 2)
+    grid = grid.transpose(1, 2).view(len(focal), size[1], size[0], 2)
     pictures = crops.pictures.float() / 255
     return grid_sample(pictures, grid, padding_mode="border", align_corners=False)
 

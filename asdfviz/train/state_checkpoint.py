@@ -13,7 +13,7 @@ from asdfviz.data.atomic import write_text
 from asdfviz.detector.crop_maps import MAPS
 from asdfviz.detector.crop_weights import FORMAT as CROP_FORMAT
 from asdfviz.detector.crop_weights import load_crop_network
-from asdfviz.detector.state_network import StateNetwork
+from asdfviz.detector.state_network import GEOMETRY, StateNetwork
 from asdfviz.detector.state_weights import load_state_network, save_state_network
 from asdfviz.detector.tensor_files import format_of
 from asdfviz.errors import WeightsError
@@ -39,6 +39,7 @@ def begin_states_from(
     Raises:
         WeightsError: no such file, a corrupt one, or weights of other groups or sizes.
     """
+    own = network.state_dict()
     if not weights.is_file():
         raise WeightsError(f"no weights to begin with at '{weights}'")
     if format_of(weights) != CROP_FORMAT:
@@ -47,11 +48,12 @@ def begin_states_from(
             raise WeightsError(f"'{weights}' tells other states: {dict(loaded.states)}")
         if loaded.network.shape != network.shape:
             raise WeightsError(f"'{weights}' has the shape {loaded.network.shape}")
-        network.load_state_dict(loaded.network.state_dict())
+        learned = loaded.network.state_dict()
+        network.load_state_dict(learned | {name: own[name] for name in GEOMETRY})
         return
     crops = load_crop_network(weights)
     learned, classes = crops.network.state_dict(), list(crops.classes)
-    for name, tensor in network.state_dict().items():
+    for name, tensor in own.items():
         if name.split(".")[0] not in MAPS:
             continue
         source = learned[name]

@@ -49,7 +49,7 @@ from asdfviz.train.state_views import (
 )
 from asdfviz.train.whole_run import resume_whole, whole_run
 
-DRAWN = CropConfig(pixels=STORED_STATE_PIXELS, groups=1.0, half_done=0.5)
+DRAWN = CropConfig(pixels=STORED_STATE_PIXELS, groups=1.0, half_done=0.5, hand=0.4)
 """What rendered crops show."""
 
 

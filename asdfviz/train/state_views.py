@@ -13,7 +13,7 @@ from torch import Tensor
 from asdfviz.datatypes import Assembly, Part
 from asdfviz.detector.crop_classes import CropClass, group_states, state_spans
 from asdfviz.detector.state_cut import (
-    STATE_PIXELS,
+    STATE_SIZE,
     BasePoses,
     long_axis,
     seen_by,
@@ -27,7 +27,7 @@ from asdfviz.synth.tensors import to_tensor
 from asdfviz.train.crop_data import Crops
 from asdfviz.train.crop_views import cut_views, toned
 
-STORED_STATE_PIXELS = 208
+STORED_STATE_PIXELS = 288
 """Side of a stored crop."""
 POINTS = 160
 """Of a group, on all of its parts alike."""
@@ -46,7 +46,7 @@ ROLL = 0.04
 class StateViews:
     """A training batch."""
 
-    pictures: Float32[Tensor, "b 3 s s"]
+    pictures: Float32[Tensor, "b 3 h w"]
     """RGB, -0.5 to 0.5."""
     groups: Int64[Tensor, "b"]
     poses: BasePoses
@@ -73,7 +73,7 @@ class StateViewMaker:
         sampled = [group_points(assembly) for assembly in assemblies]
         self.points = self._tensor(np.stack([points for points, _ in sampled]))
         self.normals = self._tensor(np.stack([normals for _, normals in sampled]))
-        self.axes = self._tensor(np.stack([long_axis(base) for base in bases]))
+        self.axes = self._tensor(np.stack([long_axis(points) for points, _ in sampled]))
         spans = state_spans(group_states(classes))
         own = torch.zeros(len(labels), sum(len(c.states) for c in classes), dtype=torch.bool)
         for row, label in enumerate(labels):
@@ -92,7 +92,7 @@ class StateViewMaker:
         poses = self._believed(crops, groups, rng, jitter)
         roll = jitter * ROLL * self._normal(rng, len(crops), 1)[:, 0]
         cameras = state_cameras(self.points[groups], self.axes[groups], poses, roll=roll)
-        rgb = cut_views(crops, cameras.R_camera_crop, cameras.focal, side=STATE_PIXELS)[:, :3]
+        rgb = cut_views(crops, cameras.R_camera_crop, cameras.focal, size=STATE_SIZE)[:, :3]
         if jitter > 0:
             rgb = toned(rgb, rng)
         return StateViews(rgb - 0.5, groups, seen_by(cameras, poses), cameras.focal, crops.states)

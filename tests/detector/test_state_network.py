@@ -12,7 +12,7 @@ import torch
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import models_folder
 from asdfviz.datatypes import Assembly
-from asdfviz.detector.state_cut import MARGIN, STATE_PIXELS, BasePoses, seen_by, state_cameras
+from asdfviz.detector.state_cut import MARGIN, STATE_SIZE, BasePoses, seen_by, state_cameras
 from asdfviz.detector.state_looker import StateLooker
 from asdfviz.detector.state_network import StateNetwork
 from asdfviz.detector.state_weights import load_state_network, save_state_network, states_known
@@ -50,7 +50,7 @@ def shown(
     torch.manual_seed(2)
     t = torch.tensor([0.0, 0.0, 0.6]).expand(count, 3)
     poses = BasePoses(torch.eye(3).expand(count, 3, 3), t)
-    crops = torch.rand(count, 3, STATE_PIXELS, STATE_PIXELS) - 0.5
+    crops = torch.rand(count, 3, *STATE_SIZE[::-1]) - 0.5
     return crops, torch.arange(count) % 2, poses, torch.full((count,), 500.0)
 
 
@@ -70,7 +70,7 @@ def test_a_state_depends_on_the_pose_and_on_what_stands_there(network: StateNetw
     crops, groups, poses, focal = shown(1)
     moved = replace(poses, t=poses.t + torch.tensor([0.03, 0.0, 0.0]))
     other = crops.clone()
-    other[:, :, 48:80, 48:80] = 0.4  # the points are seen there
+    other[:, :, 48:80, 96:128] = 0.4  # the points are seen there
     with torch.inference_mode():
         told = network(crops, groups, poses, focal)
         assert not torch.allclose(told, network(crops, groups, moved, focal), atol=1e-6)
@@ -94,7 +94,7 @@ def test_what_is_no_state_network_is_refused(
         path.write_bytes(
             whole[:300]
             if damage == "cut"
-            else whole.replace(b"asdfviz-states-1", b"asdfviz-crops-02")
+            else whole.replace(b"asdfviz-states-2", b"asdfviz-crops-02")
         )
     with pytest.raises(WeightsError, match=r"states\.safetensors"):
         load_state_network(path)
@@ -122,8 +122,9 @@ def test_the_crop_is_level_and_holds_all_places_of_parts(
     seen = network.points[0] @ there.R[0].T + there.t[0]
     flat = cameras.focal * seen[:, :2] / seen[:, 2:]
     low, high = flat.amin(0), flat.amax(0)
-    assert (low + high).abs().max() < 0.06 * STATE_PIXELS  # perspective shifts the middle a little
-    assert float((high - low).max()) == pytest.approx(STATE_PIXELS / MARGIN, rel=0.03)
+    room = torch.tensor(STATE_SIZE) / MARGIN
+    assert (low + high).abs().max() < 0.06 * STATE_SIZE[0]  # perspective shifts the middle a little
+    assert float(((high - low) / room).max()) == pytest.approx(1.0, rel=0.03)
     right, down, _ = (there.R[0] @ network.axes[0]).tolist()
     assert right > 0.5
     assert abs(down) < 0.1

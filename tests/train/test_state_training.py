@@ -18,7 +18,7 @@ from asdfviz.detector.crop_cut import CropCamera, cut
 from asdfviz.detector.crop_maps import MAPS
 from asdfviz.detector.crop_network import CropNetwork
 from asdfviz.detector.crop_weights import save_crop_network
-from asdfviz.detector.state_cut import STATE_PIXELS, BasePoses, seen_by, state_cameras
+from asdfviz.detector.state_cut import STATE_SIZE, BasePoses, seen_by, state_cameras
 from asdfviz.detector.state_network import StateNetwork
 from asdfviz.detector.state_weights import load_state_network, save_state_network
 from asdfviz.errors import InputError, WeightsError
@@ -79,13 +79,13 @@ def test_views_show_what_methods_will_cut(scene: Path, assembly: Assembly) -> No
     assert shown.focal[0].item() == pytest.approx(cameras.focal.item(), rel=1e-3)
     assert shown.poses.R[0].numpy() == pytest.approx(wanted.R[0].numpy(), abs=1e-3)
     assert shown.poses.t[0].numpy() == pytest.approx(wanted.t[0].numpy(), abs=1e-4)
-    center, focal = (STATE_PIXELS - 1) / 2, cameras.focal.item()
-    K_crop = np.array([[focal, 0, center], [0, focal, center], [0, 0, 1]])
+    width, height = STATE_SIZE
+    focal = cameras.focal.item()
+    K_crop = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
     cutting = CropCamera(K_crop, cameras.R_camera_crop[0].double().numpy())
-    picture = cut(read_rgb(find_scene_files(scene).rgb[0]), cutting, K, side=STATE_PIXELS)
+    picture = cut(read_rgb(find_scene_files(scene).rgb[0]), cutting, K, size=STATE_SIZE)
     mine = ((shown.pictures[0] + 0.5) * 255).permute(1, 2, 0).numpy()
-    inner = slice(STATE_PIXELS // 4, -STATE_PIXELS // 4)
-    assert np.abs(mine - picture)[inner, inner].mean() < 4
+    assert np.abs(mine - picture)[height // 4 : -height // 4, width // 4 : -width // 4].mean() < 4
 
 
 def test_poses_are_off_as_those_that_are_found(scene: Path, assembly: Assembly) -> None:
@@ -228,16 +228,17 @@ def test_impossible_runs_are_refused(tmp_path: Path, wrong: dict[str, object]) -
 def test_what_stands_at_a_point_is_read_there(assembly: Assembly) -> None:
     network = toy_network(assembly)
     poses = BasePoses(torch.eye(3)[None], torch.tensor([[0.0, 0.0, 0.5]]))
-    pictures = torch.zeros(1, 3, STATE_PIXELS, STATE_PIXELS, requires_grad=True)
+    width, height = STATE_SIZE
+    pictures = torch.zeros(1, 3, height, width, requires_grad=True)
     read, _ = network._read(  # pyright: ignore[reportPrivateUsage]
         torch.nn.functional.avg_pool2d(pictures, 4),
         torch.tensor([0]),
         poses,
-        torch.tensor([300.0]) / (STATE_PIXELS / 2),
+        torch.tensor([[300.0 / (width / 2), 300.0 / (height / 2)]]),
     )
     read[0, 3, 0].backward()  # the first channel at the fourth point
     assert pictures.grad is not None
     v, u = np.argwhere(pictures.grad[0, 0].numpy() > 0).mean(axis=0)
     x, y, z = network.points[0, 3].numpy() + np.array([0.0, 0.0, 0.5])
-    middle = (STATE_PIXELS - 1) / 2
-    assert (u, v) == pytest.approx((300 * x / z + middle, 300 * y / z + middle), abs=2.5)
+    there = (300 * x / z + (width - 1) / 2, 300 * y / z + (height - 1) / 2)
+    assert (u, v) == pytest.approx(there, abs=2.5)
