@@ -77,6 +77,11 @@ class FusionConfig:
     w_places: float = 0.36
     """w_DL where the state network tells the looks: it is right more often. Of a sequence of the paper's
     GearedCaliper with 0, 0.15, 0.36 and 0.85 64, 76, 90 and 88 % of the states were right."""
+    error_odds: float = 1.0
+    """By the poses: how much likelier each error is than a correct state before anything is seen."""
+    error_odds_places: float = 0.3
+    """The same where the state network tells the looks (which have their own, `appearance.error_odds`):
+    what poses cannot tell apart, it can."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where a weight is out of its range."""
@@ -85,6 +90,9 @@ class FusionConfig:
                 raise MethodError(
                     f"fusion.{name} is {getattr(self, name):g}, use a weight from 0 up"
                 )
+        for name in ("error_odds", "error_odds_places"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise MethodError(f"fusion.{name} is {getattr(self, name):g}, use more than 0")
         if not (self.w_dl + self.w_p > 0 and self.w_f > 0):
             raise MethodError(
                 "fusion: w_dl and w_p are both 0, or w_f is: nothing seen would count"
@@ -95,12 +103,14 @@ class FusionConfig:
             raise MethodError(f"fusion.neighbour is {self.neighbour:g}, use a share from 0 to 1")
 
     def chosen(self, *, places: bool) -> FusionConfig:
-        """The weights with w_DL as it is for these looks.
+        """The weights with w_DL and the odds of errors as they are for these looks.
 
         Args:
             places: whether the state network tells them.
         """
-        return replace(self, w_dl=self.w_places) if places else self
+        if not places:
+            return self
+        return replace(self, w_dl=self.w_places, error_odds=self.error_odds_places)
 
 
 class Pose2State:
@@ -111,6 +121,8 @@ class Pose2State:
         self._carry = _carry_matrix(neighbours(assembly), self._config.neighbour)
         ways = HalfDone.of(assembly)
         self._assembly = assembly
+        self._odds = np.ones(len(assembly.states))
+        self._odds[[state.index for state in assembly.errors]] = self._config.error_odds
         alike = ways.alike.items() if self._config.errors_wait else ()
         self._alike = {error: ways.before[k] for error, k in alike}
         self._previous: Scores | None = None
@@ -153,6 +165,8 @@ class Pose2State:
 
     def _current(self, S_dl: Scores | None, S_p: Scores | None) -> Scores | None:
         """Equation 3, errors that cannot be there yet counted to the steps that look like them."""
+        if S_p is not None:
+            S_p = _normalized(S_p * self._odds)
         if S_dl is None or S_p is None:
             S_f = S_dl if S_p is None else S_p
         else:

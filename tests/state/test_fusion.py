@@ -35,6 +35,20 @@ def test_looks_of_the_state_network_weigh_more() -> None:
     assert surer.probabilities.argmax() == 0
 
 
+def test_errors_are_less_likely_than_steps_where_the_state_network_tells_the_looks(
+    assembly: Assembly,
+) -> None:
+    config = FusionConfig(error_odds_places=0.25, sharpness=1.0)
+    even = np.full(len(assembly.states), 1 / len(assembly.states))
+    odds = np.array([0.25 if state.is_error else 1.0 for state in assembly.states])
+    for places, weighed in ((False, even), (True, odds / odds.sum())):
+        told = Pose2State(assembly, config=config.chosen(places=places)).step(None, even)
+        assert told is not None
+        assert told.probabilities == pytest.approx(weighed)
+    with pytest.raises(MethodError, match="error_odds_places is 0"):
+        FusionConfig(error_odds_places=0.0)
+
+
 def test_the_first_frame_is_the_weighted_sum_of_its_own_terms(assembly: Assembly) -> None:
     fusion = Pose2State(assembly, config=FusionConfig(w_dl=0.3, w_p=0.9, sharpness=1.0))
     estimate = fusion.step(peak(1), peak(2))
