@@ -26,6 +26,7 @@ from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.group_poses import GroupPoses
 from asdfviz.methods.kept_poses import Decision, pose_confidence, proposals_of
+from asdfviz.methods.looked_at import LastLooks
 from asdfviz.methods.mistaken import Mistaken
 from asdfviz.methods.network import Detects
 from asdfviz.methods.one_place import OnePlace
@@ -57,6 +58,7 @@ class _Scene:
     twins: PartNames
     one_place: OnePlace
     told: ToldPoses
+    looks: LastLooks
     mistaken: Mistaken
     contours: ContourFits | None
     together: GroupContours | None
@@ -114,6 +116,7 @@ class AsdfPlus:
             PartNames(assembly, config=config.relative_pose),
             OnePlace(assembly),
             told,
+            LastLooks(),
             Mistaken(assembly, config=config.still_there, own=config.own_colors),
             None
             if bodies is None
@@ -135,7 +138,12 @@ class AsdfPlus:
             decided = self._decided(proposed, frame, scene)
         with timed("contours"):
             decided, fits = settled_by_contours(
-                scene.contours, scene.hypotheses, decided, frame, held=scene.group.held
+                scene.contours,
+                scene.hypotheses,
+                decided,
+                frame,
+                held=scene.group.held,
+                looked_at=scene.looks.step(self._asdf.looked_at, self._asdf.assigned),
             )
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
@@ -187,6 +195,7 @@ class AsdfPlus:
         scene.told.rename(names)
         scene.mistaken.rename(names)
         self._asdf.rename(names)
+        scene.looks.rename(names)
         if scene.contours is not None:
             scene.contours.rename(names)
         return renamed_poses(poses, names)

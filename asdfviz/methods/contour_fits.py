@@ -17,6 +17,7 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.threads import side_by_side
 from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.drawn_looks import DrawnConfig
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.methods.turn_checks import TurnChecks
 from asdfviz.methods.turn_config import TurnConfig
@@ -104,11 +105,20 @@ class ContourFits:
         return self._checks.allows(frame, name, T_now, T_other)
 
     def step(
-        self, frame: Frame, poses: Mapping[str, Transform], *, held: Collection[str] = ()
+        self,
+        frame: Frame,
+        poses: Mapping[str, Transform],
+        *,
+        held: Collection[str] = (),
+        looked_at: Mapping[str, LookedAt] | None = None,
     ) -> dict[str, ContourFit]:
         """Settle poses T_camera_part; nothing is said without depth.
 
-        Parts that are `held` by the state are not checked for being turned otherwise.
+        Args:
+            frame: that shows the parts.
+            poses: of them, T_camera_part.
+            held: parts that the state holds, which are not checked for being turned otherwise.
+            looked_at: what crops tell of the parts, if anything.
         """
         if frame.depth is None:
             return {}
@@ -130,7 +140,7 @@ class ContourFits:
         tracker.learn(frame, tuple(moved))
         free = {name: T for name, T in now.items() if name not in held}
         self._checks.around = now
-        turned = self._checks.step(frame, tracker, free)
+        turned = self._checks.step(frame, tracker, free, looked_at)
         tracker.replace(frame, turned)
         moved |= turned
         now |= turned

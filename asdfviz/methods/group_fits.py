@@ -49,6 +49,8 @@ LIKELY = 0.1
 """A part less likely than this to be where its pose has it tells nothing of its joint."""
 TAKEN = 0.5
 """Score from which another part is where its pose has it, and the base is not."""
+LONG = 8
+"""Frames in a row."""
 
 
 class GroupFits:
@@ -68,6 +70,10 @@ class GroupFits:
         """T_camera_base of the last frame that said something,"""
         self._best_trial: Trial | None = None
         """and the scenes of all states there."""
+        self._stood: Transform | None = None
+        """Where it was for long at last: one frame may mistake another part for a base that hides."""
+        self._frames = 0
+        """For which it has been where it is."""
         self._base: PoseEstimate | None = None
         self._joined = list(
             {
@@ -143,6 +149,9 @@ class GroupFits:
         share = top.agreeing / top.visible
         self._base = PoseEstimate(self._assembly.base, best.T_camera_base, share, "group")
         state = self._assembly.states[said.index(top)]
+        self._frames = self._frames + 1 if rests else 0
+        if self._frames >= LONG:
+            self._stood = best.T_camera_base
         self._best_trial, self._last, self._places = best, best.T_camera_base, best.settled(state)
         return probabilities([weight * one.value for one in said])
 
@@ -159,8 +168,8 @@ class GroupFits:
         base, parts, state = self._assembly.base, self._assembly.parts, likely[0]
         kept: list[Transform] = []
         accounts = [pose.T_camera_part for pose in (poses.get(base), first) if pose is not None]
-        if self._last is not None and not self._is_taken(self._last, poses, likely):
-            accounts.append(self._last)
+        before = (T for T in (self._last, self._stood) if T is not None)
+        accounts += [T for T in before if not self._is_taken(T, poses, likely)]
         for T in accounts:
             if not any(self._apart(T, other) == 0.0 for other in kept):
                 kept.append(T)

@@ -56,7 +56,9 @@ class JointTurnsConfig:
     step_deg: float = 10.0
     """Between the turns that are drawn."""
     every: int = 3
-    """In one of so many frames one part is looked at."""
+    """In one of so many frames one part is looked at;"""
+    fresh: int = 4
+    """in every one while there are parts that were looked at fewer times."""
     kept: float = 0.85
     """So much of what earlier looks said counts at the next one."""
     enough: int = 2
@@ -73,9 +75,10 @@ class JointTurnsConfig:
         """Raise a MethodError where an option is out of its range."""
         if not 1 <= self.step_deg <= 60:
             raise MethodError(f"joint-turns.step-deg is {self.step_deg:g}: use 1 to 60 degrees")
-        if min(self.every, self.enough) < 1:
+        if min(self.every, self.enough) < 1 or self.fresh < 0:
             raise MethodError(
-                f"joint-turns.every is {self.every} and enough {self.enough}: use 1 or more"
+                f"joint-turns.every is {self.every}, enough {self.enough} and "
+                f"fresh {self.fresh}: use 1 or more, fresh 0 or more"
             )
         if not 0 <= self.kept <= 1:
             raise MethodError(f"joint-turns.kept is {self.kept:g}: use 0 to 1")
@@ -132,8 +135,11 @@ class JointTurns:
             name: inverse(base.T_camera_part) @ poses[name].T_camera_part
             for name in self._turning(poses, state)
         }
-        self._seen = {name: self._known(name, state) for name in own}
-        if own and self._step % self._config.every == 0:
+        # What a hand hides for a while is as it was; what was seen elsewhere meanwhile is not.
+        hidden = {name: seen for name, seen in self._seen.items() if name not in poses}
+        self._seen = hidden | {name: self._known(name, state) for name in own}
+        is_fresh = any(self._seen[name].count < self._config.fresh for name in own)
+        if own and (is_fresh or self._step % self._config.every == 0):
             name = min(own, key=lambda name: self._seen[name].frame)
             self._look(name, base.T_camera_part, own[name], frame)
         for names in self._places.together(state):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from asdfviz.datatypes import Detection
@@ -9,6 +10,7 @@ from asdfviz.detector.crop_answer import REACH, CropAnswer
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import Symmetries, symmetric_angle
 from asdfviz.pose.hypotheses import Settled
+from asdfviz.state.twins import renamed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +29,30 @@ class LookedAt:
     def likely(self, T_camera_part: Transform) -> float:
         """The network's preference for a pose's rotation, 0 to 1."""
         return min(1.0, self.answer.likelihood(T_camera_part[:3, :3], self.symmetries))
+
+
+class LastLooks:
+    """What crops told of the parts of one sequence last: what rests is not looked at in every frame."""
+
+    def __init__(self) -> None:
+        """Nothing was looked at yet."""
+        self._looks: dict[str, LookedAt] = {}
+
+    def step(self, now: Mapping[str, LookedAt], found: Collection[str]) -> Mapping[str, LookedAt]:
+        """What is known in a frame.
+
+        Args:
+            now: what its crops tell.
+            found: parts that were detected; others are forgotten.
+        """
+        self._looks = {name: look for name, look in self._looks.items() if name in found} | dict(
+            now
+        )
+        return self._looks
+
+    def rename(self, names: Mapping[str, str]) -> None:
+        """From now on twins go by other names: from the old ones to the new."""
+        self._looks = renamed(self._looks, names)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

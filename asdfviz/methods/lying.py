@@ -9,15 +9,15 @@ look. Nothing is turned end for end here, and no tracker goes on from these pose
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Camera, Frame, Part, PoseEstimate
+from asdfviz.datatypes import Assembly, Frame, Part, PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box, Scores, Transform, Vector
+from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import (
     apply,
@@ -26,7 +26,7 @@ from asdfviz.geometry.transforms import (
     rotation_angle,
 )
 from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
-from asdfviz.methods.lying_climb import climbed, spun
+from asdfviz.methods.lying_climb import climbed, coarse, spun
 from asdfviz.methods.on_table import OnTableConfig, on_table
 from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.methods.registration import projected_box
@@ -135,9 +135,13 @@ class Lying:
         self._smear = smear
         self._looked, self._step = dict[str, _Looked](), 0
 
-    def step(self, poses: Mapping[str, PoseEstimate], frame: Frame) -> dict[str, PoseEstimate]:
+    def step(
+        self, poses: Mapping[str, PoseEstimate], frame: Frame, *, joined: Collection[str] = ()
+    ) -> dict[str, PoseEstimate]:
         """The poses, those of loose parts other than the base that lie on the table as they lie there."""
-        told = on_table(poses, self._assembly, self._shapes, frame, config=self._laid)
+        free = {name: pose for name, pose in poses.items() if name not in joined}
+        laid = on_table(free, self._assembly, self._shapes, frame, config=self._laid)
+        told = {**poses, **laid}
         config = self._config
         if not config.enabled or frame.depth is None:
             return told
@@ -145,7 +149,7 @@ class Lying:
         base = self._assembly.base
         loose = {
             name: self._as_looked(name, pose.T_camera_part)
-            for name, pose in told.items()
+            for name, pose in laid.items()
             if pose.stage != "group" and name != base
         }
         still = {name for name, T in loose.items() if self._is_still(name, T)}
@@ -234,38 +238,27 @@ class Lying:
         lowest = float((apply(T_now, corners) @ table.normal).min()) + table.offset
         if abs(lowest) > config.near:
             return None
-        tried, coarse = self._tried(part, T_now, table), self._coarse(frame, box)
+        tried, seen = self._tried(part, T_now, table), coarse(frame, box, side_px=config.side_px)
         if not tried:
             return None
-        looks = self._looks(part, tried, table, coarse)
+        looks = self._looks(part, tried, table, seen)
         if looks is None:
             return None
         best = [int(k) for k in np.argsort(-looks)[: config.refined]]
-        refined = [self._refined(part, tried[k], table, coarse) for k in best]
+        refined = [self._refined(part, tried[k], table, seen) for k in best]
         both = [T_now, *refined]
-        looks = self._looks(part, both, table, coarse)
+        looks = self._looks(part, both, table, seen)
         if looks is None:
             return None
         turned = np.rad2deg([rotation_angle(T_now[:3, :3].T @ T[:3, :3]) for T in both])
         looks[turned > config.turned_deg] = -np.inf
-        if coarse is not frame:
+        if seen is not frame:
             looks[1:][turned[1:] < config.least_deg] = -np.inf
         k = int(looks.argmax())
         is_ahead = looks[k] > looks[0] + config.ahead
         if not is_ahead or not self._is_in_view(part.name, both[k], frame):
             return None
         return inverse(T_now) @ both[k]
-
-    def _coarse(self, frame: Frame, box_xyxy: Box) -> Frame:
-        """The frame with every second pixel, or fourth, where the part looks large."""
-        side = float((box_xyxy[2:] - box_xyxy[:2]).max())
-        step = 1 if side <= self._config.side_px else 2 if side <= 2 * self._config.side_px else 4
-        if step == 1 or frame.depth is None:
-            return frame
-        rgb, depth = frame.rgb[::step, ::step], frame.depth[::step, ::step]
-        K = np.diag([1 / step, 1 / step, 1.0]) @ frame.camera.K
-        camera = Camera(K, width=rgb.shape[1], height=rgb.shape[0])
-        return replace(frame, rgb=rgb, depth=depth, camera=camera)
 
     def _is_in_view(self, name: str, T_camera_part: Transform, frame: Frame) -> bool:
         # A smeared rim is millimetres nearer than what it surrounds, and hides nothing.

@@ -1,13 +1,16 @@
-"""The place and the turn on a table in which a part looks most like what is seen, from one nearby."""
+"""The place and the turn on a table in which a part looks most like what is seen, from one nearby; and
+pictures that are fine enough to tell."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
-from asdfviz.geometry.shapes import Points, Scores, Transform, Vector
+from asdfviz.datatypes import Camera, Frame
+from asdfviz.geometry.shapes import Box, Points, Scores, Transform, Vector
 from asdfviz.geometry.symmetry import across
 from asdfviz.geometry.transforms import apply_to_point, transform_from, turn_about
 from asdfviz.pose.table import Table
@@ -59,3 +62,15 @@ def _beside(T: Transform, shifts: Points) -> list[Transform]:
     """The pose moved by each shift, and the other way."""
     R, t = T[:3, :3], T[:3, 3]
     return [transform_from(R, t + sign * shift) for sign, shift in product((1.0, -1.0), shifts)]
+
+
+def coarse(frame: Frame, box_xyxy: Box, *, side_px: float) -> Frame:
+    """The frame with every second pixel, or fourth, where what is in a box looks larger than that."""
+    side = float((box_xyxy[2:] - box_xyxy[:2]).max())
+    step = 1 if side <= side_px else 2 if side <= 2 * side_px else 4
+    if step == 1 or frame.depth is None:
+        return frame
+    rgb, depth = frame.rgb[::step, ::step], frame.depth[::step, ::step]
+    K = np.diag([1 / step, 1 / step, 1.0]) @ frame.camera.K
+    camera = Camera(K, width=rgb.shape[1], height=rgb.shape[0])
+    return replace(frame, rgb=rgb, depth=depth, camera=camera)

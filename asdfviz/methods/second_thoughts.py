@@ -12,6 +12,7 @@ from collections.abc import Collection, Mapping
 from asdfviz.datatypes import Frame
 from asdfviz.methods.contour_fits import ContourFit, ContourFits
 from asdfviz.methods.kept_poses import Decision
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.part_hypotheses import PartHypotheses
 
 
@@ -22,6 +23,7 @@ def settled_by_contours(
     frame: Frame,
     *,
     held: Collection[str],
+    looked_at: Mapping[str, LookedAt],
 ) -> tuple[dict[str, Decision], dict[str, ContourFit]]:
     """The decided poses and what contours make of them; hypotheses go on from there.
 
@@ -31,11 +33,12 @@ def settled_by_contours(
         decided: the most trusted pose of each part that has one.
         frame: with depth; nothing is said without.
         held: parts that the state holds in their places.
+        looked_at: what crops tell of the parts.
     """
     if contours is None:
         return dict(decided), {}
     poses = {name: decision.best.T_camera_part for name, decision in decided.items()}
-    fits = contours.step(frame, poses, held=held)
+    fits = contours.step(frame, poses, held=held, looked_at=looked_at)
     chosen = dict(decided)
     for name, fit in fits.items():
         rival = decided[name].rival

@@ -75,7 +75,9 @@ class ToldPoses:
             frame: that they are of; without depth nothing changes.
             state: that joins them, if one is known.
         """
-        lying = self._lying.step(self.rest.told(poses), frame)
+        # Joined to a base that is hidden it hangs in the air all the same.
+        joined = () if state is None else state.T_base_part
+        lying = self._lying.step(self.rest.told(poses), frame, joined=joined)
         loose = {n: p.T_camera_part for n, p in lying.items() if _is_sure_and_loose(p)}
         self.smear.see(frame, loose)
         return self._joint_turns.step(lying, frame, state)

@@ -9,7 +9,7 @@ from asdfviz.datatypes import Assembly, Frame, Mesh, PoseEstimate
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Scores
 from asdfviz.geometry.transforms import apply, rotation_about, transform_from
-from asdfviz.methods.group_fits import GroupFits
+from asdfviz.methods.group_fits import LONG, GroupFits
 from asdfviz.methods.group_trials import Trial
 from asdfviz.methods.group_views import measured_in, view_of
 from asdfviz.methods.part_poses import part_shapes
@@ -222,6 +222,23 @@ def test_a_base_that_was_lost_is_where_it_was(toy) -> None:
     said = fits.step({}, KNOWN, toy.frame(2, true))
     assert said is not None
     assert said[1] > 0.95
+
+
+@pytest.mark.parametrize(("frames", "is_known"), [(LONG + 1, True), (2, False)])
+def test_one_frame_that_takes_another_part_for_the_base_is_forgotten(
+    toy, frames: int, is_known: bool
+) -> None:
+    """Where it was for long it is asked for again once it is seen no more where it was said to be."""
+    true, fits = toy.poses(joined=True), fits_of(toy.assembly)
+    for _ in range(frames):
+        assert fits.step(found(true["base"]), KNOWN, toy.frame(1, true)) is not None
+    elsewhere = transform_from(np.eye(3), np.array([0.1, 0.06, 0.0])) @ true["base"]
+    shown = toy.frame(2, {"base": elsewhere})
+    assert fits.step(found(elsewhere), KNOWN, shown) is not None
+    assert (fits.step({}, KNOWN, toy.frame(3, true)) is not None) == is_known
+    if is_known:
+        assert fits.base is not None
+        assert np.allclose(fits.base.T_camera_part, true["base"], atol=0.004)
 
 
 def test_a_base_that_was_never_found_is_where_a_sure_part_says(toy) -> None:

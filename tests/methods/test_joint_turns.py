@@ -86,12 +86,34 @@ class Seen:
 @pytest.mark.parametrize(("true", "own"), [(30.0, 0.0), (-20.0, 15.0), (40.0, 95.0)])
 def test_it_is_told_as_it_is_turned(toy, pinned, true, own) -> None:
     seen = Seen(toy, pinned, true=true)
-    first = seen.told(own, frames=3)
+    first = seen.told(own, frames=1)
     assert seen.off(first, own) < 1e-3  # one look is not believed
     found = seen.told(own)
     assert seen.off(found, true) < 5.0
     assert (found.score, found.stage) == (0.8, "group")
     np.testing.assert_allclose(found.T_camera_part[:3, 3], seen.turned(own)[:3, 3], atol=1e-9)
+
+
+def test_what_is_new_is_looked_at_in_every_frame_and_known_when_it_was_hidden(
+    toy, pinned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks = list[int]()
+
+    def liked(_: Frame, __: Mesh, turned: np.ndarray, **___: object) -> np.ndarray:
+        looks.append(1)
+        return np.eye(len(turned))[2]
+
+    monkeypatch.setattr(joint_turns, "drawn_looks", liked)
+    seen = Seen(toy, pinned, true=0.0, every=3, fresh=4)
+    seen.told(0.0, frames=4)
+    assert len(looks) == 4
+    seen.told(0.0, frames=3)
+    assert len(looks) == 5
+    base = {"base": PoseEstimate("base", seen.T_camera_base, 0.9, "group")}
+    for _ in range(3):  # a hand is before the pin
+        seen.method.step(base, seen.frame, state())
+    assert seen.off(seen.told(0.0, frames=1), 20.0) < 1.0
+    assert len(looks) == 5
 
 
 @pytest.mark.parametrize(("height", "likes"), [(-0.3, 0.0), (-0.3, 60.0), (0.04, 60.0)])

@@ -76,6 +76,16 @@ def test_a_pose_that_is_askew_is_told_as_the_part_lies(toy, scene, about, degree
     assert (found.part, found.score, found.stage) == ("block", 0.9, "tracked")
 
 
+def test_what_the_state_joins_does_not_lie(toy, scene) -> None:
+    """Its base may be hidden, so that nothing places it: it hangs in the air all the same."""
+    true, frame = scene
+    wrong = askew(true["block"], about=(1.0, 0, 0), degrees=18.0)
+    method, poses = lying(toy), told(toy, {"block": wrong})
+    for index in range(1, 9):
+        found = method.step(poses, replace(frame, index=index), joined={"base", "block"})
+        assert found == poses
+
+
 def test_it_is_found_where_its_tilted_pose_was_millimetres_beside_it(toy, scene) -> None:
     true, frame = scene
     wrong = askew(true["block"], about=(1.0, 0, 0), degrees=18.0)

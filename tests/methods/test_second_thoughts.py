@@ -12,6 +12,7 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.contour_fits import ContourConfig, ContourFit, ContourFits
 from asdfviz.methods.kept_poses import Decision, HypothesesConfig, Proposal
+from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.registration import RegistrationConfig
@@ -20,6 +21,7 @@ from asdfviz.methods.tracking import load_bodies
 from asdfviz.track.confidence import Evidence
 from asdfviz.track.starts import Trial
 
+LOOKS: dict[str, LookedAt] = {}
 pytestmark = pytest.mark.usefixtures("small_models")
 
 
@@ -38,8 +40,11 @@ class Contours(ContourFits):
 
         self._tracker.trials = trials  # type: ignore[method-assign]
 
-    def step(self, frame: Frame, poses: Any, *, held: Any = ()) -> dict[str, ContourFit]:
+    def step(
+        self, frame: Frame, poses: Any, *, held: Any = (), looked_at: Any = None
+    ) -> dict[str, ContourFit]:
         """What is asked of the real one."""
+        self.looked_at = looked_at
         self._tracker.add(frame, poses)
         return {name: ContourFit(T, self._decided, moved=False) for name, T in poses.items()}
 
@@ -67,9 +72,13 @@ def test_a_pose_without_contours_gives_way(
     assert first.rival is not None
     believed: dict[str, Decision] = {"block": first}
     contours = Contours(toy, decided, other)
-    chosen, fits = settled_by_contours(contours, {"block": kept}, believed, frame, held=())
+    chosen, fits = settled_by_contours(
+        contours, {"block": kept}, believed, frame, held=(), looked_at=LOOKS
+    )
+    assert contours.looked_at is LOOKS  # turns are told with what crops say
     expected = first.rival if gives_way else first.best
     assert chosen["block"].best is expected
     np.testing.assert_allclose(fits["block"].T_camera_part, expected.T_camera_part)
     assert fits["block"].sure == pytest.approx(other if gives_way else decided)
-    assert settled_by_contours(None, {"block": kept}, believed, frame, held=())[1] == {}
+    nothing = settled_by_contours(None, {"block": kept}, believed, frame, held=(), looked_at=LOOKS)
+    assert nothing[1] == {}
