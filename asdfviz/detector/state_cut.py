@@ -1,7 +1,7 @@
 """How the state network's crops are cut: by the base part's pose, about all places that joined parts take.
 
 Training and use take the same camera: it looks at the middle of the box in which the group's points are seen,
-the group's longest axis points to the right or to the left, and the box just fits.
+the group's longest axis points to the right, and the box just fits.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ LIKELY = 0.1
 TAKEN = 0.5
 """Score from which another part is where its pose has it, and the base is not."""
 LONG = 8
-"""Frames in a row."""
+"""Frames in a row for which a base has to be in one place to be asked for there later."""
 
 
 class GroupFits:
