@@ -23,8 +23,8 @@ from asdfviz.detector.tensor_files import (
 from asdfviz.errors import WeightsError
 
 FORMAT = "asdfviz-states-2"
-_KIND = "a state network"
-_OTHERWISE = f"it does not hold {_KIND}"
+_KIND = "state network"
+_OTHERWISE = f"it holds no {_KIND} of this version; `asdfviz train-states` makes one"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,7 @@ def states_known(path: Path) -> dict[str, tuple[str, ...]]:
         WeightsError: a file that is not whole, or of another network.
     """
     metadata = read_metadata(path, format=FORMAT, otherwise=_OTHERWISE)
-    with fitting(path, _KIND):
+    with fitting(path, f"a {_KIND}"):
         return _states(metadata)
 
 
@@ -83,7 +83,7 @@ def load_state_network(path: Path) -> LoadedStateNetwork:
             "--state-looks crops"
         )
     tensors, metadata = read_tensors(path, format=FORMAT, otherwise=_OTHERWISE)
-    with fitting(path, _KIND):
+    with fitting(path, f"a {_KIND}"):
         states = _states(metadata)
         network = state_network_of_shape(json.loads(metadata["shape"]))
         weights = unpacked(tensors)
