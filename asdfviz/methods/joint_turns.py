@@ -58,7 +58,7 @@ class JointTurnsConfig:
     every: int = 3
     """In one of so many frames one part is looked at;"""
     fresh: int = 4
-    """in every one while there are parts that were looked at fewer times."""
+    """in every one, one that was looked at fewer times."""
     kept: float = 0.85
     """So much of what earlier looks said counts at the next one."""
     enough: int = 2
@@ -138,9 +138,10 @@ class JointTurns:
         # What a hand hides for a while is as it was; what was seen elsewhere meanwhile is not.
         hidden = {name: seen for name, seen in self._seen.items() if name not in poses}
         self._seen = hidden | {name: self._known(name, state) for name in own}
-        is_fresh = any(self._seen[name].count < self._config.fresh for name in own)
-        if own and (is_fresh or self._step % self._config.every == 0):
-            name = min(own, key=lambda name: self._seen[name].frame)
+        fresh = [name for name in own if self._seen[name].count < self._config.fresh]
+        asked = list(own) if self._step % self._config.every == 0 else fresh
+        if asked:
+            name = min(asked, key=lambda name: self._seen[name].frame)
             self._look(name, base.T_camera_part, own[name], frame)
         for names in self._places.together(state):
             turn = self._turn({name: own[name] for name in names if name in own})

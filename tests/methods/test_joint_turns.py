@@ -116,6 +116,28 @@ def test_what_is_new_is_looked_at_in_every_frame_and_known_when_it_was_hidden(
     assert len(looks) == 5
 
 
+def test_what_stays_hidden_leaves_what_is_known_to_its_turn(
+    toy, pinned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A part of which too little is seen stays new: it alone is asked of in every frame."""
+    places = {"base": np.eye(4), "pin": T_BASE_PIN, "pin-copy": T_BASE_PIN}
+    joins = State(2, "pins", places, joints={"pin": JOINT, "pin-copy": JOINT})
+    seen, asked = Seen(toy, pinned, true=0.0, every=3, fresh=2), list[str]()
+
+    def look(name: str, *_: object) -> None:
+        known = seen.method._seen[name]  # pyright: ignore[reportPrivateUsage]
+        known.frame = len(asked)
+        known.count += name == "pin"
+        asked.append(name)
+
+    monkeypatch.setattr(seen.method, "_look", look)
+    poses = {n: PoseEstimate(n, seen.T_camera_base @ places[n], 0.8, "group") for n in places}
+    for _ in range(24):
+        seen.method.step(poses, seen.frame, joins)
+    assert len(asked) == 24
+    assert asked.count("pin") <= 2 + 24 // 3
+
+
 @pytest.mark.parametrize(("height", "likes"), [(-0.3, 0.0), (-0.3, 60.0), (0.04, 60.0)])
 def test_what_hangs_on_one_shaft_is_turned_by_one_turn(
     toy, pinned, monkeypatch: pytest.MonkeyPatch, *, height: float, likes: float
