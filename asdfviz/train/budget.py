@@ -13,6 +13,9 @@ from asdfviz.errors import InputError
 from asdfviz.train.checkpoint import Progress
 from asdfviz.train.log import CsvLog
 
+LOG_SECONDS = 20.0
+"""Between two lines of a run's log."""
+
 
 class Budget:
     """How much of a run's minutes or steps is used; earlier sittings count."""
@@ -39,6 +42,28 @@ class Budget:
         if self._steps is not None:
             return step / max(self._steps, 1)
         return self.seconds / (self._minutes * 60)
+
+
+class Alarm:
+    """Rings when so many seconds of a run have passed since it rang last."""
+
+    def __init__(self, every_s: float, *, now: float, first_s: float | None = None) -> None:
+        """Begin to wait.
+
+        Args:
+            every_s: seconds between two rings.
+            now: seconds of the run.
+            first_s: seconds to the first ring; None: as between two.
+        """
+        self._every = every_s
+        self._due = now + (every_s if first_s is None else first_s)
+
+    def rings(self, now: float) -> bool:
+        """Whether it is time, seconds of the run being `now`; waits anew from then on."""
+        if now <= self._due:
+            return False
+        self._due = now + self._every
+        return True
 
 
 class Sitting:

@@ -8,14 +8,13 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from asdfviz.train.budget import Sitting
+from asdfviz.train.budget import LOG_SECONDS, Alarm, Sitting
 from asdfviz.train.crop_config import CropRunConfig
 from asdfviz.train.crop_data import CropMaker
 from asdfviz.train.crop_pool import CropPool, pools
 from asdfviz.train.crop_scenes import CropConfig
 from asdfviz.train.log import Meter
 
-LOG_SECONDS = 20.0
 Config = TypeVar("Config", bound=CropRunConfig)
 Report = TypeVar("Report")
 """What the run says now and then to whoever watches it."""
@@ -32,10 +31,13 @@ class CropSitting(Sitting, ABC, Generic[Config, Report, Found]):
 
     def go(self, report: Callable[[Report], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False), which leaves weights, too."""
-        checkpointed = validated = logged = self.seconds
+        config, now = self.config, self.seconds
+        log = Alarm(LOG_SECONDS, now=now)
+        checkpoint = Alarm(config.checkpoint_minutes * 60, now=now)
+        validate = Alarm(config.validate_minutes * 60, now=now)
         meter = Meter()
         for pool in pools(
-            self.config,
+            config,
             maker=self.maker,
             drawing=self.drawing,
             stop=stop,
@@ -45,16 +47,13 @@ class CropSitting(Sitting, ABC, Generic[Config, Report, Found]):
             if self.share >= 1 or stop():
                 break
             self.step(pool, meter)
-            now = self.seconds
-            if now - logged > LOG_SECONDS:
+            if log.rings(self.seconds):
                 report(self._logged(meter))
-                logged, meter = now, Meter()
-            if now - checkpointed > self.config.checkpoint_minutes * 60:
+                meter = Meter()
+            if checkpoint.rings(self.seconds):
                 self.checkpoint()
-                checkpointed = now
-            if now - validated > self.config.validate_minutes * 60 and self.share < 1:
+            if self.share < 1 and validate.rings(self.seconds):
                 report(self._report(meter, self.validate()))
-                validated = self.seconds
         if meter.steps:
             report(self._logged(meter))
         self.checkpoint()

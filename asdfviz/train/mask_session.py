@@ -27,7 +27,7 @@ from asdfviz.detector.mask_weights import read_branch
 from asdfviz.detector.precision import has_bfloat16
 from asdfviz.detector.weights import load_network
 from asdfviz.errors import WeightsError
-from asdfviz.train.budget import Sitting, descend
+from asdfviz.train.budget import LOG_SECONDS, Alarm, Sitting, descend
 from asdfviz.train.checkpoint import Average
 from asdfviz.train.log import Meter, write_curve
 from asdfviz.train.mask_checkpoint import export_masks, resume_masks, save_mask_checkpoint
@@ -38,7 +38,6 @@ from asdfviz.train.mask_validation import MaskValidation, validate_masks
 from asdfviz.train.packing import AugmentConfig
 from asdfviz.train.schedule import make_optimizer, rate_at
 
-LOG_SECONDS = 20.0
 CONFIDENCE = 0.1
 """Of the boxes that validation looks at, as methods have it."""
 
@@ -113,17 +112,16 @@ class MaskSession(Sitting):
 
     def go(self, report: Callable[[MaskReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False), which leaves weights, too."""
-        checkpointed = logged = self.seconds
+        log = Alarm(LOG_SECONDS, now=self.seconds)
+        checkpoint = Alarm(self.config.checkpoint_minutes * 60, now=self.seconds)
         meter = Meter()
         while self.share < 1 and not stop():
             self.step(meter)
-            now = self.seconds
-            if now - logged > LOG_SECONDS:
+            if log.rings(self.seconds):
                 report(self._logged(meter))
-                logged, meter = now, Meter()
-            if now - checkpointed > self.config.checkpoint_minutes * 60:
+                meter = Meter()
+            if checkpoint.rings(self.seconds):
                 self.checkpoint()
-                checkpointed = now
         if meter.steps:
             report(self._logged(meter))
         self.checkpoint()

@@ -14,7 +14,7 @@ from asdfviz.data.atomic import write_text
 from asdfviz.datatypes import Assembly
 from asdfviz.detector.joint import joint_classes
 from asdfviz.detector.network import Network
-from asdfviz.train.budget import Sitting, descend
+from asdfviz.train.budget import LOG_SECONDS, Alarm, Sitting, descend
 from asdfviz.train.checkpoint import (
     Average,
     Progress,
@@ -43,7 +43,6 @@ from asdfviz.train.world import join_world
 
 LOSS_NAMES = ("box", "keypoint", "visibility", "classes", "bins", "rotation")
 LOG_COLUMNS = ("step", "minutes", "width", "rate", *LOSS_NAMES, "inputs_per_s", "objects")
-LOG_SECONDS = 20.0
 FIRST_LOG_SECONDS = 2.0
 """The first line comes sooner: whoever waits for it wants to know whether it trains."""
 
@@ -88,8 +87,9 @@ class Session(Sitting):
 
     def go(self, report: Callable[[TrainReport], None], stop: Callable[[], bool]) -> bool:
         """Step until the budget is used (True) or `stop` says so (False)."""
-        checkpointed = validated = self.seconds
-        logged = self.seconds - LOG_SECONDS + FIRST_LOG_SECONDS
+        validated = self.seconds
+        log = Alarm(LOG_SECONDS, now=validated, first_s=FIRST_LOG_SECONDS)
+        checkpoint = Alarm(self.config.checkpoint_minutes * 60, now=validated)
         meter = Meter()
         world = self.world
         with input_stream(
@@ -108,14 +108,12 @@ class Session(Sitting):
                 self._agreed = world.agree(self._used)
                 if not world.is_first:
                     continue
-                now = self.seconds
-                if now - logged > LOG_SECONDS:
+                if log.rings(self.seconds):
                     report(self.write_log(meter))
-                    logged, meter = now, Meter()
-                if now - checkpointed > self.config.checkpoint_minutes * 60:
+                    meter = Meter()
+                if checkpoint.rings(self.seconds):
                     self.checkpoint()
-                    checkpointed = now
-                if self._is_due(now - validated) and self.share < 1:
+                if self._is_due(self.seconds - validated) and self.share < 1:
                     best = self.progress.best
                     found = self.validate(self.config.validation_frames)
                     self.epochs.validated(is_best=self.progress.best > best)

@@ -5,7 +5,7 @@ import torch
 from torch import nn
 
 from asdfviz.errors import InputError
-from asdfviz.train.budget import Budget, descend
+from asdfviz.train.budget import Alarm, Budget, descend
 
 
 def test_a_budget_of_steps_counts_steps_and_one_of_minutes_counts_earlier_sittings() -> None:
@@ -14,6 +14,12 @@ def test_a_budget_of_steps_counts_steps_and_one_of_minutes_counts_earlier_sittin
     budget.before = 90.0
     assert 0.75 <= budget.share(0) < 0.76
     assert budget.seconds >= 90.0
+
+
+def test_an_alarm_rings_once_and_waits_anew() -> None:
+    alarm = Alarm(20.0, now=100.0, first_s=2.0)
+    rung = [now for now in (101.0, 102.5, 103.0, 122.0, 123.0, 124.0, 143.5) if alarm.rings(now)]
+    assert rung == [102.5, 123.0, 143.5]
 
 
 def test_a_step_goes_down_the_loss_with_gradients_held() -> None:
