@@ -36,6 +36,8 @@ class SynthSequence:
     parts need at their speed; the progress bar says how many that makes before the first is drawn."""
     fps: float = 10.0
     """Frames a second, 3 to 30."""
+    every: int = 1
+    """Draw each so-manieth frame only: for training, where what looks alike teaches little."""
     condition: Literal["table", "normal", "dynamic", "hand", "blur"] = "table"
     """table: hands assemble. normal: parts move by themselves. dynamic: and the lights travel.
     hand: hands hide much. blur: and the camera sways, with a long shutter."""
@@ -87,6 +89,7 @@ class SynthSequence:
                     frames=self.frames,
                     frames_per_state=self.frames_per_state,
                     fps=self.fps,
+                    every=self.every,
                     error={"any": True, "none": False}.get(self.error, self.error),
                     unlisted=self.unlisted,
                     shift=self.shift,

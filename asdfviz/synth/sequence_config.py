@@ -31,6 +31,9 @@ class SequenceConfig:
     parts need at their limits are not possible: then that is how many there are."""
     frames_per_state: int | None = None
     """The same for each state, under the same condition; None for as many as the pace needs."""
+    every: int = 1
+    """Only each so-manieth frame is drawn, from one of the first that the seed chooses: for training,
+    where what looks alike teaches little."""
     condition: Condition = "table"
     """A name for the record; `condition_config` sets what belongs to it."""
     hands: bool = True
@@ -98,7 +101,12 @@ def check_config(config: SequenceConfig) -> None:
     require_size(config.width, config.height)
     if not 3 <= config.fps <= 30:
         raise InputError(f"{config.fps} frames a second: use 3 to 30")
-    for name, count in (("frames", config.frames), ("frames_per_state", config.frames_per_state)):
+    counts = {
+        "frames": config.frames,
+        "frames_per_state": config.frames_per_state,
+        "every": config.every,
+    }
+    for name, count in counts.items():
         if count is not None and count < 1:
             raise InputError(f"{name} is {count}, use 1 or more")
     if config.frames is not None and config.frames_per_state is not None:

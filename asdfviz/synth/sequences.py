@@ -90,20 +90,25 @@ def generate_sequence(
     drawn = recorded(asdict(chosen), chosen.photos)
     output.begin(assembly, sequence={**about, "config": drawn}, camera=camera)
     studio = Studio.of(play, assets, seed=seed, config=chosen)
-    complete = True
     tell: Callable[[int, int], None] = progress or (lambda done, total: None)
-    tell(0, len(play.moments))
-    for index in range(len(play.moments)):
+    due = _drawn(len(play.moments), seed=seed, every=chosen.every)
+    tell(0, len(due))
+    for done, index in enumerate(due):
         if stop is not None and stop():
-            complete = False
             break
         if not output.has(index):
             _write_frame(index, studio, output)
-        tell(index + 1, len(play.moments))
+        tell(done + 1, len(due))
     count = output.merge()
-    if complete:
+    if count == len(due):
         output.finish()
     return count
+
+
+def _drawn(moments: int, *, seed: int, every: int) -> range:
+    """The frames that are drawn."""
+    first = -seed % every
+    return range(first if first < moments else moments - 1, moments, every)
 
 
 def _require_frames(least: int, config: SequenceConfig) -> None:

@@ -21,6 +21,8 @@ class StateTrainConfig(CropRunConfig):
     """crops.safetensors, whose maps the network begins with, or states.safetensors of a network for
     the same groups, with which it goes on."""
     batch: int = 96
+    smoothing: float = 0.05
+    """Share of the target that all states of a group have alike: between two states nobody can be sure."""
     maps_rate: float = 0.4
     """Share of the learning rate that what begins with the crop network's weights has."""
     hold: float = 0.3

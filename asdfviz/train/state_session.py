@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import cross_entropy
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Assembly
@@ -37,6 +36,7 @@ from asdfviz.train.log import Meter, write_curve
 from asdfviz.train.schedule import rate_at
 from asdfviz.train.state_checkpoint import begin_states_from, export_states
 from asdfviz.train.state_config import StateTrainConfig
+from asdfviz.train.state_losses import smoothed_entropy
 from asdfviz.train.state_validation import (
     StateValidation,
     state_validation_sets,
@@ -141,7 +141,11 @@ class StateSession(CropSitting[StateTrainConfig, StateReport, StateValidation]):
         pictures = batch.pictures.contiguous(memory_format=torch.channels_last)
         with torch.autocast(torch.device(config.device).type, torch.bfloat16, enabled=half):
             logits = self.network(pictures, batch.groups, batch.poses, batch.focal)
-        return cross_entropy(self.views.own_states(logits.float(), batch.groups), batch.states)
+        return smoothed_entropy(
+            self.views.own_states(logits.float(), batch.groups),
+            batch.states,
+            smoothing=config.smoothing,
+        )
 
     def validate(self) -> tuple[StateValidation, ...]:
         """Validate the averaged weights; keep and export them if they are the best so far."""

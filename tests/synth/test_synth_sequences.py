@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from asdfviz.data.assembly import load_assembly
+from asdfviz.data.sequences import open_sequence
 from asdfviz.datatypes import Assembly
 from asdfviz.errors import InputError
 from asdfviz.geometry.shapes import Depth
@@ -178,6 +180,29 @@ def test_files_hold_the_script(toy: Assembly, toy_assets: Assets, tmp_path: Path
         assert [g["obj_id"] for g in truth[str(k)]] == list(moments[k].T_world_part)
     assert (folder / "depth" / "000000.png").is_file()
     assert json.loads((folder / "sequence.json").read_text())["fps"] == 10.0
+
+
+def test_frames_may_be_left_out(toy: Assembly, toy_assets: Assets, tmp_path: Path) -> None:
+    sparse = SequenceConfig(width=160, height=90, every=20)
+    folder = tmp_path / "sequence"
+    count = generate_sequence(toy, seed=7, folder=folder, config=sparse)
+    moments = plan_sequence(toy_assets, seed=7, config=sparse).moments
+    drawn = list(range(13, len(moments), 20))  # 7 and 13 make 20: another seed begins elsewhere
+    assert count == len(drawn) > 1
+    states = json.loads((folder / "states.json").read_text())
+    assert [s["frame"] for s in states] == drawn
+    assert [s["state"] for s in states] == [moments[k].state.completed for k in drawn]
+    sequence = open_sequence(folder, assembly=toy)
+    assert [sequence[k].index for k in range(len(sequence))] == drawn
+    # Those that are drawn are as they would be with the others.
+    whole = replace(sparse, every=1)
+    asked: list[int] = []
+    generate_sequence(
+        toy, seed=7, folder=tmp_path / "whole", config=whole,
+        stop=lambda: len(asked) > drawn[0] + 1, progress=lambda done, total: asked.append(done),
+    )  # fmt: skip
+    name = f"rgb/{drawn[0]:06d}.jpg"
+    assert (tmp_path / "whole" / name).read_bytes() == (folder / name).read_bytes()
 
 
 def test_shifted_depth_is_moved_alike_in_all_frames(
