@@ -117,7 +117,9 @@ class AsdfPlus:
             OnePlace(assembly),
             told,
             LastLooks(),
-            Mistaken(assembly, config=config.still_there, own=config.own_colors),
+            Mistaken(
+                assembly, config=config.still_there, own=config.own_colors, leaps=config.leaps
+            ),
             None
             if bodies is None
             else ContourFits(assembly.parts, bodies, camera, config=contours, smear=told.smear),
@@ -158,9 +160,11 @@ class AsdfPlus:
             )
         if config.joined.enabled:
             with timed("group"):
-                told = scene.followed.unfolded
-                poses = scene.group.step(poses, told, frame, base=scene.followed.base)
+                base = scene.mistaken.doubted_one(frame, scene.followed.base)
+                poses = scene.group.step(poses, scene.followed.unfolded, frame, base=base)
                 poses = self._settled_together(poses, frame, scene)
+                # A loose twin of what is joined there.
+                poses = scene.one_place.alone(poses, joined=scene.group.held)
         scene.mistaken.see(frame, poses)
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
@@ -269,11 +273,7 @@ class AsdfPlus:
             stage = own.stage if frame.depth is None and own is not None else "refined"
             T = decision.best.T_camera_part if fit is None else fit.T_camera_part
             poses[name] = PoseEstimate(name, T, sure, stage)
-        intruders = scene.one_place.intruders(
-            {name: pose.T_camera_part for name, pose in poses.items()},
-            {name: pose.score for name, pose in poses.items()},
-        )
-        return {name: pose for name, pose in poses.items() if name not in intruders}
+        return scene.one_place.alone(scene.mistaken.doubted(frame, poses))
 
 
 def _others(

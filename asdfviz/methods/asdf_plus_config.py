@@ -10,6 +10,7 @@ from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
+from asdfviz.methods.leaps import LeapsConfig
 from asdfviz.methods.loose_parts import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
@@ -77,6 +78,8 @@ class AsdfPlusConfig(AsdfConfig):
     """What stood there while a part was surely elsewhere is not that part."""
     own_colors: OwnColorsConfig = field(default_factory=OwnColorsConfig)
     """What has quite another tint than the part surely had is not the part."""
+    leaps: LeapsConfig = field(default_factory=LeapsConfig)
+    """What is farther from where a part was than a hand could have brought it has to be surer."""
     least_score: float = 0.5
     """Poses that are more probably wrong than right are withheld, unless a state places the part; 0
     gives all. They are kept, and speak for states. Without depth too little is known, and all are given."""

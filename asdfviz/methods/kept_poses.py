@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Float64
 
 from asdfviz.datatypes import PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box, Transform
+from asdfviz.geometry.shapes import Box, Intrinsics, Transform
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.registration import Evidence
 from asdfviz.pose.confidence import ConfidenceConfig, confidence
@@ -59,6 +60,10 @@ class HypothesesConfig:
     """and depth agrees with it well enough, or less than in the frame before by no more than this,"""
     rests_visible: float = 0.2
     """and so much of it is seen, 0 to 1, likewise."""
+    lain: int = 8
+    """What rested for so many frames may still be there when another place is taken for it,"""
+    covered: float = 0.5
+    """if less than this of it would be seen where it was, 0 to 1."""
     unseen: float = 0.35
     """A part without a box keeps its pose where at least this share of the depth agrees, 0 to 1."""
 
@@ -106,7 +111,34 @@ class Hypothesis:
     evidence: Evidence
     """In this frame."""
     frames: int
-    """In which it was there, this one counted."""
+    """In which it was there, this one counted;"""
+    rested: int = 1
+    """since so many of them it has not moved with a box."""
+
+    def older(self) -> Hypothesis:
+        """The same after a frame in which nobody asked for it."""
+        return replace(self, frames=self.frames + 1, rested=self.rested + 1)
+
+
+def agreement(
+    seen: Evidence, liked: float, box_xyxy: Box | None, *, config: HypothesesConfig
+) -> float:
+    """What speaks for a pose, about 0 to 1; half of the visible seen through is 0.
+
+    Args:
+        seen: of it in a frame.
+        liked: the network's preference, 0 to 1.
+        box_xyxy: where the part was detected, pixels, or None.
+        config: weights.
+    """
+    spoken = 2 * seen.agreeing - 1 + config.network * liked
+    weights = 1 + config.network
+    if box_xyxy is None:
+        return spoken / weights
+    # A flat part agrees with the depth of any table: away from its box little is believed.
+    near = min(1.0, 2 * seen.outline)
+    believed = config.beside + (1 - config.beside) * near
+    return believed * (spoken + config.outline * seen.outline) / (weights + config.outline)
 
 
 def may_rest(best: Hypothesis, box_before: Box, box_now: Box, *, config: HypothesesConfig) -> bool:
@@ -125,6 +157,35 @@ def still_agrees(before: Evidence, now: Evidence, *, config: HypothesesConfig) -
     return now.agreeing >= min(before.agreeing - worse, config.enough) and now.visible >= max(
         before.visible - worse, config.rests_visible
     )
+
+
+def moved_with_box(
+    T_camera_part: Transform,
+    box_before: Box | None,
+    box_now: Box | None,
+    K: Intrinsics,
+    middle: Float64[np.ndarray, "4"],
+    *,
+    config: HypothesesConfig,
+) -> Transform | None:
+    """A pose, shifted across the view as its part's detected box (pixels) was; None where that stayed.
+
+    Args:
+        T_camera_part: in the frame before.
+        box_before: around the part when it was detected last; None: it never was.
+        box_now: around it in this frame; None: it is not detected.
+        K: intrinsics.
+        middle: of the part, homogeneous, part frame, metres.
+        config: from how many pixels a box has moved.
+    """
+    if box_now is None or box_before is None:
+        return None
+    shift_px = (box_now[:2] + box_now[2:] - box_before[:2] - box_before[2:]) / 2
+    if float(np.linalg.norm(shift_px)) < config.moved_px:
+        return None
+    moved = T_camera_part.copy()
+    moved[:2, 3] += float(T_camera_part[2] @ middle) * shift_px / np.array([K[0, 0], K[1, 1]])
+    return moved
 
 
 @dataclass(frozen=True, slots=True, eq=False)

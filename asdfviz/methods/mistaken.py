@@ -1,6 +1,7 @@
-"""What `asdf_plus` takes for a part, though it stood there while the part was elsewhere, or has another tint.
+"""What `asdf_plus` takes for a part, though it stood there while the part was elsewhere, has another tint, or
+is too far away.
 
-Not in the paper. See `still_there` and `own_colors`: once a hand has a small part, the networks find the
+Not in the paper. See `still_there`, `own_colors` and `leaps`: once a hand has a small part, the networks find the
 next best thing of its look, which lay there all along. Where a state would have the part only its tint is
 asked for: a pin that is put in changes its place by a few pixels.
 """
@@ -12,6 +13,7 @@ from collections.abc import Mapping
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import point_distance
+from asdfviz.methods.leaps import Leaps, LeapsConfig
 from asdfviz.methods.own_colors import OwnColors, OwnColorsConfig
 from asdfviz.methods.still_there import AWAY, StillThere, StillThereConfig
 from asdfviz.state.joined_spots import JoinedSpots
@@ -29,13 +31,19 @@ class Mistaken:
     """Remembers where the parts of one sequence surely were, and what the picture showed then."""
 
     def __init__(
-        self, assembly: Assembly, *, config: StillThereConfig, own: OwnColorsConfig
+        self,
+        assembly: Assembly,
+        *,
+        config: StillThereConfig,
+        own: OwnColorsConfig,
+        leaps: LeapsConfig,
     ) -> None:
         """Begin a sequence."""
         self._base, self._parts = assembly.base, assembly.parts
         self._spots = JoinedSpots(assembly)
         self._still = StillThere(assembly, config=config)
         self._own = OwnColors(assembly, config=own)
+        self._leaps = Leaps(assembly, config=leaps)
         self._refused: dict[str, int] = {}
         """For how many frames one after the other parts had another tint,"""
         self._unlike: frozenset[str] = frozenset()
@@ -60,6 +68,14 @@ class Mistaken:
         self._unlike |= unlike
         return unlike | self._still.others(frame, loose, lay, lambda _, names: names)
 
+    def doubted(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> dict[str, PoseEstimate]:
+        """The poses of a frame, those less sure to which parts leapt."""
+        return self._leaps.step(poses, frame.time)
+
+    def doubted_one(self, frame: Frame, pose: PoseEstimate | None) -> PoseEstimate | None:
+        """One more pose of a part, less sure if the part leapt there; None stays None."""
+        return None if pose is None else self.doubted(frame, {pose.part: pose})[pose.part]
+
     def see(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> None:
         """What the frame's poses are in the end."""
         sure = {n: p.T_camera_part for n, p in poses.items() if p.score >= SURE}
@@ -76,6 +92,7 @@ class Mistaken:
         self._now = renamed(self._now, names)
         self._still.rename(names)
         self._own.rename(names)
+        self._leaps.rename(names)
         self._refused = renamed(self._refused, names)
         self._unlike = frozenset(names.get(name, name) for name in self._unlike)
 

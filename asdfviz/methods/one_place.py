@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Part, State
+from asdfviz.datatypes import Assembly, Part, PoseEstimate, State
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point
 from asdfviz.state.joint_places import JointPlaces
@@ -68,6 +68,14 @@ class OnePlace:
             for pair, limit in self._limits.items()
             if self._apart(*pair, Ts_camera_part) < limit
         )
+
+    def alone(
+        self, poses: Mapping[str, PoseEstimate], *, joined: Collection[str] = ()
+    ) -> dict[str, PoseEstimate]:
+        """The poses without intruders; `joined` as there."""
+        Ts = {name: pose.T_camera_part for name, pose in poses.items()}
+        out = self.intruders(Ts, {n: pose.score for n, pose in poses.items()}, joined=joined)
+        return {name: pose for name, pose in poses.items() if name not in out}
 
     def _nearest(self, a: str, b: str, state: State, joints: JointPlaces) -> float:
         """Between the middles of two parts at least, metres, however a state's joints stand."""

@@ -26,7 +26,9 @@ from asdfviz.methods.kept_poses import (
     Hypothesis,
     Likely,
     Proposal,
+    agreement,
     may_rest,
+    moved_with_box,
     still_agrees,
 )
 from asdfviz.methods.part_poses import PartShape
@@ -107,9 +109,9 @@ class PartHypotheses:
             proposals = self._allowed(proposals, partial(allows, self._kept[0].T_camera_part))
         found: list[Hypothesis] = []
         for place, old in enumerate(self._kept):
-            found.append(self._carried(old, likely, frame, box_xyxy))
+            found += self._carried(old, likely, frame, box_xyxy)
             if place == 0 and self._is_settled(found[0], proposals):
-                found += [replace(rest, frames=rest.frames + 1) for rest in self._kept[1:]]
+                found += [rest.older() for rest in self._kept[1:]]
                 proposals = proposals[:1]  # it may have moved a little
                 break
         for place, proposal in enumerate(proposals):
@@ -124,7 +126,7 @@ class PartHypotheses:
 
     def _stayed(self, seen: Evidence, box_xyxy: Box | None) -> Decision | None:
         """The part rests: the network says nothing of it in this frame."""
-        best, *rest = (replace(one, frames=one.frames + 1) for one in self._kept)
+        best, *rest = (one.older() for one in self._kept)
         trust = self._trusted(best, seen, best.liked, box_xyxy)
         self._kept = [replace(best, trust=trust, evidence=seen), *rest]
         self._box = box_xyxy
@@ -173,23 +175,40 @@ class PartHypotheses:
 
     def _carried(
         self, old: Hypothesis, likely: Likely | None, frame: Frame, box_xyxy: Box | None
-    ) -> Hypothesis:
-        """A kept pose in the new frame: where it was, or where the box went."""
+    ) -> list[Hypothesis]:
+        """A kept pose in the new frame: where the box went, if that is better, and where it was."""
         # Not registered anew: that draws what rests to the table, and what moves is found again.
         T_camera_part, seen = old.T_camera_part, self._judged(old.T_camera_part, frame, box_xyxy)
-        moved = self._moved(T_camera_part, frame, box_xyxy)
-        if moved is not None and seen.agreeing < self._config.left:
-            seen_there = self._judged(moved, frame, box_xyxy)
-            if self._value(seen_there) > self._value(seen):
-                T_camera_part, seen = moved, seen_there
+        stayed = self._aged(old, T_camera_part, seen, likely, box_xyxy)
+        moved = moved_with_box(
+            T_camera_part, self._box, box_xyxy, frame.camera.K, self._middle, config=self._config
+        )
+        if moved is None or seen.agreeing >= self._config.left:
+            return [stayed]
+        seen_there = self._judged(moved, frame, box_xyxy)
+        if self._value(seen_there) <= self._value(seen):
+            return [stayed]
+        gone = self._aged(old, moved, seen_there, likely, box_xyxy)
+        # What lay there may be there again when the hand is gone.
+        is_covered = old.rested >= self._config.lain and seen.visible < self._config.covered
+        return [replace(gone, rested=1), *([stayed] if is_covered else [])]
+
+    def _aged(
+        self,
+        old: Hypothesis,
+        T_camera_part: Transform,
+        seen: Evidence,
+        likely: Likely | None,
+        box_xyxy: Box | None,
+    ) -> Hypothesis:
         liked = self._liked(T_camera_part, old.liked, old.frames, likely)
         trust = self._trusted(old, seen, liked, box_xyxy)
-        return Hypothesis(T_camera_part, trust, liked, seen, old.frames + 1)
+        return Hypothesis(T_camera_part, trust, liked, seen, old.frames + 1, old.rested + 1)
 
     def _trusted(self, old: Hypothesis, seen: Evidence, liked: float, box: Box | None) -> float:
         """Trust in a kept pose after a frame in which this is seen of it."""
         weight = self._config.memory * max(seen.visible, 0.05)
-        return old.trust + weight * (self._agreement(seen, liked, box) - old.trust)
+        return old.trust + weight * (agreement(seen, liked, box, config=self._config) - old.trust)
 
     def _begun(
         self, proposal: Proposal, frame: Frame, box_xyxy: Box | None, likely: Likely | None
@@ -206,7 +225,7 @@ class PartHypotheses:
                 T_camera_part, seen = fitted, seen_fitted
         liked = self._liked(T_camera_part, UNKNOWN, 0, likely)
         # What is hidden cannot be trusted yet.
-        trust = seen.visible * self._agreement(seen, liked, box_xyxy)
+        trust = seen.visible * agreement(seen, liked, box_xyxy, config=self._config)
         return Hypothesis(T_camera_part, trust, liked, seen, 1)
 
     def _liked(
@@ -229,33 +248,6 @@ class PartHypotheses:
         return evidence(
             T_camera_part, self._shape, frame, box_xyxy=box_xyxy, config=self._registration
         )
-
-    def _agreement(self, seen: Evidence, liked: float, box_xyxy: Box | None) -> float:
-        """What speaks for a pose, about 0 to 1; half of the visible seen through is 0."""
-        config = self._config
-        spoken = 2 * seen.agreeing - 1 + config.network * liked
-        weights = 1 + config.network
-        if box_xyxy is None:
-            return spoken / weights
-        # A flat part agrees with the depth of any table: away from its box little is believed.
-        near = min(1.0, 2 * seen.outline)
-        believed = config.beside + (1 - config.beside) * near
-        return believed * (spoken + config.outline * seen.outline) / (weights + config.outline)
-
-    def _moved(
-        self, T_camera_part: Transform, frame: Frame, box_xyxy: Box | None
-    ) -> Transform | None:
-        """The pose shifted across the view as the detected box was."""
-        if box_xyxy is None or self._box is None:
-            return None
-        shift_px = (box_xyxy[:2] + box_xyxy[2:] - self._box[:2] - self._box[2:]) / 2
-        if float(np.linalg.norm(shift_px)) < self._config.moved_px:
-            return None
-        K = frame.camera.K
-        moved = T_camera_part.copy()
-        depth = float(T_camera_part[2] @ self._middle)
-        moved[:2, 3] += depth * shift_px / np.array([K[0, 0], K[1, 1]])
-        return moved
 
     def _is_settled(self, first: Hypothesis, proposals: Sequence[Proposal]) -> bool:
         """Whether the trusted pose fits and the frame's own first pose confirms it."""

@@ -10,6 +10,7 @@ import pytest
 from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse, transform_from
+from asdfviz.methods.leaps import LeapsConfig
 from asdfviz.methods.mistaken import LAIN, PATIENCE, SURE, Mistaken
 from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.still_there import StillThereConfig
@@ -27,10 +28,19 @@ def block(T_camera_part: Transform, score: float = 0.9) -> dict[str, PoseEstimat
     return {"block": PoseEstimate("block", T_camera_part, score, "refined")}
 
 
+def begun(toy, own: OwnColorsConfig | None = None) -> Mistaken:
+    return Mistaken(
+        toy.assembly,
+        config=StillThereConfig(),
+        own=own or OwnColorsConfig(),
+        leaps=LeapsConfig(),
+    )
+
+
 @pytest.fixture
 def mistaken(toy) -> Mistaken:
     """It saw the block on the right, while the other thing was on the left."""
-    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    made = begun(toy)
     see(made, toy.photo(0, [RIGHT, LEFT]), block(RIGHT))
     return made
 
@@ -59,7 +69,7 @@ def test_where_a_state_has_the_part_is_left_alone(toy, mistaken: Mistaken) -> No
 
 
 def test_only_what_was_sure_is_remembered(toy) -> None:
-    unsure = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    unsure = begun(toy)
     see(unsure, toy.photo(0, [RIGHT, LEFT]), block(RIGHT, score=SURE - 0.1))
     assert unsure.found(toy.photo(5, [LEFT]), block(LEFT), None) == frozenset()
     see(unsure, toy.photo(0, [RIGHT, LEFT]), block(RIGHT), frames=LAIN - 1)
@@ -67,7 +77,7 @@ def test_only_what_was_sure_is_remembered(toy) -> None:
 
 
 def test_where_a_twin_was_the_twin_may_be(toy) -> None:
-    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    made = begun(toy)
     pins = {"pin": RIGHT, "pin-copy": LEFT}
     seen = {n: PoseEstimate(n, T, 1.0, "refined") for n, T in pins.items()}
     see(made, toy.photo(0, [RIGHT, LEFT]), seen)
@@ -76,7 +86,7 @@ def test_where_a_twin_was_the_twin_may_be(toy) -> None:
 
 
 def test_twins_go_by_their_new_names(toy) -> None:
-    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    made = begun(toy)
     seen = {"pin": PoseEstimate("pin", RIGHT, 1.0, "refined")}
     see(made, toy.photo(0, [RIGHT, LEFT]), seen)
     made.rename({"pin": "pin-copy", "pin-copy": "pin"})
@@ -94,19 +104,19 @@ def painted(toy, things: list[tuple[Transform, tuple[int, int, int]]]) -> Frame:
 
 
 def test_what_came_there_with_another_tint_is_something_else(toy) -> None:
-    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    made = begun(toy)
     see(made, painted(toy, [(RIGHT, RED)]), block(RIGHT))
     assert made.found(painted(toy, [(LEFT, WHITE)]), block(LEFT), None) == {"block"}
     assert made.found(painted(toy, [(LEFT, RED)]), block(LEFT), None) == frozenset()
     T_camera_base = LEFT @ inverse(toy.assembly.states[1].T_base_part["block"])
     assert made.found(painted(toy, [(LEFT, WHITE)]), block(LEFT), T_camera_base) == {"block"}
-    blind = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig(enabled=False))
+    blind = begun(toy, own=OwnColorsConfig(enabled=False))
     see(blind, painted(toy, [(RIGHT, RED)]), block(RIGHT))
     assert blind.found(painted(toy, [(LEFT, WHITE)]), block(LEFT), None) == frozenset()
 
 
 def test_a_tint_that_nobody_sees_again_was_a_wrong_one(toy) -> None:
-    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    made = begun(toy)
     see(made, painted(toy, [(RIGHT, WHITE)]), block(RIGHT))
     shot, refused = painted(toy, [(LEFT, RED)]), 0
     for _ in range(PATIENCE + 5):
@@ -116,7 +126,7 @@ def test_a_tint_that_nobody_sees_again_was_a_wrong_one(toy) -> None:
 
 
 def test_a_tint_that_is_seen_now_and_then_stays_known(toy) -> None:
-    made = Mistaken(toy.assembly, config=StillThereConfig(), own=OwnColorsConfig())
+    made = begun(toy)
     mine, other = painted(toy, [(RIGHT, RED)]), painted(toy, [(LEFT, WHITE)])
     see(made, mine, block(RIGHT))
     for k in range(3 * PATIENCE):
@@ -126,3 +136,14 @@ def test_a_tint_that_is_seen_now_and_then_stays_known(toy) -> None:
         else:
             assert made.found(other, block(LEFT), None) == {"block"}
             made.see(other, {})
+
+
+def test_what_leapt_is_doubted_once_and_for_all_accounts(toy, mistaken: Mistaken) -> None:
+    def frame(index: int) -> Frame:
+        return toy.frame(index, {"block": RIGHT})
+
+    assert mistaken.doubted(frame(0), block(RIGHT))["block"].score == 0.9
+    other = mistaken.doubted_one(frame(1), block(LEFT, 0.7)["block"])
+    assert other is not None
+    assert other.score < 0.5
+    assert mistaken.doubted_one(frame(1), None) is None

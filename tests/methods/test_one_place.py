@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from asdfviz.data.assembly import load_assembly
+from asdfviz.datatypes import PoseEstimate
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.one_place import OnePlace
 
@@ -59,3 +60,14 @@ def test_a_rod_lies_beside_its_twin_as_joined_but_never_where_it_lies() -> None:
     near = {**rods, "rod-Copy": at(0, 0, 0.002) @ rods["rod"]}
     assert one_place.intruders(near, sure) == {"rod-Copy"}
     assert one_place.intruders(near, sure, joined=["rod-Copy"]) == {"rod"}
+
+
+def test_of_two_in_one_place_the_joined_one_is_told() -> None:
+    clamp = load_assembly("screw_clamp")
+    held = at(0, 0, 0.6) @ clamp.states[-1].T_base_part["rod"]
+    poses = {
+        "rod": PoseEstimate("rod", held, 0.6, "group"),
+        "rod-Copy": PoseEstimate("rod-Copy", held, 0.9, "refined"),
+    }
+    assert OnePlace(clamp).alone(poses) == {"rod-Copy": poses["rod-Copy"]}
+    assert OnePlace(clamp).alone(poses, joined=("rod",)) == {"rod": poses["rod"]}

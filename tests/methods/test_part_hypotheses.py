@@ -80,6 +80,27 @@ def test_a_covered_part_keeps_its_pose_and_a_moved_one_does_not(toy, kept) -> No
     assert is_at(after, away)
 
 
+def test_a_covered_part_is_there_again_whatever_was_taken_for_it_meanwhile(toy, kept) -> None:
+    true = toy.poses(joined=False)
+    right, other = true["block"], true["block"].copy()
+    other[0, 3] += 0.12
+    box, elsewhere = (toy.detection("block", T).box_xyxy for T in (right, other))
+    seen = toy.frame(1, true)
+    for _ in range(8):
+        kept.step([Proposal(right, 1.0, is_fitted=True)], seen, box_xyxy=box)
+    uncovered = toy.frame(2, {**true, "block": other})
+    assert uncovered.depth is not None
+    uncovered.depth[:] = np.minimum(uncovered.depth, toy.depth({"block": right}))
+    hand = replace(uncovered, depth=uncovered.depth.copy())
+    assert hand.depth is not None
+    x0, y0, x1, y1 = box.astype(int)
+    hand.depth[y0 - 3 : y1 + 4, x0 - 3 : x1 + 4] = 0.3
+    taken = kept.step([], hand, box_xyxy=elsewhere)
+    assert is_at(taken, other)
+    found = [kept.step([], uncovered, box_xyxy=box) for _ in range(3)]
+    assert is_at(found[-1], right)
+
+
 def test_without_a_box_depth_alone_must_show_it(toy, kept) -> None:
     true = toy.poses(joined=False)
     frame = toy.frame(1, true)
