@@ -11,7 +11,7 @@ from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.leaps import LeapsConfig
-from asdfviz.methods.loose_parts import LooseConfig
+from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.own_colors import OwnColorsConfig

@@ -9,7 +9,7 @@ from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.doubts import DoubtConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
-from asdfviz.methods.loose_parts import LooseConfig
+from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.own_colors import OwnColorsConfig

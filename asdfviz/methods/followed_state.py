@@ -10,7 +10,8 @@ from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimat
 from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.methods.at_rest import AtRest
 from asdfviz.methods.group_fits import GroupFits
-from asdfviz.methods.loose_parts import LooseConfig, LooseParts
+from asdfviz.methods.loose_config import LooseConfig
+from asdfviz.methods.loose_parts import LooseParts
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig, agreed
 from asdfviz.state.base_turns import BaseTurns
@@ -79,7 +80,7 @@ class FollowedState:
         self._states = StateFilter(self._unfolded, config=config.smoothing, half_done=half_done)
         self._fits = GroupFits(self._unfolded, shapes, config=config.group_fit)
         self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=config.place_looks)
-        self._loose = LooseParts(self._unfolded, shapes, config=config.loose)
+        self._loose = LooseParts(self._unfolded, shapes, config=config.loose, half_done=half_done)
 
     @property
     def assembly(self) -> Assembly:

@@ -8,69 +8,23 @@ what still lies there is not, whatever its place in the group looks like.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
-from asdfviz.errors import MethodError
 from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply_to_point, inverse
 from asdfviz.methods.at_rest import AtRest
+from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
 from asdfviz.state.joined_spots import JoinedSpots
 from asdfviz.state.twins import twin_groups
-
-
-@dataclass(frozen=True)
-class LooseConfig:
-    """When a small part counts as joined, and when as loose."""
-
-    enabled: bool = True
-    """On or off."""
-    small_px: float = 10.0
-    """A part that is gone counts as joined only if it is thinner in the picture than this where it would
-    be, or the others leave less than the square of it to be seen there, pixels: of those that show more
-    that place tells more."""
-    blurred_px: float = 20.0
-    """The same before a camera that moves, whose pictures are blurred; there only what lies still is
-    loose (`AtRest`): what is small is found now here, now there."""
-    found: float = 0.5
-    """Score from which a part is found,"""
-    sure: float = 0.8
-    """and from which it surely is where its pose has it."""
-    away: float = 0.015
-    """A part is loose if it is farther than this from where any state has it, and lies where it lay if
-    it is nearer to that than this, metres."""
-    enough: int = 10
-    """Frames in which it must have been found, or have lain in one place, before it says anything."""
-    wait: int = 10
-    """Frames for which it may be gone in a hand."""
-    gain: float = 0.5
-    """Log odds of being joined for each frame more,"""
-    most: float = 4.0
-    """but no more than this."""
-    there: float = 2.0
-    """Log odds of being loose where it lies where it lay."""
-    in_front: float = 0.015
-    """What is nearer than where it lay by this hides it, metres: then it is not gone,"""
-    empty: int = 5
-    """unless it was seen to be gone in so many frames before."""
-
-    def __post_init__(self) -> None:
-        """Raise a MethodError where an option is out of its range."""
-        least = min(self.gain, self.most, self.there, self.small_px, self.blurred_px)
-        if min(self.enough, self.wait, self.empty) < 1 or least < 0:
-            raise MethodError(
-                f"loose.enough is {self.enough}, wait {self.wait}, empty {self.empty}, gain {self.gain:g}, most "
-                f"{self.most:g}, there {self.there:g}, small_px {self.small_px:g} and blurred_px "
-                f"{self.blurred_px:g}: enough, wait and empty must be 1 or more, the others 0 or more"
-            )
 
 
 @dataclass(slots=True, eq=False)
@@ -100,6 +54,8 @@ class _Kind:
     """In how many frames one or more, two or more, ... were found loose,"""
     gone: list[int]
     """and for how many they have not been since."""
+    unseen: int = 0
+    """For how many frames none was found where a state joins it."""
     spots: list[_Spot] = field(default_factory=list[_Spot])
 
 
@@ -107,10 +63,22 @@ class LooseParts:
     """Counts the loose parts of one sequence."""
 
     def __init__(
-        self, assembly: Assembly, shapes: Mapping[str, PartShape], *, config: LooseConfig
+        self,
+        assembly: Assembly,
+        shapes: Mapping[str, PartShape],
+        *,
+        config: LooseConfig,
+        half_done: Collection[int] = (),
     ) -> None:
-        """Begin a sequence."""
-        self._assembly, self._config = assembly, config
+        """Begin a sequence.
+
+        Args:
+            assembly: whose parts.
+            shapes: of the parts.
+            config: when parts count.
+            half_done: states of `assembly` that only come between two of its own.
+        """
+        self._assembly, self._config, self._half_done = assembly, config, frozenset(half_done)
         self._corners = {name: shape.corners for name, shape in shapes.items()}
         groups = [tuple(n for n in names if n != assembly.base) for names in twin_groups(assembly)]
         self._spots = JoinedSpots(assembly)
@@ -171,6 +139,8 @@ class LooseParts:
         T_stage_camera = inverse(rest.T_camera_stage)
         found = [poses[name] for name in kind.names if name in poses]
         away = [pose for pose in found if self._is_away(pose, T_camera_base)]
+        is_placed = any(self._is_found(pose) and pose not in away for pose in found)
+        kind.unseen = 0 if is_placed else kind.unseen + 1
         loose = [
             (apply_to_point(T_stage_camera @ pose.T_camera_part, middle), pose.score)
             for pose in away
@@ -186,13 +156,12 @@ class LooseParts:
                 kind.gone[k] += 1
         return there
 
+    def _is_found(self, pose: PoseEstimate) -> bool:
+        return pose.score >= self._config.found and pose.stage != "group"
+
     def _is_away(self, pose: PoseEstimate, T_camera_base: Transform) -> bool:
-        config, T = self._config, pose.T_camera_part
-        return (
-            pose.score >= config.found
-            and pose.stage != "group"
-            and self._spots.distance(pose.part, T, T_camera_base) > config.away
-        )
+        apart = self._spots.distance(pose.part, pose.T_camera_part, T_camera_base)
+        return self._is_found(pose) and apart > self._config.away
 
     def _lying(self, kind: _Kind, loose: Sequence[tuple[Vector, float]]) -> int:
         """How many surely lie where they lay, each in a spot of its own; notes where all of them are."""
@@ -234,19 +203,33 @@ class LooseParts:
                 told = min(config.gain * (gone - config.wait), config.most)
             # Where not even one is found, two are not either.
             most.append(max(told, most[-1]))
+        gone = list(kind.loose)
+        if most[-1] > 0 and kind.unseen > config.wait:
+            # What is half done may show what is hidden in the end.
+            for index in self._half_done:
+                shown = self._shown(kind, self._assembly.states[index], shown_px)
+                gone[index] += sum(px >= config.small_px**2 for px in shown)
         return np.array(
-            [most[loose] + config.there * max(there - loose, 0) for loose in kind.loose]
+            [
+                most[unseen] + config.there * max(there - loose, 0)
+                for loose, unseen in zip(kind.loose, gone, strict=True)
+            ]
         )
 
     def _hides(self, kind: _Kind, loose: int, shown_px: Callable[[str, State], float]) -> bool:
         """Whether the joined ones show nowhere in the states that leave so many loose."""
         return all(
-            shown_px(name, state) < self._config.small_px**2
+            px < self._config.small_px**2
             for state in self._assembly.states
-            if kind.loose[state.index] == loose
-            for name in kind.names
-            if name in state.T_base_part
+            if kind.loose[state.index] == loose and state.index not in self._half_done
+            for px in self._shown(kind, state, shown_px)
         )
+
+    def _shown(
+        self, kind: _Kind, state: State, shown_px: Callable[[str, State], float]
+    ) -> list[float]:
+        """In how many pixels those that a state joins show there."""
+        return [shown_px(name, state) for name in kind.names if name in state.T_base_part]
 
     def _hidden(self, kind: _Kind, frame: Frame, rest: AtRest) -> int:
         """How many may lie where they lay, but for what hides the place; notes which are gone from there."""

@@ -20,7 +20,7 @@ from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.held_colors import HeldConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
-from asdfviz.methods.loose_parts import LooseConfig
+from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.network import masks_path
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig

@@ -16,7 +16,8 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.at_rest import AtRest
 from asdfviz.methods.at_rest_config import AtRestConfig
-from asdfviz.methods.loose_parts import LooseConfig, LooseParts
+from asdfviz.methods.loose_config import LooseConfig
+from asdfviz.methods.loose_parts import LooseParts
 from asdfviz.methods.part_poses import part_shapes
 
 BASE = transform_from(np.eye(3), np.array([0.0, 0.0, 0.55]))
@@ -210,3 +211,36 @@ def test_without_base_or_depth_nothing_is_said(pinned: Assembly, toy) -> None:
 def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match=r"loose\."):
         LooseConfig(**wrong)
+
+
+@pytest.mark.parametrize("placed", [False, True])
+def test_what_is_half_done_would_show_a_part_that_is_hidden_in_the_end(
+    toy, pinned: Assembly, placed: bool
+) -> None:
+    parts = {name: part for name, part in pinned.parts.items() if name != "pin-copy"}
+    states = (*pinned.states[:2], State(2, "half", {"base": np.eye(4), "pin": HOLES[1]}))
+    assembly = replace(pinned, parts=parts, states=states)
+
+    def shown(name: str, state: State) -> float:
+        return math.inf if state.name == "half" else 0.0
+
+    loose = LooseParts(
+        assembly,
+        part_shapes(assembly, surface_points=200),
+        config=LooseConfig(small_px=2.0),
+        half_done=(2,),
+    )
+    base, frame = PoseEstimate("base", BASE, 0.9, "refined"), toy.frame(0, {"base": BASE})
+
+    def step(poses: dict[str, PoseEstimate]) -> Any:
+        return loose.step(base, poses, frame, rest=rest_of(assembly), shown_px=shown)
+
+    for _ in range(12):
+        step({"pin": PoseEstimate("pin", SPOTS[0], 0.9, "refined")})
+    seen = PoseEstimate("pin", BASE @ HOLES[1], 0.9, "refined")
+    scores = None
+    for _ in range(20):
+        scores = step({"pin": seen} if placed else {})
+    assert scores is not None
+    assert scores[0] < 0.1 * scores[1]
+    assert scores[2] == pytest.approx(scores[1] if placed else scores[0])

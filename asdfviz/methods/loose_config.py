@@ -1,0 +1,53 @@
+"""Options of `loose_parts`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from asdfviz.errors import MethodError
+
+
+@dataclass(frozen=True)
+class LooseConfig:
+    """When a small part counts as joined, and when as loose."""
+
+    enabled: bool = True
+    """On or off."""
+    small_px: float = 10.0
+    """A part that is gone counts as joined only if it is thinner in the picture than this where it would
+    be, or the others leave less than the square of it to be seen there, pixels: of those that show more
+    that place tells more."""
+    blurred_px: float = 20.0
+    """The same before a camera that moves, whose pictures are blurred; there only what lies still is
+    loose (`AtRest`): what is small is found now here, now there."""
+    found: float = 0.5
+    """Score from which a part is found,"""
+    sure: float = 0.8
+    """and from which it surely is where its pose has it."""
+    away: float = 0.015
+    """A part is loose if it is farther than this from where any state has it, and lies where it lay if
+    it is nearer to that than this, metres."""
+    enough: int = 10
+    """Frames in which it must have been found, or have lain in one place, before it says anything."""
+    wait: int = 10
+    """Frames for which it may be gone in a hand."""
+    gain: float = 0.5
+    """Log odds of being joined for each frame more,"""
+    most: float = 4.0
+    """but no more than this."""
+    there: float = 2.0
+    """Log odds of being loose where it lies where it lay."""
+    in_front: float = 0.015
+    """What is nearer than where it lay by this hides it, metres: then it is not gone,"""
+    empty: int = 5
+    """unless it was seen to be gone in so many frames before."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
+        least = min(self.gain, self.most, self.there, self.small_px, self.blurred_px)
+        if min(self.enough, self.wait, self.empty) < 1 or least < 0:
+            raise MethodError(
+                f"loose.enough is {self.enough}, wait {self.wait}, empty {self.empty}, gain {self.gain:g}, most "
+                f"{self.most:g}, there {self.there:g}, small_px {self.small_px:g} and blurred_px "
+                f"{self.blurred_px:g}: enough, wait and empty must be 1 or more, the others 0 or more"
+            )
