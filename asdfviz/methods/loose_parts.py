@@ -54,8 +54,6 @@ class _Kind:
     """In how many frames one or more, two or more, ... were found loose,"""
     gone: list[int]
     """and for how many they have not been since."""
-    unseen: int = 0
-    """For how many frames none was found where a state joins it."""
     spots: list[_Spot] = field(default_factory=list[_Spot])
 
 
@@ -139,8 +137,6 @@ class LooseParts:
         T_stage_camera = inverse(rest.T_camera_stage)
         found = [poses[name] for name in kind.names if name in poses]
         away = [pose for pose in found if self._is_away(pose, T_camera_base)]
-        is_placed = any(self._is_found(pose) and pose not in away for pose in found)
-        kind.unseen = 0 if is_placed else kind.unseen + 1
         loose = [
             (apply_to_point(T_stage_camera @ pose.T_camera_part, middle), pose.score)
             for pose in away
@@ -156,12 +152,13 @@ class LooseParts:
                 kind.gone[k] += 1
         return there
 
-    def _is_found(self, pose: PoseEstimate) -> bool:
-        return pose.score >= self._config.found and pose.stage != "group"
-
     def _is_away(self, pose: PoseEstimate, T_camera_base: Transform) -> bool:
-        apart = self._spots.distance(pose.part, pose.T_camera_part, T_camera_base)
-        return self._is_found(pose) and apart > self._config.away
+        config, T = self._config, pose.T_camera_part
+        return (
+            pose.score >= config.found
+            and pose.stage != "group"
+            and self._spots.distance(pose.part, T, T_camera_base) > config.away
+        )
 
     def _lying(self, kind: _Kind, loose: Sequence[tuple[Vector, float]]) -> int:
         """How many surely lie where they lay, each in a spot of its own; notes where all of them are."""
@@ -203,33 +200,21 @@ class LooseParts:
                 told = min(config.gain * (gone - config.wait), config.most)
             # Where not even one is found, two are not either.
             most.append(max(told, most[-1]))
-        gone = list(kind.loose)
-        if most[-1] > 0 and kind.unseen > config.wait:
-            # What is half done may show what is hidden in the end.
-            for index in self._half_done:
-                shown = self._shown(kind, self._assembly.states[index], shown_px)
-                gone[index] += sum(px >= config.small_px**2 for px in shown)
         return np.array(
-            [
-                most[unseen] + config.there * max(there - loose, 0)
-                for loose, unseen in zip(kind.loose, gone, strict=True)
-            ]
+            [most[loose] + config.there * max(there - loose, 0) for loose in kind.loose]
         )
 
     def _hides(self, kind: _Kind, loose: int, shown_px: Callable[[str, State], float]) -> bool:
         """Whether the joined ones show nowhere in the states that leave so many loose."""
+        states = [s for s in self._assembly.states if kind.loose[s.index] == loose]
+        # What is half done may show what is hidden in the end.
+        whole = [s for s in states if s.index not in self._half_done]
         return all(
-            px < self._config.small_px**2
-            for state in self._assembly.states
-            if kind.loose[state.index] == loose and state.index not in self._half_done
-            for px in self._shown(kind, state, shown_px)
+            shown_px(name, state) < self._config.small_px**2
+            for state in whole or states
+            for name in kind.names
+            if name in state.T_base_part
         )
-
-    def _shown(
-        self, kind: _Kind, state: State, shown_px: Callable[[str, State], float]
-    ) -> list[float]:
-        """In how many pixels those that a state joins show there."""
-        return [shown_px(name, state) for name in kind.names if name in state.T_base_part]
 
     def _hidden(self, kind: _Kind, frame: Frame, rest: AtRest) -> int:
         """How many may lie where they lay, but for what hides the place; notes which are gone from there."""
