@@ -160,7 +160,7 @@ class AsdfPlus:
             )
         if config.joined.enabled:
             with timed("group"):
-                base = scene.mistaken.doubted_one(frame, scene.followed.base)
+                base = scene.mistaken.doubted_base(frame, scene.followed.base)
                 poses = scene.group.step(poses, scene.followed.unfolded, frame, base=base)
                 poses = self._settled_together(poses, frame, scene)
                 # A loose twin of what is joined there.

@@ -43,7 +43,7 @@ class Mistaken:
         self._spots = JoinedSpots(assembly)
         self._still = StillThere(assembly, config=config)
         self._own = OwnColors(assembly, config=own)
-        self._leaps = Leaps(assembly, config=leaps)
+        self._leaps, self._base_leaps = (Leaps(assembly, config=leaps) for _ in range(2))
         self._refused: dict[str, int] = {}
         """For how many frames one after the other parts had another tint,"""
         self._unlike: frozenset[str] = frozenset()
@@ -72,9 +72,12 @@ class Mistaken:
         """The poses of a frame, those less sure to which parts leapt."""
         return self._leaps.step(poses, frame.time)
 
-    def doubted_one(self, frame: Frame, pose: PoseEstimate | None) -> PoseEstimate | None:
-        """One more pose of a part, less sure if the part leapt there; None stays None."""
-        return None if pose is None else self.doubted(frame, {pose.part: pose})[pose.part]
+    def doubted_base(self, frame: Frame, base: PoseEstimate | None) -> PoseEstimate | None:
+        """Where the group has the base, less sure if the group leapt there; None stays None."""
+        if base is None:
+            return None
+        # What the base by itself was taken for says nothing of the group.
+        return self._base_leaps.step({base.part: base}, frame.time)[base.part]
 
     def see(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> None:
         """What the frame's poses are in the end."""

@@ -138,12 +138,21 @@ def test_a_tint_that_is_seen_now_and_then_stays_known(toy) -> None:
             made.see(other, {})
 
 
-def test_what_leapt_is_doubted_once_and_for_all_accounts(toy, mistaken: Mistaken) -> None:
+def test_what_leapt_is_doubted_and_the_group_by_where_it_was_itself(toy) -> None:
+    made, group = begun(toy), toy.poses(joined=False)["base"]
+
     def frame(index: int) -> Frame:
         return toy.frame(index, {"block": RIGHT})
 
-    assert mistaken.doubted(frame(0), block(RIGHT))["block"].score == 0.9
-    other = mistaken.doubted_one(frame(1), block(LEFT, 0.7)["block"])
-    assert other is not None
-    assert other.score < 0.5
-    assert mistaken.doubted_one(frame(1), None) is None
+    def base(x: float, score: float) -> PoseEstimate:
+        shift = transform_from(np.eye(3), np.array([x, 0.0, 0.0]))
+        return PoseEstimate("base", shift @ group, score, "group")
+
+    assert made.doubted(frame(0), block(RIGHT))["block"].score == 0.9
+    assert made.doubted(frame(1), block(LEFT, 0.7))["block"].score < 0.5
+    made.doubted(frame(1), {"base": base(0.3, 0.9)})
+    for index, (x, score, is_believed) in enumerate([(0.0, 0.8, True), (0.3, 0.7, False)]):
+        told = made.doubted_base(frame(1 + index), base(x, score))
+        assert told is not None
+        assert (told.score == score) is is_believed
+    assert made.doubted_base(frame(3), None) is None
