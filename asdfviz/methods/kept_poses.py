@@ -69,9 +69,10 @@ class HypothesesConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if min(self.kept, self.looked_every) < 1:
+        if min(self.kept, self.looked_every, self.lain) < 1:
             raise MethodError(
-                f"hypotheses.kept is {self.kept} and looked_every {self.looked_every}: use 1 or more"
+                f"hypotheses.kept is {self.kept}, looked_every {self.looked_every} and lain {self.lain}: "
+                "use 1 or more"
             )
 
 

@@ -20,6 +20,7 @@ from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.held_colors import HeldConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
+from asdfviz.methods.leaps import LeapsConfig
 from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.network import masks_path
@@ -206,6 +207,7 @@ def _beyond_asdf_plus() -> list[Variant]:
         "what rests looked at too": replace(plus, hypotheses=restless),
         "held parts believed": replace(plus, confidence=replace(plus.confidence, elsewhere=0.0)),
         "like things anywhere": replace(plus, still_there=StillThereConfig(enabled=False)),
+        "leaps believed": replace(plus, leaps=LeapsConfig(odds=1.0)),
     }
     return _rows("asdf_plus", plus, changed)
 
