@@ -28,6 +28,7 @@ class LeapsConfig:
     """Factor on the odds that a pose is right which would be a leap; 1 believes all."""
 
     def __post_init__(self) -> None:
+        """Raise a MethodError where an option is out of its range."""
         for name in ("speed", "slack"):
             if not getattr(self, name) >= 0:
                 raise MethodError(f"leaps.{name} is {getattr(self, name):g}, use 0 or more")
@@ -82,9 +83,9 @@ class Leaps:
 
     def _nearest(self, name: str, T_camera_part: Transform, time: float) -> _Seen | None:
         """Of the part, or of a twin: their names are found out later."""
-        seen = [self._seen[n] for n in self._twins.get(name, (name,)) if n in self._seen]
         if name not in self._seen:
             return None
+        seen = [self._seen[twin] for twin in self._twins[name] if twin in self._seen]
         return min(seen, key=lambda one: self._beyond(name, one, T_camera_part, time))
 
     def _beyond(self, name: str, seen: _Seen, T_camera_part: Transform, time: float) -> float:

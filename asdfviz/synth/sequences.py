@@ -107,8 +107,7 @@ def generate_sequence(
 
 def _drawn(moments: int, *, seed: int, every: int) -> range:
     """The frames that are drawn."""
-    first = -seed % every
-    return range(first if first < moments else moments - 1, moments, every)
+    return range(min(-seed % every, moments - 1), moments, every)
 
 
 def _require_frames(least: int, config: SequenceConfig) -> None:

@@ -58,11 +58,15 @@ class Alarm:
         self._every = every_s
         self._due = now + (every_s if first_s is None else first_s)
 
+    def wait(self, now: float) -> None:
+        """Ring so many seconds from `now` on: after what took long itself."""
+        self._due = now + self._every
+
     def rings(self, now: float) -> bool:
         """Whether it is time, seconds of the run being `now`; waits anew from then on."""
         if now <= self._due:
             return False
-        self._due = now + self._every
+        self.wait(now)
         return True
 
 

@@ -54,6 +54,7 @@ class CropSitting(Sitting, ABC, Generic[Config, Report, Found]):
                 self.checkpoint()
             if self.share < 1 and validate.rings(self.seconds):
                 report(self._report(meter, self.validate()))
+                validate.wait(self.seconds)
         if meter.steps:
             report(self._logged(meter))
         self.checkpoint()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from jaxtyping import Float32, Int64
 from torch import Tensor
-from torch.nn.functional import cross_entropy
+from torch.nn.functional import log_softmax, nll_loss
 
 
 def smoothed_entropy(
@@ -18,8 +18,7 @@ def smoothed_entropy(
         targets: the true states, which can be.
         smoothing: the share, 0 to 1; 0 is the plain cross-entropy.
     """
-    plain = cross_entropy(logits, targets)
+    log_p = log_softmax(logits, dim=1)
     may_be = torch.isfinite(logits)
-    surprise = -torch.log_softmax(logits, dim=1).masked_fill(~may_be, 0.0)
-    spread = surprise.sum(dim=1) / may_be.sum(dim=1)
-    return (1 - smoothing) * plain + smoothing * spread.mean()
+    spread = -log_p.masked_fill(~may_be, 0.0).sum(dim=1) / may_be.sum(dim=1)
+    return (1 - smoothing) * nll_loss(log_p, targets) + smoothing * spread.mean()

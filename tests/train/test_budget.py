@@ -20,6 +20,8 @@ def test_an_alarm_rings_once_and_waits_anew() -> None:
     alarm = Alarm(20.0, now=100.0, first_s=2.0)
     rung = [now for now in (101.0, 102.5, 103.0, 122.0, 123.0, 124.0, 143.5) if alarm.rings(now)]
     assert rung == [102.5, 123.0, 143.5]
+    alarm.wait(150.0)
+    assert [now for now in (164.0, 169.0, 171.0) if alarm.rings(now)] == [171.0]
 
 
 def test_a_step_goes_down_the_loss_with_gradients_held() -> None:
