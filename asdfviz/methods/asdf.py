@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from functools import partial
 from typing import TypeAlias
 
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Box, Scores, Transform
 from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.base_votes import BaseVotes
 from asdfviz.methods.contests import Contests
 from asdfviz.methods.first_pose import CropPoses, LooksAtParts, best_settled, crop_poses
 from asdfviz.methods.group_poses import GroupPoses
@@ -62,6 +62,7 @@ class _Scene:
     group: GroupPoses
     twins: PartNames
     turns: BaseTurns
+    votes: BaseVotes
 
 
 class Asdf:
@@ -106,7 +107,11 @@ class Asdf:
         detector = self._given_detector or load_detector(config.detector, assembly)
         contests = None
         if first is not None:
-            contests = Contests(assembly, partial(self._looked_at, first), config.contests)
+
+            def look(boxes: Mapping[str, Detection], frame: Frame) -> dict[str, LookedAt]:
+                return first.looked_at(boxes, frame, use_depth=True, previous=self._before)
+
+            contests = Contests(assembly, look, config.contests)
         looks = StateLooks.of(
             assembly,
             config=config.appearance,
@@ -116,6 +121,7 @@ class Asdf:
             crop_poses=first,
             state_network=config.state_network,
         )
+        group = GroupPoses(assembly, shapes, config=config.group)
         self._scene = _Scene(
             assembly=assembly,
             finder=PartFinder(
@@ -136,9 +142,10 @@ class Asdf:
             place_looks=PlaceLooks(
                 assembly, shapes, first and first.looker, config=config.place_looks
             ),
-            group=GroupPoses(assembly, shapes, config=config.group),
+            group=group,
             twins=PartNames(assembly, config=config.relative_pose),
             turns=BaseTurns(assembly, config=config.relative_pose),
+            votes=BaseVotes(group, places=config.relative_pose, config=config.base_votes),
         )
 
     @property
@@ -164,7 +171,8 @@ class Asdf:
             state = scene.pose2state.step(agreed(self.looks, stands), places)
         if config.group.enabled:
             with timed("group"):
-                poses = scene.group.step(poses, state, frame)
+                poses = scene.group.step(poses, state, frame, may_be=scene.votes.may_be)
+        scene.votes.keep(poses.get(scene.assembly.base))
         if scene.crop_poses is not None:
             poses = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, timed.seconds)
@@ -223,6 +231,7 @@ class Asdf:
             )
             scene.finder.keep(found)
             self._before = {name: self._remembered(pose) for name, pose in poses.items()}
+            poses = scene.votes.told(poses, scene.pose2state.belief, frame)
         with timed("state"):
             self.looks = scene.looks.probabilities(detections, poses, frame)
         return FramePrediction(frame.index, poses, None, detections, timed.seconds)
@@ -248,12 +257,6 @@ class Asdf:
             return best_settled(looks, found)
         poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)
         return poses_fitted_to_boxes(poses, found, scene.shapes, frame, config=config.box_fit)
-
-    def _looked_at(
-        self, crops: CropPoses, boxes: Mapping[str, Detection], frame: Frame
-    ) -> dict[str, LookedAt]:
-        """Looks at boxes that may be the parts, none of which was taken for them yet."""
-        return crops.looked_at(boxes, frame, use_depth=True, previous=self._before)
 
     def _remembered(self, pose: PoseEstimate) -> Before:
         """A pose, with what the network thought of its rotation so far."""

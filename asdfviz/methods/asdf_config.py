@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from asdfviz.errors import MethodError
+from asdfviz.methods.base_votes import BaseVotesConfig
 from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.first_pose import CropPoseConfig, FirstPose
 from asdfviz.methods.group_poses import GroupConfig
@@ -74,6 +75,8 @@ class AsdfConfig:
     """What the crop network sees where joined parts would stand."""
     relative_pose: RelativePoseConfig = field(default_factory=RelativePoseConfig)
     """S_P: from part poses to probabilities."""
+    base_votes: BaseVotesConfig = field(default_factory=BaseVotesConfig)
+    """When the base is not where its own pose says."""
     fusion: FusionConfig = field(default_factory=FusionConfig)
     """Pose2State, equations 3 to 5."""
     group: GroupConfig = field(default_factory=GroupConfig)

@@ -10,7 +10,7 @@ not sure of stays as it was, and absent if it was absent.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimate
@@ -47,7 +47,7 @@ class GroupConfig:
     two places, and one in its place is replaced where the group's agrees as well."""
     surer: float = 0.3
     """A pose whose score is higher by this than that of the pose that places the group stays, unless
-    it is not believed at all."""
+    it is not believed at all; one whose score is lower by this is in doubt, once its place is settled."""
     least_fit: float = 0.35
     """A group pose that agrees with less of the depth readings is not taken."""
 
@@ -58,9 +58,10 @@ class GroupPoses:
     def __init__(
         self, assembly: Assembly, shapes: Mapping[str, PartShape], *, config: GroupConfig
     ) -> None:
-        self._assembly, self._shapes, self._config = assembly, shapes, config
+        self.assembly, self.shapes, self._config = assembly, shapes, config
         near = JointPlacesConfig(distance=config.distance, angle_deg=config.angle_deg)
-        self._places = JointPlaces(assembly, config=near)
+        self.places = JointPlaces(assembly, config=near)
+        """Where parts were last seen in their joints."""
         self._odds = JoinedOdds(assembly)
         self._held: tuple[str, ...] = ()
         self._twins = twins_by_name(assembly)
@@ -72,7 +73,7 @@ class GroupPoses:
 
     def see(self, T_camera_base: Transform, poses: Mapping[str, PoseEstimate]) -> None:
         """Remember the joints of parts that somebody saw in them."""
-        self._places.see(T_camera_base, poses)
+        self.places.see(T_camera_base, poses)
 
     def step(
         self,
@@ -81,6 +82,7 @@ class GroupPoses:
         frame: Frame,
         *,
         base: PoseEstimate | None = None,
+        may_be: Callable[[Transform], bool] | None = None,
     ) -> dict[str, PoseEstimate]:
         """Return the poses, those of joined parts by the group where it knows better.
 
@@ -89,6 +91,7 @@ class GroupPoses:
             state: which parts are joined, and how surely.
             frame: with depth, or no pose is judged by it.
             base: where the base is by all that is seen of the group, if that is known.
+            may_be: whether it may be there at all, if that is known.
         """
         result, self._held = dict(poses), ()
         if state is None:
@@ -96,13 +99,13 @@ class GroupPoses:
         joined, sure = self._joined(state)
         if not joined:
             return result
-        named = self._assembly.states[state.index]
-        found = self._base(poses, joined, named, frame, base)
+        named = self.assembly.states[state.index]
+        found = self._base(poses, joined, named, frame, base, may_be)
         if found is None:
             return result
         T_camera_base, trust = found
-        self._places.see(T_camera_base, {n: poses[n] for n in joined if n in poses})
-        for name in (self._assembly.base, *joined):
+        self.places.see(T_camera_base, {n: poses[n] for n in joined if n in poses})
+        for name in (self.assembly.base, *joined):
             placed = self._placed(name, T_camera_base, poses.get(name), named)
             own = poses.get(name)
             fit = self._fit(name, placed, frame)
@@ -117,7 +120,7 @@ class GroupPoses:
                 result[name] = PoseEstimate(name, placed, score, "group")
         self._held = tuple(
             name
-            for name in (self._assembly.base, *joined)
+            for name in (self.assembly.base, *joined)
             if name in result and self._agrees(self._off(name, T_camera_base, result, named))
         )
         return result
@@ -128,7 +131,7 @@ class GroupPoses:
         joined = [
             name
             for name, probability in sure.items()
-            if name != self._assembly.base and probability >= self._config.certain
+            if name != self.assembly.base and probability >= self._config.certain
         ]
         return joined, sure
 
@@ -139,19 +142,23 @@ class GroupPoses:
         state: State,
         frame: Frame,
         seen: PoseEstimate | None,
+        may_be: Callable[[Transform], bool] | None,
     ) -> tuple[Transform, float] | None:
         """Where the base is by most accounts, and the score of the pose that says so."""
-        members = [name for name in (self._assembly.base, *joined) if name in poses]
+        members = [name for name in (self.assembly.base, *joined) if name in poses]
         accounts: list[tuple[Transform, float]] = []
         doubtful: list[tuple[Transform, float]] = []
         for name in members:
-            if self._assembly.parts[name].symmetries.is_symmetric and name != self._assembly.base:
+            if self.assembly.parts[name].symmetries.is_symmetric and name != self.assembly.base:
                 continue  # it may be turned, and the base with it
-            T_base_part = self._places.last(name, state)
+            T_base_part = self.places.last(name, state)
             account = poses[name].T_camera_part @ inverse(T_base_part), poses[name].score
             # A loose twin goes by the name of the joined one while that is hidden.
-            is_one = set(self._twins[name]).issubset(joined) or name == self._assembly.base
-            (accounts if is_one else doubtful).append(account)
+            is_one = set(self._twins[name]).issubset(joined) or name == self.assembly.base
+            if may_be is None:
+                (accounts if is_one else doubtful).append(account)
+            elif may_be(account[0]):
+                accounts.append(account)
         if seen is not None:
             accounts.append((seen.T_camera_part, seen.score))
         best: tuple[float, Transform, float] | None = None
@@ -160,7 +167,7 @@ class GroupPoses:
                 poses[other].score * self._bell(self._off(other, T_camera_base, poses, state))
                 for other in members
             )
-            for other in (self._assembly.base, *joined):
+            for other in (self.assembly.base, *joined):
                 placed = self._placed(other, T_camera_base, poses.get(other), state)
                 support += self._fit(other, placed, frame)
             if best is None or support > best[0]:
@@ -174,10 +181,10 @@ class GroupPoses:
         T_nominal, joint = state.T_base_part[name], state.joints.get(name)
         if own is not None and joint is not None:
             T_own = inverse(T_camera_base) @ own.T_camera_part
-            T_near = self._places.nearest(name, T_own, T_nominal, joint)
+            T_near = self.places.nearest(name, T_own, T_nominal, joint)
             if T_near is not None:
                 return T_camera_base @ T_near
-        return T_camera_base @ self._places.last(name, state)
+        return T_camera_base @ self.places.last(name, state)
 
     def _least_to_replace(
         self,
@@ -197,7 +204,10 @@ class GroupPoses:
             return self._config.least_fit
         if own.score >= trust + self._config.surer:
             return math.inf
-        gain = self._config.gain * (not is_settled) if is_joined else -self._config.doubt
+        is_surer = is_settled and trust >= own.score + self._config.surer
+        gain = self._config.gain * (not is_settled)
+        if is_surer or not is_joined:
+            gain = -self._config.doubt
         return self._fit(name, own.T_camera_part, frame) + gain
 
     def _off(
@@ -210,7 +220,7 @@ class GroupPoses:
         return self._off_of(name, inverse(T_camera_base) @ poses[name].T_camera_part, state)
 
     def _off_of(self, name: str, T_base_part: Transform, state: State) -> Deviation:
-        return off_place(T_base_part, self._assembly.parts[name], state)
+        return off_place(T_base_part, self.assembly.parts[name], state)
 
     def _agrees(self, off: Deviation) -> bool:
         return off.within(self._config.distance, self._config.angle_deg)
@@ -221,5 +231,5 @@ class GroupPoses:
 
     def _fit(self, name: str, T_camera_part: Transform, frame: Frame) -> float:
         """Agreement with depth, 0 to 1; a half where depth says nothing."""
-        found = shape_fit(T_camera_part, self._shapes[name], frame, margin=self._config.margin)
+        found = shape_fit(T_camera_part, self.shapes[name], frame, margin=self._config.margin)
         return 0.5 if found is None else found.share

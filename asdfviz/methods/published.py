@@ -48,6 +48,7 @@ FUSED_STEPS: Mapping[str, object] = {
     "rivals.count": 0,
     "rivals.depth_check.enabled": False,
     "place_looks.enabled": False,
+    "base_votes.enabled": False,
     "relative_pose.half_done": 0.0,
     "fusion.sharpness": 1.0,
     "fusion.errors_wait": False,

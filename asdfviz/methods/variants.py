@@ -12,6 +12,7 @@ from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.at_rest_config import AtRestConfig
+from asdfviz.methods.base_votes import BaseVotesConfig
 from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.contour_fits import BY_POINTS, ContourConfig
 from asdfviz.methods.disowned import DisownedConfig
@@ -51,6 +52,7 @@ COLORLESS = TurnConfig(drawn=DrawnConfig(outline=0.0))
 UNNAMED = NamesConfig(enabled=False)
 TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
 BLIND = PlaceLooksConfig(enabled=False)
+UNTOLD = BaseVotesConfig(enabled=False)
 BEST_BOX = ContestsConfig(enabled=False)
 SETTLED = JointTurnsConfig(enabled=False)
 """Pieces of several methods, off."""
@@ -174,6 +176,7 @@ def _beyond_asdf(assembly: Assembly) -> list[Variant]:
     return [
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=BLIND)),
+        Variant("asdf, base where its pose says", "asdf", AsdfConfig(base_votes=UNTOLD)),
         Variant("asdf, nothing known of the table", "asdf", AsdfConfig(on_table=NO_TABLE)),
         Variant("asdf, unsure poses given", "asdf", AsdfConfig(least_score=0.0)),
         Variant("asdf, places never in doubt", "asdf", AsdfConfig(relative_pose=certain)),

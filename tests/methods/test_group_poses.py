@@ -148,3 +148,37 @@ def test_a_loose_twin_that_goes_by_the_joined_ones_name_does_not_tell_where_the_
     base = group.step(poses, SURE, frame)["base"].T_camera_part
     wrong = apart @ np.linalg.inv(state.T_base_part["block"])
     assert np.allclose(base, T_camera_base if twin else wrong)
+
+
+def test_a_base_far_from_where_it_may_be_is_not_taken(toy, group) -> None:
+    """A sure block elsewhere would take the base with it."""
+    true = toy.poses(joined=True)
+    frame = toy.frame(1, true)
+    poses = {
+        "base": estimate("base", true["base"]),
+        "block": replace(estimate("block", toy.poses(joined=False)["block"]), score=0.99),
+    }
+    asked = list[np.ndarray]()
+
+    def may_be(T_camera_base: np.ndarray) -> bool:
+        asked.append(T_camera_base)
+        return np.allclose(T_camera_base, true["base"])
+
+    found = group.step(poses, StateEstimate(np.array([0.01, 0.99])), frame, may_be=may_be)
+    assert len(asked) == 2
+    assert np.allclose(found["base"].T_camera_part, true["base"])
+    assert np.allclose(found["block"].T_camera_part, true["block"])
+
+
+@pytest.mark.parametrize("score", [0.5, 0.15])
+def test_an_unsure_pose_in_its_place_yields_to_a_sure_group(toy, group, score: float) -> None:
+    """Though depth agrees a little better with its own, which is 4 mm beside."""
+    true = toy.poses(joined=True)
+    off = true["block"] @ transform_from(np.eye(3), np.array([0.0, 0.004, 0.0]))
+    poses = {
+        "base": estimate("base", true["base"]),
+        "block": replace(estimate("block", off), score=score),
+    }
+    frame = toy.frame(1, {**true, "block": off})
+    found = group.step(poses, StateEstimate(np.array([0.01, 0.99])), frame)["block"]
+    assert found.stage == ("refined" if score == 0.5 else "group")

@@ -1,0 +1,169 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, PoseEstimate
+from asdfviz.errors import MethodError
+from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.methods.base_votes import BaseVotes, BaseVotesConfig
+from asdfviz.methods.group_poses import GroupConfig, GroupPoses
+from asdfviz.methods.part_poses import part_shapes
+from asdfviz.state.relative_pose import RelativePoseConfig
+
+JOINED = np.array([0.05, 0.95])
+LOOSE = np.array([0.95, 0.05])
+WAY = np.array([0.16, 0.07, 0.0])
+"""Far from where the toy's base is, in view."""
+
+
+def estimate(name: str, T_camera_part: np.ndarray, score: float = 0.7) -> PoseEstimate:
+    return PoseEstimate(name, T_camera_part, score, "refined")
+
+
+def votes_of(assembly: Assembly, config: BaseVotesConfig | None = None) -> BaseVotes:
+    shapes = part_shapes(assembly, surface_points=900)
+    group = GroupPoses(assembly, shapes, config=GroupConfig())
+    return BaseVotes(group, places=RelativePoseConfig(), config=config or BaseVotesConfig())
+
+
+def away(T_camera_part: Transform) -> Transform:
+    return transform_from(np.eye(3), WAY) @ T_camera_part
+
+
+def follow(votes: BaseVotes, toy, true: Mapping[str, Transform], belief: np.ndarray) -> None:
+    """Three frames in which everything is found."""
+    for index in range(3):
+        poses = {name: estimate(name, T) for name, T in true.items()}
+        votes.keep(votes.told(poses, belief, toy.frame(index, true))["base"])
+
+
+def hidden(toy, true: Mapping[str, Transform]):
+    """A board before everything."""
+    frame = toy.frame(9, true)
+    return replace(frame, depth=np.full_like(frame.depth, 0.3))
+
+
+@pytest.mark.parametrize("score", [0.2, 0.9])
+def test_only_a_sure_pose_takes_the_base_away_from_where_it_is_seen(toy, score: float) -> None:
+    true = toy.poses(joined=True)
+    votes = votes_of(toy.assembly)
+    follow(votes, toy, true, JOINED)
+    found = {
+        "base": estimate("base", away(true["base"]), score),
+        "block": estimate("block", true["block"]),
+    }
+    told = votes.told(found, JOINED, toy.frame(3, true))["base"]
+    assert np.allclose(told.T_camera_part, true["base"])
+    assert told.stage == "group"
+    alone = votes.told({"base": found["base"]}, JOINED, toy.frame(4, true))["base"]
+    expected = away(true["base"]) if score == 0.9 else true["base"]
+    assert np.allclose(alone.T_camera_part, expected)
+
+
+def test_a_base_that_is_gone_may_be_elsewhere_sooner(toy) -> None:
+    """An unsure pose elsewhere counts once depth sees through the place where it was."""
+    true = toy.poses(joined=False)
+    moved = {**true, "base": away(true["base"])}
+    found = {"base": estimate("base", moved["base"], 0.27)}
+    for frame, expected in ((toy.frame(3, true), true), (toy.frame(3, moved), moved)):
+        votes = votes_of(toy.assembly)
+        follow(votes, toy, true, LOOSE)
+        told = votes.told(found, LOOSE, frame)["base"].T_camera_part
+        assert np.allclose(told, expected["base"])
+
+
+def test_a_base_that_nothing_shows_is_absent_and_known_again(toy) -> None:
+    true = toy.poses(joined=True)
+    votes = votes_of(toy.assembly)
+    follow(votes, toy, true, JOINED)
+    assert votes.told({}, JOINED, hidden(toy, true)) == {}
+    votes.keep(None)
+    block = {"block": estimate("block", true["block"])}
+    told = votes.told(block, JOINED, hidden(toy, true))
+    assert np.allclose(told["base"].T_camera_part, true["base"])
+    assert told["block"] is block["block"]
+
+
+def test_a_joined_part_tells_where_a_base_is_that_moved_with_it(toy) -> None:
+    """Two of its parts say so; one alone may be in another one's place."""
+    parts = toy.assembly.parts
+    state = toy.assembly.states[1]
+    T_base_pin = transform_from(np.eye(3), np.array([0.0, 0.0, -0.04]))
+    joined = replace(state, T_base_part={**state.T_base_part, "pin": T_base_pin})
+    assembly = replace(
+        toy.assembly,
+        parts={name: parts[name] for name in ("base", "block", "pin")},
+        states=(toy.assembly.states[0], joined),
+    )
+    true = toy.poses(joined=True)
+    true = {**true, "pin": true["base"] @ T_base_pin}
+    moved = {name: away(T) for name, T in true.items()}
+    votes = votes_of(assembly)
+    follow(votes, toy, true, JOINED)
+    both = {name: estimate(name, moved[name]) for name in ("block", "pin")}
+    assert "base" not in votes.told({"block": both["block"]}, JOINED, toy.frame(3, moved))
+    told = votes.told(both, JOINED, toy.frame(3, moved))["base"]
+    assert np.allclose(told.T_camera_part, moved["base"])
+    assert told.stage == "group"
+
+
+def test_two_parts_in_one_place_are_not_both_believed(toy) -> None:
+    """What is taken for the base lies where a surer part is."""
+    true = toy.poses(joined=False)
+    in_block = transform_from(true["base"][:3, :3], true["block"][:3, 3])
+    found = {
+        "base": estimate("base", in_block, 0.4),
+        "block": estimate("block", true["block"], 0.9),
+    }
+    for shared, expected in ((1.0, in_block), (0.001, true["base"])):
+        votes = votes_of(toy.assembly, BaseVotesConfig(shared=shared, leap=0.02))
+        follow(votes, toy, true, LOOSE)
+        told = votes.told(found, LOOSE, toy.frame(3, true))["base"].T_camera_part
+        assert np.allclose(told, expected)
+
+
+def test_of_poses_near_each_other_the_one_that_depth_agrees_with_is_told(toy) -> None:
+    true = toy.poses(joined=True)
+    turned = transform_from(rotation_about(np.array([1.0, 0, 0]), 0.4), np.zeros(3))
+    found = {
+        "base": estimate("base", true["base"] @ turned, 0.25),
+        "block": estimate("block", true["block"]),
+    }
+    votes = votes_of(toy.assembly)
+    follow(votes, toy, true, JOINED)
+    told = votes.told(found, JOINED, toy.frame(3, true))["base"].T_camera_part
+    assert np.allclose(told, true["base"])
+
+
+def test_before_any_state_and_when_off_poses_are_as_they_are(toy) -> None:
+    true = toy.poses(joined=True)
+    found = {name: estimate(name, T, 0.1) for name, T in true.items()}
+    votes = votes_of(toy.assembly)
+    assert votes.told(found, None, toy.frame(0, true)) == found
+    assert votes.may_be is None
+    off = votes_of(toy.assembly, BaseVotesConfig(enabled=False))
+    follow(off, toy, true, JOINED)
+    found = {"base": estimate("base", away(true["base"]), 0.1)}
+    assert off.told(found, JOINED, toy.frame(3, true)) == found
+
+
+def test_the_group_keeps_to_the_base_that_was_told(toy) -> None:
+    true = toy.poses(joined=True)
+    votes = votes_of(toy.assembly)
+    follow(votes, toy, true, JOINED)
+    assert votes.may_be is not None
+    assert votes.may_be(true["base"])
+    assert not votes.may_be(away(true["base"]))
+
+
+@pytest.mark.parametrize("leap", [0.0, 1.0])
+def test_options_out_of_range_are_refused(leap: float) -> None:
+    with pytest.raises(MethodError, match=r"base_votes\.leap is"):
+        BaseVotesConfig(leap=leap)
+    with pytest.raises(MethodError, match="shared above 0"):
+        BaseVotesConfig(shared=leap * 2)
