@@ -261,10 +261,7 @@ def _state_network(config: Any, assembly: Assembly) -> Path | None:
     if not isinstance(config, Yolov8PoseConfig | AsdfConfig):
         return None
     first_pose = _first_pose(config, assembly)
-    by_default = not isinstance(config, AsdfConfig) or config.state_network
-    return asked_state_network(
-        config.state_looks, first_pose, config.crops, assembly, by_default=by_default
-    )
+    return asked_state_network(config.state_looks, first_pose, config.crops, assembly)
 
 
 def _masks(config: Any, assembly: Assembly) -> Path | None:

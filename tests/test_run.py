@@ -255,14 +255,13 @@ def test_the_state_network_is_named_where_it_is_asked(
     used = resolved_config(AsdfConfig(), assembly)
     assert (used.state_looks, used.crops.state_weights) == ("places", weights.resolve())
     assert "states" in input_hashes(sequence, assembly, AsdfConfig())
-    plus = AsdfPlusConfig(state_looks="places")
-    assert resolved_config(plus, assembly).crops.state_weights == weights.resolve()
+    for asks in (AsdfPlusConfig(), AsdfTrackConfig()):
+        assert resolved_config(asks, assembly).crops.state_weights == weights.resolve()
     others = (
         AsdfConfig(state_looks="crops"),
         AsdfConfig(first_pose="keypoints"),
-        AsdfConfig(state_network=False),
-        AsdfPlusConfig(),
-        AsdfTrackConfig(),
+        AsdfPlusConfig(state_looks="crops"),
+        AsdfTrackConfig(state_looks="boxes"),
     )
     for config in others:
         assert "states" not in input_hashes(sequence, assembly, config)

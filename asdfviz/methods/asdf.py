@@ -8,13 +8,12 @@ are still ours, and `--published` is the paper to the letter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box, Scores, Transform
+from asdfviz.geometry.shapes import Scores
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.base_votes import BaseVotes
 from asdfviz.methods.contests import Contests
@@ -26,7 +25,9 @@ from asdfviz.methods.on_table import none_below, on_table
 from asdfviz.methods.part_finder import PartFinder
 from asdfviz.methods.part_poses import (
     PartShape,
+    Rests,
     part_shapes,
+    poses_at_rest,
     poses_fitted_to_boxes,
     poses_from_keypoints,
     poses_refined_by_depth,
@@ -42,9 +43,6 @@ from asdfviz.state.fusion import Pose2State
 from asdfviz.state.part_names import PartNames
 from asdfviz.state.relative_pose import relative_pose_probabilities
 from asdfviz.state.twins import renamed, renamed_poses
-
-Rests: TypeAlias = Callable[[str, Box, Frame], Transform | None]
-"""Of a part that was detected in a box, T_camera_part where it still lies as it lay; else None."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +117,6 @@ class Asdf:
             detector=config.detector,
             crops=config.crops,
             crop_poses=first,
-            state_network=config.state_network,
         )
         group = GroupPoses(assembly, shapes, config=config.group)
         self._scene = _Scene(
@@ -162,7 +159,7 @@ class Asdf:
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
         config, scene, timed = self._config, self._started(), StageTimer()
-        proposed = self._propose(frame, timed)
+        proposed = self._propose(frame, timed, scene.pose2state.belief)
         with timed("state"):
             poses = proposed.poses if config.published else self._called(proposed.poses)
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
@@ -188,6 +185,7 @@ class Asdf:
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._started().finder.rename(names)
+        self._started().votes.rename(names)
         self._before = renamed(self._before, names)
 
     def disown(self, names: Collection[str]) -> None:
@@ -196,17 +194,22 @@ class Asdf:
         self.looked_at = {n: look for n, look in self.looked_at.items() if n not in names}
         self._before = {n: before for n, before in self._before.items() if n not in names}
 
-    def propose(self, frame: Frame, *, rests: Rests | None = None) -> FramePrediction:
+    def propose(
+        self, frame: Frame, *, rests: Rests | None = None, belief: Scores | None = None
+    ) -> FramePrediction:
         """Poses of the next frame and `looks`, no state: for methods that find that otherwise.
 
         Args:
             frame: to look at.
             rests: asked of every detected part; those that rest are not looked at by the crop network.
+            belief: in the states before this frame, by which the parts tell where the base is.
         """
-        return self._propose(frame, StageTimer(), rests)
+        proposed = self._propose(frame, StageTimer(), belief, rests)
+        self._started().votes.keep(None)
+        return proposed
 
     def _propose(
-        self, frame: Frame, timed: StageTimer, rests: Rests | None = None
+        self, frame: Frame, timed: StageTimer, belief: Scores | None, rests: Rests | None = None
     ) -> FramePrediction:
         config, scene = self._config, self._started()
         assembly, shapes = scene.assembly, scene.shapes
@@ -215,7 +218,8 @@ class Asdf:
             detections, found = scene.finder.find(frame)
             self.assigned = found
         with timed("pnp" if scene.crop_poses is None else "crops"):
-            known = self._resting(found, frame, rests)
+            # Where first poses cost little, all are looked at.
+            known = poses_at_rest(found, frame, rests) if rests and scene.crop_poses else {}
             fresh = {name: d for name, d in found.items() if name not in known}
             poses = self._first_poses(fresh, frame)
         with timed("refine"):
@@ -231,23 +235,10 @@ class Asdf:
             )
             scene.finder.keep(found)
             self._before = {name: self._remembered(pose) for name, pose in poses.items()}
-            poses = scene.votes.told(poses, scene.pose2state.belief, frame)
+            poses = scene.votes.told(poses, belief, frame)
         with timed("state"):
             self.looks = scene.looks.probabilities(detections, poses, frame)
         return FramePrediction(frame.index, poses, None, detections, timed.seconds)
-
-    def _resting(
-        self, found: Mapping[str, Detection], frame: Frame, rests: Rests | None
-    ) -> dict[str, PoseEstimate]:
-        """The parts that lie where they lay; none where first poses cost little."""
-        if rests is None or self._started().crop_poses is None:
-            return {}
-        asked = {name: rests(name, d.box_xyxy, frame) for name, d in found.items()}
-        return {
-            name: PoseEstimate(name, T, found[name].score, "refined")
-            for name, T in asked.items()
-            if T is not None
-        }
 
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
         config, scene = self._config, self._started()

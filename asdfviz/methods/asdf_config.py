@@ -67,8 +67,6 @@ class AsdfConfig:
     crops (the crop network, looking about the base part) or places (the state network, looking where
     the base part's pose puts each joined part). Default, where first poses come from crops: places if
     there is such a network, else crops unless the detector is the assembly's own."""
-    state_network: bool = True
-    """Whether that default may be places."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """S_DL: from state boxes to probabilities."""
     place_looks: PlaceLooksConfig = field(default_factory=PlaceLooksConfig)

@@ -37,10 +37,6 @@ class AsdfPlusConfig(AsdfConfig):
     """Of ASDF's own state, which is not asked here: no option, `smoothing` counts instead."""
     group: GroupConfig = field(init=False, default_factory=lambda: GroupConfig(enabled=False))
     """Of ASDF's own last step, which is not taken here: no option, `joined` counts instead."""
-    state_network: bool = False
-    """Off: the test of every state against the picture knows more, and the state network's errors last for
-    as long as a view does. Of the paper's four 90.3 % of the states would have been right with it, 91.3 were
-    without (615d5ec)."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """Six degrees of freedom from depth."""
     hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)

@@ -118,7 +118,8 @@ class AsdfTrack:
             raise MethodError("asdf_track: reset() must come before step()")
         scene, timed = self._scene, StageTimer()
         assembly, parts = scene.assembly, scene.parts
-        proposed, shown = self._asdf.propose(frame), frame
+        belief = None if scene.state is None else scene.state.probabilities
+        proposed, shown = self._asdf.propose(frame, belief=belief), frame
         if frame.depth is None:  # to the tracker, depth that measured nothing
             frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
         with timed("refind"):

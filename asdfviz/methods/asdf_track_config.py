@@ -53,8 +53,6 @@ class AsdfTrackConfig(AsdfConfig):
     """Of ASDF's own state, which is not asked here: no option, `smoothing` counts instead."""
     group: GroupConfig = field(init=False, default_factory=GroupConfig)
     """Of ASDF's own last step, which is not taken here: no option, `join` counts instead."""
-    state_network: bool = False
-    """Off, as in `asdf_plus`."""
     doubts: float = 0.2
     """Of the network in the rotation of the frame before; the tracker holds what is right."""
     on_table: OnTableConfig = NO_TABLE

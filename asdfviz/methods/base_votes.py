@@ -181,6 +181,11 @@ class BaseVotes:
         found = self._fit(base, frame)
         return 0.0 if found is None else self._config.fit * found.share
 
+    def rename(self, names: Mapping[str, str]) -> None:
+        """Twins go by other names from now on: what was called the base is forgotten if it is none."""
+        if names.get(self._assembly.base, self._assembly.base) != self._assembly.base:
+            self._last, self._told, self._still = None, None, 1.0
+
     def keep(self, base: PoseEstimate | None) -> None:
         """Remember where the base turned out to be in this frame."""
         may_be = self.may_be

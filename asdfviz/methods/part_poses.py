@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -12,7 +12,7 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
 from asdfviz.errors import WeightsError
 from asdfviz.geometry.sampling import hull_corners, oriented_surface_points
-from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.geometry.threads import side_by_side
 from asdfviz.pose.box_fit import BoxFitConfig, fit_to_box
 from asdfviz.pose.depth_fit import DepthFit, depth_fit
@@ -26,6 +26,8 @@ Refinement: TypeAlias = Literal["none", "translation", "icp"]
 AnyRefinement: TypeAlias = Literal["none", "translation", "icp", "segmentation"]
 """The same, and translation by the depth inside masks ("+Seg" of Table 2), which needs a detector
 that gives them."""
+Rests: TypeAlias = Callable[[str, Box, Frame], Transform | None]
+"""Of a part that was detected in a box, T_camera_part where it still lies as it lay; else None."""
 PAPER_ICP = IcpConfig(reach=0.05, largest_move=0.2)
 """The paper's ICP row; wide, because nothing has corrected the distances before it."""
 
@@ -74,6 +76,18 @@ def shape_fit(
         K=frame.camera.K,
         margin=margin,
     )
+
+
+def poses_at_rest(
+    found: Mapping[str, Detection], frame: Frame, rests: Rests
+) -> dict[str, PoseEstimate]:
+    """The poses of parts that lie where they lay, as sure as their boxes."""
+    asked = {name: rests(name, d.box_xyxy, frame) for name, d in found.items()}
+    return {
+        name: PoseEstimate(name, T, found[name].score, "refined")
+        for name, T in asked.items()
+        if T is not None
+    }
 
 
 def poses_from_keypoints(

@@ -126,8 +126,6 @@ def asked_state_network(
     first_pose: FirstPose,
     crops: CropPoseConfig,
     assembly: Assembly,
-    *,
-    by_default: bool = True,
 ) -> Path | None:
     """The file of the state network that methods with these options ask; None: they ask none.
 
@@ -137,12 +135,11 @@ def asked_state_network(
         first_pose: what first poses come from.
         crops: where the weights are.
         assembly: whose states.
-        by_default: whether None may take a state network at all.
 
     Raises:
         WeightsError: the network is corrupt.
     """
-    is_default = by_default and chosen is None and first_pose == "hypotheses"
+    is_default = chosen is None and first_pose == "hypotheses"
     if chosen == "places" or (is_default and has_state_network(crops, assembly)):
         return state_weights_path(crops, assembly)
     return None
@@ -212,7 +209,6 @@ class StateLooks:
         detector: NetworkConfig,
         crops: CropPoseConfig,
         crop_poses: CropPoses | None,
-        state_network: bool = True,
     ) -> StateLooks:
         """What a method's options ask for.
 
@@ -226,7 +222,6 @@ class StateLooks:
             detector: says whose its weights are.
             crops: where the crop network is, if it is not loaded yet, and the state network.
             crop_poses: holds the crop network, if it is.
-            state_network: whether None may take the state network.
 
         Raises:
             InputError: the device is not there.
@@ -236,7 +231,7 @@ class StateLooks:
         if chosen == "boxes" or (chosen is None and crop_poses is None):
             return cls(assembly, config, None)
         first_pose = "keypoints" if crop_poses is None else "hypotheses"
-        asked = asked_state_network(chosen, first_pose, crops, assembly, by_default=state_network)
+        asked = asked_state_network(chosen, first_pose, crops, assembly)
         by_places = asked is not None
         if by_places:
             looker = load_state_looker(crops, assembly)

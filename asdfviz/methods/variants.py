@@ -52,6 +52,7 @@ COLORLESS = TurnConfig(drawn=DrawnConfig(outline=0.0))
 UNNAMED = NamesConfig(enabled=False)
 TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
 BLIND = PlaceLooksConfig(enabled=False)
+BY_CROPS = "looks from the crop network"
 UNTOLD = BaseVotesConfig(enabled=False)
 BEST_BOX = ContestsConfig(enabled=False)
 SETTLED = JointTurnsConfig(enabled=False)
@@ -167,12 +168,14 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
     """What the methods beyond the paper weigh besides, each piece off; they need crop weights."""
     if len(first_poses(AsdfPlusConfig(), assembly)) < 2:
         return []
-    return [*_beyond_asdf(assembly), *_beyond_asdf_plus(), *_beyond_asdf_track()]
+    rows = [*_beyond_asdf(), *_beyond_asdf_plus(), *_beyond_asdf_track()]
+    if has_state_network(AsdfConfig().crops, assembly):
+        return rows
+    return [row for row in rows if not row.title.endswith(BY_CROPS)]
 
 
-def _beyond_asdf(assembly: Assembly) -> list[Variant]:
+def _beyond_asdf() -> list[Variant]:
     certain = RelativePoseConfig(in_place=PlaceOdds(offset=50.0))
-    looks = [Variant("asdf, looks from the crop network", "asdf", AsdfConfig(state_looks="crops"))]
     return [
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=BLIND)),
@@ -183,7 +186,7 @@ def _beyond_asdf(assembly: Assembly) -> list[Variant]:
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=UNNAMED)),
         Variant("asdf, no contests", "asdf", AsdfConfig(contests=BEST_BOX)),
         Variant("asdf, no strangers", "asdf", AsdfConfig(names=TRUSTING)),
-        *(looks if has_state_network(AsdfConfig().crops, assembly) else ()),
+        Variant(f"asdf, {BY_CROPS}", "asdf", AsdfConfig(state_looks="crops")),
     ]
 
 
@@ -228,6 +231,7 @@ def _beyond_asdf_track() -> list[Variant]:
         "turns by single points": replace(track, turns=BY_POINTS),
         "turns without colours": replace(track, turns=COLORLESS),
         "one look": replace(track, second_look=ONE_LOOK),
+        "base where its pose says": replace(track, base_votes=UNTOLD),
         "rivals by picture alone": replace(track, refind=turned),
         "never disowned": replace(track, refind=replace(track.refind, disowned=OWNED)),
         "never begun anew": replace(track, refind=stays),
@@ -245,6 +249,7 @@ def _common(config: Any) -> dict[str, Any]:
     return {
         "names by the detector alone": replace(config, names=UNNAMED),
         "no look at places": replace(config, place_looks=BLIND),
+        BY_CROPS: replace(config, state_looks="crops"),
         "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),

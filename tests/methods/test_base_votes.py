@@ -152,6 +152,17 @@ def test_before_any_state_and_when_off_poses_are_as_they_are(toy) -> None:
     assert off.told(found, JOINED, toy.frame(3, true)) == found
 
 
+@pytest.mark.parametrize("named", ["base", "twin"])
+def test_a_base_that_turns_out_to_be_another_part_is_forgotten(toy, named: str) -> None:
+    true = toy.poses(joined=True)
+    votes = votes_of(toy.assembly)
+    follow(votes, toy, true, JOINED)
+    votes.rename({"base": named})
+    found = {"base": estimate("base", away(true["base"]), 0.2)}
+    told = votes.told(found, JOINED, toy.frame(3, true))["base"].T_camera_part
+    assert np.allclose(told, true["base"] if named == "base" else away(true["base"]))
+
+
 def test_the_group_keeps_to_the_base_that_was_told(toy) -> None:
     true = toy.poses(joined=True)
     votes = votes_of(toy.assembly)
