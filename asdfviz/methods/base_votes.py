@@ -32,6 +32,8 @@ from asdfviz.state.relative_pose import RelativePoseConfig, joined_or_not
 
 _LEAST = 1e-3
 """Every state has this probability at least, and every pose is wrong and right with it."""
+_NEVER = 1e-9
+"""Nor does a base that was not seen for thousands of frames become impossible where it was."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +74,12 @@ class BaseVotesConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if not (0 < self.leap < 1 and 0 < self.shared <= 1):
-            raise MethodError(
-                f"base_votes.leap is {self.leap:g} and shared {self.shared:g}: leap must be above 0 and below 1, "
-                "shared above 0 and at most 1"
-            )
+        for option in ("leap", "leap_gone", "shared"):
+            value = getattr(self, option)
+            if not 0 < value <= 1:
+                raise MethodError(
+                    f"base_votes.{option} is {value:g}: use a probability above 0, at most 1"
+                )
 
 
 class _Claim(NamedTuple):
@@ -258,7 +261,7 @@ class BaseVotes:
         if self._last is None:
             return 0.0
         is_there = self._is_near(T_camera_base, self._last.T_camera_part)
-        return math.log(self._still if is_there else 1.0 - self._still)
+        return math.log(max(self._still if is_there else 1.0 - self._still, _NEVER))
 
     def _is_near(self, T_a: Transform, T_b: Transform) -> bool:
         base = self._assembly.parts[self._assembly.base]

@@ -172,9 +172,17 @@ def test_the_group_keeps_to_the_base_that_was_told(toy) -> None:
     assert not votes.may_be(away(true["base"]))
 
 
-@pytest.mark.parametrize("leap", [0.0, 1.0])
-def test_options_out_of_range_are_refused(leap: float) -> None:
-    with pytest.raises(MethodError, match=r"base_votes\.leap is"):
-        BaseVotesConfig(leap=leap)
-    with pytest.raises(MethodError, match="shared above 0"):
-        BaseVotesConfig(shared=leap * 2)
+@pytest.mark.parametrize("option", ["leap", "leap_gone", "shared"])
+@pytest.mark.parametrize("value", [0.0, 1.1])
+def test_options_out_of_range_are_refused(option: str, value: float) -> None:
+    with pytest.raises(MethodError, match=rf"base_votes\.{option} is {value:g}"):
+        replace(BaseVotesConfig(), **{option: value})
+
+
+def test_a_base_that_was_never_seen_again_may_still_be_where_it_was(toy) -> None:
+    true = toy.poses(joined=True)
+    votes = votes_of(toy.assembly, BaseVotesConfig(leap=1.0, leap_gone=1.0))
+    follow(votes, toy, true, JOINED)
+    block = {"block": estimate("block", true["block"])}
+    told = votes.told(block, JOINED, hidden(toy, true))["base"].T_camera_part
+    assert np.allclose(told, true["base"])
