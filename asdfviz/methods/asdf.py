@@ -219,7 +219,9 @@ class Asdf:
             self.assigned = found
         with timed("pnp" if scene.crop_poses is None else "crops"):
             # Where first poses cost little, all are looked at.
-            known = poses_at_rest(found, frame, rests) if rests and scene.crop_poses else {}
+            known = dict[str, PoseEstimate]()
+            if rests is not None and scene.crop_poses is not None:
+                known = poses_at_rest(found, frame, rests)
             fresh = {name: d for name, d in found.items() if name not in known}
             poses = self._first_poses(fresh, frame)
         with timed("refine"):
