@@ -22,12 +22,12 @@ from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.camera import depth_gaps
 from asdfviz.geometry.shapes import Scores, Transform
-from asdfviz.geometry.symmetry import nearest_symmetric
-from asdfviz.geometry.transforms import apply, apply_to_point, inverse, rotation_angle
+from asdfviz.geometry.transforms import apply, inverse
 from asdfviz.methods.group_poses import GroupPoses
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_poses import shape_fit
 from asdfviz.pose.depth_fit import DepthFit
+from asdfviz.state.joints import deviation
 from asdfviz.state.relative_pose import RelativePoseConfig, joined_or_not
 
 _LEAST = 1e-3
@@ -151,12 +151,13 @@ class BaseVotes:
         if not claims:
             return dict(poses)
         best = max(claims, key=lambda one: one.value).base
-        near = [one for one in claims if self._are_near(one.base, best)]
-        told = max(near, key=lambda one: one.value + self._seen(one.base, frame))
+        near = [
+            (one, self._fit(one.base, frame)) for one in claims if self._are_near(one.base, best)
+        ]
+        told, found = max(near, key=lambda one: one[0].value + self._worth(one[1]))
         self._told = told.base
         if told.base is not self._last:
             return {**others, name: told.base}
-        found = self._fit(told.base, frame)
         is_shown = not is_gone and found is not None and found.visible >= config.visible
         self._is_backed = is_shown or told.support > 0
         if not is_shown and told.support < config.support:
@@ -179,9 +180,8 @@ class BaseVotes:
     def _fit(self, base: PoseEstimate, frame: Frame) -> DepthFit | None:
         return shape_fit(base.T_camera_part, self._shape, frame, margin=self._config.margin)
 
-    def _seen(self, base: PoseEstimate, frame: Frame) -> float:
+    def _worth(self, found: DepthFit | None) -> float:
         """What agreement with depth is worth, log odds."""
-        found = self._fit(base, frame)
         return 0.0 if found is None else self._config.fit * found.share
 
     def rename(self, names: Mapping[str, str]) -> None:
@@ -265,7 +265,5 @@ class BaseVotes:
 
     def _is_near(self, T_a: Transform, T_b: Transform) -> bool:
         base = self._assembly.parts[self._assembly.base]
-        T_b = nearest_symmetric(T_b, T_a, base.symmetries)
-        apart = np.linalg.norm(apply_to_point(T_a, base.middle) - apply_to_point(T_b, base.middle))
-        turned = rotation_angle(T_a[:3, :3].T @ T_b[:3, :3])
-        return bool(apart <= self._config.apart and turned <= math.radians(self._config.turned_deg))
+        off = deviation(T_a, T_b, center_part=base.middle, symmetries=base.symmetries)
+        return off.within(self._config.apart, self._config.turned_deg)
