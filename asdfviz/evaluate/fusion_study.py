@@ -26,8 +26,10 @@ from asdfviz.state.decoding import most_likely_path
 from asdfviz.state.fusion import FusionConfig, Pose2State
 from asdfviz.state.smoothing import FOLLOWED, StateFilter
 
-Terms: TypeAlias = tuple[Scores | None, Scores | None]
-"""By looks and by relative poses."""
+Terms: TypeAlias = tuple[Scores | None, Scores | None, Scores | None]
+"""By looks, by relative poses, and by what lay loose."""
+TERMS = ("appearance", "relative_pose", "lately_loose")
+"""What a run keeps them as."""
 Fuse: TypeAlias = "Callable[[Sequence[Terms], StudiedRun], list[Scores | None]]"
 
 W_DL = (0.0, 0.15, 0.3, 0.5, 0.7, 1.0)
@@ -82,9 +84,10 @@ def fusion_study(
 
 
 def _ways() -> Iterator[tuple[str, Fuse]]:
-    yield "looks alone, frame by frame", lambda terms, _: [looks for looks, _ in terms]
-    yield "poses alone, frame by frame", lambda terms, _: [places for _, places in terms]
+    yield "looks alone, frame by frame", lambda terms, _: [looks for looks, _, _ in terms]
+    yield "poses alone, frame by frame", lambda terms, _: [places for _, places, _ in terms]
     yield "Pose2State as it comes", _pose2state(lambda config: config)
+    yield "what lay loose may be joined", _forgetful
     for w in W_DL:
         title = f"w_DL {w:g}, w_P {1 - w:g}"
         yield title, _pose2state(lambda config, w=w: _with(config, w_dl=w))
@@ -126,20 +129,25 @@ def _pose2state(weights: Callable[[FusionConfig], FusionConfig]) -> Fuse:
 
     def fuse(terms: Sequence[Terms], run: StudiedRun) -> list[Scores | None]:
         model = Pose2State(run.assembly, config=weights(run.fusion))
-        said = [model.step(looks, places) for looks, places in terms]
+        said = [model.step(*said) for said in terms]
         return [None if state is None else state.probabilities for state in said]
 
     return fuse
 
 
+def _forgetful(terms: Sequence[Terms], run: StudiedRun) -> list[Scores | None]:
+    fuse = _pose2state(lambda config: config)
+    return fuse([(looks, places, None) for looks, places, _ in terms], run)
+
+
 def _filtered(terms: Sequence[Terms], run: StudiedRun) -> list[Scores | None]:
     model = StateFilter(run.assembly, config=FOLLOWED)
-    return [model.step(looks, places) for looks, places in terms]
+    return [model.step(looks, places, place_looks=loose) for looks, places, loose in terms]
 
 
 def _viterbi(terms: Sequence[Terms], run: StudiedRun) -> list[Scores | None]:
-    looks, places = [looks for looks, _ in terms], [places for _, places in terms]
-    path = most_likely_path(looks, places, run.assembly, config=FOLLOWED)
+    looks, places, loose = zip(*terms, strict=True)
+    path = most_likely_path(looks, places, run.assembly, place_looks=loose, config=FOLLOWED)
     if path is None:
         return [None] * len(terms)
     return list(np.eye(len(run.assembly.states))[path])
@@ -150,9 +158,10 @@ def _figures(run: StudiedRun, fuse: Fuse) -> Figures:
     for prediction in run.predictions:
         said = prediction.state
         if said is None:
-            terms.append((None, None))
+            terms.append((None, None, None))
         else:
-            terms.append((said.terms.get("appearance"), said.terms.get("relative_pose")))
+            looks, places, loose = (said.terms.get(name) for name in TERMS)
+            terms.append((looks, places, loose))
     fused = fuse(terms, run)
     predictions = {
         old.frame_index: FramePrediction(

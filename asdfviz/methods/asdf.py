@@ -40,6 +40,7 @@ from asdfviz.methods.state_looks import StateLooks
 from asdfviz.methods.timing import StageTimer
 from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.fusion import Pose2State
+from asdfviz.state.lately_loose import LatelyLoose
 from asdfviz.state.part_names import PartNames
 from asdfviz.state.relative_pose import relative_pose_probabilities
 from asdfviz.state.twins import renamed, renamed_poses
@@ -61,6 +62,7 @@ class _Scene:
     twins: PartNames
     turns: BaseTurns
     votes: BaseVotes
+    lately: LatelyLoose
 
 
 class Asdf:
@@ -143,6 +145,7 @@ class Asdf:
             twins=PartNames(assembly, config=config.relative_pose),
             turns=BaseTurns(assembly, config=config.relative_pose),
             votes=BaseVotes(group, places=config.relative_pose, config=config.base_votes),
+            lately=LatelyLoose(assembly, config=config.lately_loose),
         )
 
     @property
@@ -165,7 +168,8 @@ class Asdf:
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
             base, belief = poses.get(scene.assembly.base), scene.pose2state.belief
             stands = scene.place_looks.step(base, poses, belief, frame)
-            state = scene.pose2state.step(agreed(self.looks, stands), places)
+            loose = scene.lately.step(poses, belief)
+            state = scene.pose2state.step(agreed(self.looks, stands), places, loose)
         if config.group.enabled:
             with timed("group"):
                 poses = scene.group.step(poses, state, frame, may_be=scene.votes.may_be)

@@ -24,6 +24,7 @@ from asdfviz.pose.pnp import ROBUST_PNP, PnpConfig
 from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.appearance import AppearanceConfig
 from asdfviz.state.fusion import FusionConfig
+from asdfviz.state.lately_loose import LatelyLooseConfig
 from asdfviz.state.relative_pose import RelativePoseConfig
 
 
@@ -75,6 +76,8 @@ class AsdfConfig:
     """S_P: from part poses to probabilities."""
     base_votes: BaseVotesConfig = field(default_factory=BaseVotesConfig)
     """When the base is not where its own pose says."""
+    lately_loose: LatelyLooseConfig = field(default_factory=LatelyLooseConfig)
+    """For how long what lay loose is not joined yet."""
     fusion: FusionConfig = field(default_factory=FusionConfig)
     """Pose2State, equations 3 to 5."""
     group: GroupConfig = field(default_factory=GroupConfig)

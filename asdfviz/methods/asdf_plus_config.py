@@ -20,10 +20,11 @@ from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.still_there import StillThereConfig
-from asdfviz.methods.tolerances import REGISTERED_PLACES
+from asdfviz.methods.tolerances import REGISTERED_PLACES, SURELY_LOOSE
 from asdfviz.pose.confidence import ConfidenceConfig
 from asdfviz.state.fusion import FusionConfig
 from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.lately_loose import LatelyLooseConfig
 from asdfviz.state.relative_pose import RelativePoseConfig
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
 
@@ -73,7 +74,9 @@ class AsdfPlusConfig(AsdfConfig):
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
     """The hypothesis test over states."""
     loose: LooseConfig = field(default_factory=LooseConfig)
-    """What lies loose, and what no longer does, as a witness for the state."""
+    """What lies loose, and what no longer does, as a witness for the state;"""
+    lately_loose: LatelyLooseConfig = SURELY_LOOSE
+    """and what lay loose a moment ago."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
     still_there: StillThereConfig = field(default_factory=StillThereConfig)

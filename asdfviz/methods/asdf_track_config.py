@@ -17,11 +17,12 @@ from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.still_there import StillThereConfig
-from asdfviz.methods.tolerances import TRACKED_PLACES
+from asdfviz.methods.tolerances import SURELY_LOOSE, TRACKED_PLACES
 from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.state.fusion import FusionConfig
 from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.lately_loose import LatelyLooseConfig
 from asdfviz.state.relative_pose import RelativePoseConfig
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
 from asdfviz.track.presets import PROPOSED, TrackerConfig
@@ -74,7 +75,9 @@ class AsdfTrackConfig(AsdfConfig):
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
     """The hypothesis test over states."""
     loose: LooseConfig = field(default_factory=LooseConfig)
-    """What lies loose, and what no longer does, as a witness for the state."""
+    """What lies loose, and what no longer does, as a witness for the state;"""
+    lately_loose: LatelyLooseConfig = SURELY_LOOSE
+    """and what lay loose a moment ago."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
     tracker: TrackerConfig = PROPOSED

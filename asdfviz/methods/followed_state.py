@@ -17,6 +17,7 @@ from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig, agreed
 from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.half_done import HalfDone
+from asdfviz.state.lately_loose import LatelyLoose, LatelyLooseConfig
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
 
@@ -50,6 +51,11 @@ class FollowsState(Protocol):
         """What counts to it besides."""
         ...
 
+    @property
+    def lately_loose(self) -> LatelyLooseConfig:
+        """So does what lay loose."""
+        ...
+
 
 class FollowedState:
     """One for each sequence. Half-done steps are states of their own within, and none outside."""
@@ -81,6 +87,7 @@ class FollowedState:
         self._fits = GroupFits(self._unfolded, shapes, config=config.group_fit)
         self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=config.place_looks)
         self._loose = LooseParts(self._unfolded, shapes, config=config.loose, half_done=half_done)
+        self._lately = LatelyLoose(self._unfolded, config=config.lately_loose)
 
     @property
     def assembly(self) -> Assembly:
@@ -146,7 +153,9 @@ class FollowedState:
         near = {} if base is None else self._fits.near.loose(base.T_camera_part, poses)
         stands = self._place_looks.step(base, poses, before, frame, without=near)
         loose = self._loose.step(base, witnesses, frame, rest=rest, shown_px=self._fits.shown_px)
-        stands = agreed(stands, loose)
+        seen = witnesses if base is None else {**witnesses, self._unfolded.base: base}
+        lately = self._lately.step(seen, self._states.belief)
+        stands = agreed(agreed(stands, loose), lately)
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)
         if belief is None:
             return None

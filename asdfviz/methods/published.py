@@ -50,6 +50,7 @@ FUSED_STEPS: Mapping[str, object] = {
     "place_looks.enabled": False,
     "base_votes.enabled": False,
     "relative_pose.half_done": 0.0,
+    "lately_loose.enabled": False,
     "fusion.sharpness": 1.0,
     "fusion.errors_wait": False,
     "group.enabled": False,

@@ -1,7 +1,8 @@
-"""Tolerances of relative poses, by how near the poses of a method are and what its scores say."""
+"""Tolerances of relative poses and loose parts, by how near the poses of a method are and what its scores say."""
 
 from __future__ import annotations
 
+from asdfviz.state.lately_loose import LatelyLooseConfig
 from asdfviz.state.relative_pose import SCORED_BY_PROBABILITY, RelativePoseConfig
 
 REGISTERED_PLACES = RelativePoseConfig(
@@ -19,3 +20,5 @@ TRACKED_PLACES = RelativePoseConfig(
     wrong_rotations=0.9,
 )
 """Of `asdf_track`: tracked poses are millimetres off, where detected ones are centimetres."""
+SURELY_LOOSE = LatelyLooseConfig(found=0.9)
+"""Of both, whose scores are probabilities: a thing that is no part has up to 0.8 where the part is hidden."""

@@ -42,6 +42,7 @@ from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.lately_loose import LatelyLooseConfig
 from asdfviz.state.relative_pose import PlaceOdds, RelativePoseConfig
 from asdfviz.track.presets import FINE_DEPTH, PROPOSED
 
@@ -54,6 +55,7 @@ TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
 BLIND = PlaceLooksConfig(enabled=False)
 BY_CROPS = "looks from the crop network"
 UNTOLD = BaseVotesConfig(enabled=False)
+FORGOTTEN = LatelyLooseConfig(enabled=False)
 BEST_BOX = ContestsConfig(enabled=False)
 SETTLED = JointTurnsConfig(enabled=False)
 """Pieces of several methods, off."""
@@ -180,6 +182,7 @@ def _beyond_asdf() -> list[Variant]:
         Variant("asdf", "asdf", AsdfConfig()),
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=BLIND)),
         Variant("asdf, base where its pose says", "asdf", AsdfConfig(base_votes=UNTOLD)),
+        Variant("asdf, what lay loose forgotten", "asdf", AsdfConfig(lately_loose=FORGOTTEN)),
         Variant("asdf, nothing known of the table", "asdf", AsdfConfig(on_table=NO_TABLE)),
         Variant("asdf, unsure poses given", "asdf", AsdfConfig(least_score=0.0)),
         Variant("asdf, places never in doubt", "asdf", AsdfConfig(relative_pose=certain)),
@@ -251,6 +254,7 @@ def _common(config: Any) -> dict[str, Any]:
         "no look at places": replace(config, place_looks=BLIND),
         BY_CROPS: replace(config, state_looks="crops"),
         "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
+        "what lay loose forgotten": replace(config, lately_loose=FORGOTTEN),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
         "camera not followed": replace(config, at_rest=AtRestConfig(enabled=False)),

@@ -26,6 +26,8 @@ What the paper leaves open, and what is done here:
 - An error that joins what a half-done step joined before it (one of two screws came off again) looks
   like that one. Until the step that it follows was reached, by the previous frame, what S_f gives to it
   counts to the step before.
+- A part that was found loose shortly before is not joined yet (`asdfviz.state.lately_loose`): so much of
+  S_f as that takes from a state counts to the step before it.
 - Neither term, or none that has a weight: nothing was seen; the previous result is kept as it is, and
   before any evidence the state is unknown (None).
 - State 0, which has no class: see `asdfviz.state.appearance`.
@@ -47,6 +49,7 @@ from asdfviz.datatypes import Assembly, StateEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
 from asdfviz.state.half_done import HalfDone, not_yet
+from asdfviz.state.lately_loose import held_back
 
 
 @dataclass(frozen=True)
@@ -136,23 +139,32 @@ class Pose2State:
         """P of the last frame, not sharpened; None before anything was ever seen."""
         return self._previous
 
-    def step(self, appearance: Scores | None, relative_pose: Scores | None) -> StateEstimate | None:
+    def step(
+        self,
+        appearance: Scores | None,
+        relative_pose: Scores | None,
+        lately_loose: Scores | None = None,
+    ) -> StateEstimate | None:
         """Fuse one frame's terms with the frame before; None before anything was ever seen.
 
         Args:
             appearance: S_DL, or None where it says nothing.
             relative_pose: S_P, or None where it says nothing.
+            lately_loose: how likely the states are by what lay loose, None likewise.
 
         Returns:
             The probabilities, sharpened, and every term that was there under "appearance",
-            "relative_pose" and "previous".
+            "relative_pose", "lately_loose" and "previous".
         """
-        terms: dict[str, Scores] = {}
-        if appearance is not None:
-            terms["appearance"] = appearance
-        if relative_pose is not None:
-            terms["relative_pose"] = relative_pose
+        said = {
+            "appearance": appearance,
+            "relative_pose": relative_pose,
+            "lately_loose": lately_loose,
+        }
+        terms = {name: term for name, term in said.items() if term is not None}
         current = self._current(appearance, relative_pose)
+        if current is not None and lately_loose is not None:
+            current = held_back(current, lately_loose, self._assembly)
         if self._previous is not None:
             terms["previous"] = self._carried(self._previous)
         share = self._share(appearance, relative_pose)

@@ -17,6 +17,7 @@ from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import NetworkConfig
 from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig
+from asdfviz.state.lately_loose import LatelyLooseConfig
 
 
 def started(toy, detector, config: AsdfConfig | None = None) -> Asdf:
@@ -107,6 +108,25 @@ def test_the_state_follows_the_block_onto_the_base(toy, detector) -> None:
     assert said[8:] == [1] * 4
     assert state is not None
     assert set(state.terms) == {"appearance", "relative_pose", "previous"}
+
+
+def test_a_block_that_was_loose_is_not_on_the_base_as_soon_as_a_hand_takes_it(
+    toy, detector
+) -> None:
+    loose, config = toy.poses(joined=False), AsdfConfig()
+    boxes = tuple(toy.detection(name, T) for name, T in loose.items())
+    in_hand = (toy.detection("base", loose["base"]), toy.state_box(0.7))
+    detector.answers = {i: boxes if i < 10 else in_hand for i in range(40)}
+
+    def said(config: AsdfConfig) -> list[int]:
+        method = started(toy, detector, config)
+        states = [method.step(toy.frame(i, loose)).state for i in range(40)]
+        assert states[12] is not None
+        assert ("lately_loose" in states[12].terms) == config.lately_loose.enabled
+        return [-1 if state is None else state.index for state in states]
+
+    forgotten = dataclasses.replace(config, lately_loose=LatelyLooseConfig(enabled=False))
+    assert said(forgotten).index(1) < said(config).index(1) < 40
 
 
 def test_reset_starts_a_sequence_anew(toy, detector) -> None:

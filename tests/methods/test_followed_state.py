@@ -18,6 +18,7 @@ from asdfviz.methods.group_fits import GroupFits
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.state.half_done import HalfDone
+from asdfviz.state.lately_loose import LatelyLooseConfig
 from asdfviz.state.offline import FollowedTerms
 
 REST = AtRest(load_assembly("geared_caliper"), config=AtRestConfig())
@@ -144,3 +145,26 @@ def test_before_a_shaken_camera_poses_count_less_where_drawn_states_speak(
     one, other = np.log(calm.terms["relative_pose"]), np.log(shaken.terms["relative_pose"])
     assert other - other.max() == pytest.approx(power * (one - one.max()), abs=0.05)
     assert np.ptp(one) > 1.0
+
+
+def test_what_lay_loose_a_moment_ago_is_not_joined_yet(caliper: Assembly) -> None:
+    """Looks tell the later state from the moment on in which nobody sees its parts any more."""
+    shapes, frame = part_shapes(caliper, surface_points=100), blank()
+    looks = np.where([state.index == 2 for state in caliper.states], 0.9, 0.02)
+    poses = {
+        name: PoseEstimate(name, IN_VIEW @ T, 0.95, "refined")
+        for name, T in caliper.states[1].T_base_part.items()
+    }
+
+    def frames_until_told(lately: LatelyLooseConfig) -> int:
+        followed = FollowedState(caliper, shapes, None, AsdfTrackConfig(lately_loose=lately))
+        assert after(followed, caliper, 2, ("pinion", "wheel"), 20).index == 1
+        for count in range(100):
+            said = followed.step(looks, poses, frame, first=None, rest=REST)
+            if said is not None and said.index == 2:
+                return count
+        return 100
+
+    forgetful, slow = LatelyLooseConfig(enabled=False), LatelyLooseConfig(arrives=0.3)
+    usual = frames_until_told(LatelyLooseConfig())
+    assert frames_until_told(forgetful) < usual < frames_until_told(slow) < 100
