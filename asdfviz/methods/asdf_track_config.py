@@ -17,7 +17,7 @@ from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.still_there import StillThereConfig
-from asdfviz.methods.tolerances import SURELY_LOOSE, TRACKED_PLACES
+from asdfviz.methods.tolerances import TRACKED_PLACES
 from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.state.fusion import FusionConfig
@@ -76,8 +76,10 @@ class AsdfTrackConfig(AsdfConfig):
     """The hypothesis test over states."""
     loose: LooseConfig = field(default_factory=LooseConfig)
     """What lies loose, and what no longer does, as a witness for the state;"""
-    lately_loose: LatelyLooseConfig = SURELY_LOOSE
-    """and what lay loose a moment ago."""
+    lately_loose: LatelyLooseConfig = field(
+        default_factory=lambda: LatelyLooseConfig(enabled=False)
+    )
+    """and what lay loose a moment ago: off, as the tracker follows what a hand carries."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
     tracker: TrackerConfig = PROPOSED

@@ -3,8 +3,9 @@
 The paper claims it and gives no formula; this one is ours. Every joined part with a pose says where
 the base would be; the base pose on which the parts and the depth image agree best is taken. A part
 without a pose of its own then gets the one that the state gives it, a joint where the part was last
-seen in it; a part with one changes to it only where depth agrees with it better. What the state is
-not sure of stays as it was, and absent if it was absent.
+seen in it; a part with one changes to it only where depth agrees with it better. What is hidden there,
+by a hand or by other parts, speaks neither for it nor against it. What the state is not sure of stays as
+it was, and absent if it was absent.
 """
 
 from __future__ import annotations
@@ -14,13 +15,20 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimate
+from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.part_poses import PartShape, shape_fit
+from asdfviz.pose.depth_fit import DepthFit
 from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
 from asdfviz.state.joints import Deviation, off_place
 from asdfviz.state.place_odds import JoinedOdds
 from asdfviz.state.twins import twins_by_name
+
+LEAST_SHOWN = 0.05
+"""Less of a surface says nothing."""
+_NOTHING = 0.5
+"""Agreement with depth where that says nothing."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +37,7 @@ class GroupConfig:
 
     enabled: bool = True
     """State helps pose, on or off."""
-    certain: float = 0.8
+    certain: float = 0.6
     """Least probability of all states together that have the part where it is put."""
     distance: float = 0.02
     """A pose farther from its joined place disagrees with the state, metres."""
@@ -42,14 +50,23 @@ class GroupConfig:
     doubt: float = 0.15
     """One that disagrees with the state is replaced even where the group's agrees with less of the
     readings, by up to this: a part turned by half may fit as well by chance."""
-    settled: float = 0.95
+    settled: float = 0.6
     """Probability from which a pose elsewhere is not believed at all, since the part cannot be in
     two places, and one in its place is replaced where the group's agrees as well."""
     surer: float = 0.3
     """A pose whose score is higher by this than that of the pose that places the group stays, unless
     it is not believed at all; one whose score is lower by this is in doubt, once its place is settled."""
-    least_fit: float = 0.35
+    least_fit: float = 0.15
     """A group pose that agrees with less of the depth readings is not taken."""
+    hidden: float = 0.4
+    """Of one that shows less than this share of its surface only that counts, if its place is settled and
+    the part was not found, or has no twin and was found elsewhere."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where a share or probability is none."""
+        for name in ("certain", "settled", "least_fit", "hidden"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise MethodError(f"group.{name} is {getattr(self, name):g}, use 0 to 1")
 
 
 class GroupPoses:
@@ -108,10 +125,13 @@ class GroupPoses:
         for name in (self.assembly.base, *joined):
             placed = self._placed(name, T_camera_base, poses.get(name), named)
             own = poses.get(name)
-            fit = self._fit(name, placed, frame)
+            certain = sure.get(name, 1.0)
+            found = self._seen(name, placed, frame)
+            fit = _share(found)
+            if certain >= self._config.settled and self._is_free(name, T_camera_base, own, named):
+                fit = max(fit, _shown_share(found, self._config.hidden))
             if fit < self._config.least_fit:
                 continue
-            certain = sure.get(name, 1.0)
             if own is None or fit > self._least_to_replace(
                 name, own, T_camera_base, named, frame, certain, trust
             ):
@@ -229,7 +249,29 @@ class GroupPoses:
         angle = off.angle / math.radians(self._config.angle_deg)
         return math.exp(-0.5 * ((off.distance / self._config.distance) ** 2 + angle**2))
 
+    def _is_free(
+        self, name: str, T_camera_base: Transform, own: PoseEstimate | None, state: State
+    ) -> bool:
+        """Whether no pose says where the part is, but one elsewhere that can be of no twin."""
+        if own is None:
+            return True
+        T_own = inverse(T_camera_base) @ own.T_camera_part
+        return len(self._twins[name]) == 1 and not self._agrees(self._off_of(name, T_own, state))
+
     def _fit(self, name: str, T_camera_part: Transform, frame: Frame) -> float:
-        """Agreement with depth, 0 to 1; a half where depth says nothing."""
-        found = shape_fit(T_camera_part, self.shapes[name], frame, margin=self._config.margin)
-        return 0.5 if found is None else found.share
+        return _share(self._seen(name, T_camera_part, frame))
+
+    def _seen(self, name: str, T_camera_part: Transform, frame: Frame) -> DepthFit | None:
+        return shape_fit(T_camera_part, self.shapes[name], frame, margin=self._config.margin)
+
+
+def _share(found: DepthFit | None) -> float:
+    """Agreement with depth, 0 to 1; a half where depth says nothing."""
+    return _NOTHING if found is None else found.share
+
+
+def _shown_share(found: DepthFit | None, hidden: float) -> float:
+    """Agreement of what nothing hides, at most as if depth said nothing; 0 where more than `hidden` shows."""
+    if found is None or found.visible >= hidden:
+        return 0.0
+    return _NOTHING if found.visible < LEAST_SHOWN else min(found.agreeing, _NOTHING)

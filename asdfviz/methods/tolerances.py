@@ -21,4 +21,4 @@ TRACKED_PLACES = RelativePoseConfig(
 )
 """Of `asdf_track`: tracked poses are millimetres off, where detected ones are centimetres."""
 SURELY_LOOSE = LatelyLooseConfig(found=0.9)
-"""Of both, whose scores are probabilities: a thing that is no part has up to 0.8 where the part is hidden."""
+"""Of `asdf_plus`, whose scores are probabilities: a thing that is no part has up to 0.8 while the part is hidden."""

@@ -56,6 +56,7 @@ BLIND = PlaceLooksConfig(enabled=False)
 BY_CROPS = "looks from the crop network"
 UNTOLD = BaseVotesConfig(enabled=False)
 FORGOTTEN = LatelyLooseConfig(enabled=False)
+UNHIDDEN = GroupConfig(hidden=0.0)
 BEST_BOX = ContestsConfig(enabled=False)
 SETTLED = JointTurnsConfig(enabled=False)
 """Pieces of several methods, off."""
@@ -183,6 +184,7 @@ def _beyond_asdf() -> list[Variant]:
         Variant("asdf, no look at places", "asdf", AsdfConfig(place_looks=BLIND)),
         Variant("asdf, base where its pose says", "asdf", AsdfConfig(base_votes=UNTOLD)),
         Variant("asdf, what lay loose forgotten", "asdf", AsdfConfig(lately_loose=FORGOTTEN)),
+        Variant("asdf, hidden parts not placed", "asdf", AsdfConfig(group=UNHIDDEN)),
         Variant("asdf, nothing known of the table", "asdf", AsdfConfig(on_table=NO_TABLE)),
         Variant("asdf, unsure poses given", "asdf", AsdfConfig(least_score=0.0)),
         Variant("asdf, places never in doubt", "asdf", AsdfConfig(relative_pose=certain)),
@@ -216,6 +218,8 @@ def _beyond_asdf_plus() -> list[Variant]:
         "what rests looked at too": replace(plus, hypotheses=restless),
         "held parts believed": replace(plus, confidence=replace(plus.confidence, elsewhere=0.0)),
         "like things anywhere": replace(plus, still_there=StillThereConfig(enabled=False)),
+        "what lay loose forgotten": replace(plus, lately_loose=FORGOTTEN),
+        "hidden parts not placed": replace(plus, joined=UNHIDDEN),
         "leaps believed": replace(plus, leaps=LeapsConfig(odds=1.0)),
     }
     return _rows("asdf_plus", plus, changed)
@@ -254,7 +258,6 @@ def _common(config: Any) -> dict[str, Any]:
         "no look at places": replace(config, place_looks=BLIND),
         BY_CROPS: replace(config, state_looks="crops"),
         "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
-        "what lay loose forgotten": replace(config, lately_loose=FORGOTTEN),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
         "camera not followed": replace(config, at_rest=AtRestConfig(enabled=False)),

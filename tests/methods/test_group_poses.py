@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Joint, PoseEstimate, StateEstimate
+from asdfviz.datatypes import Frame, Joint, PoseEstimate, StateEstimate
+from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.part_poses import part_shapes
@@ -19,6 +21,12 @@ def estimate(name: str, T_camera_part: np.ndarray) -> PoseEstimate:
 def group(toy) -> GroupPoses:
     shapes = part_shapes(toy.assembly, surface_points=900)
     return GroupPoses(toy.assembly, shapes, config=GroupConfig())
+
+
+def careful(toy) -> GroupPoses:
+    """Settled by hardly any state."""
+    shapes = part_shapes(toy.assembly, surface_points=900)
+    return GroupPoses(toy.assembly, shapes, config=GroupConfig(settled=0.95))
 
 
 SURE = StateEstimate(np.array([0.05, 0.95]))
@@ -68,8 +76,45 @@ def test_a_wrong_pose_yields_and_a_right_one_stays(toy, group) -> None:
     assert {pose.stage for pose in kept.values()} == {"refined"}
 
 
-def test_where_the_state_is_settled_a_pose_elsewhere_is_not_believed(toy, group) -> None:
+def behind_board(toy, true: Mapping[str, np.ndarray]) -> Frame:
+    """A board before the block, with the base in view beside it."""
+    block = toy.depth({"block": true["block"]}) < 0.74
+    frame = toy.frame(1, true)
+    return replace(frame, depth=np.where(block, np.float32(0.3), frame.depth))
+
+
+@pytest.mark.parametrize("hidden", [0.4, 0.0])
+def test_what_hides_a_place_does_not_speak_against_it(toy, hidden: float) -> None:
+    true = toy.poses(joined=True)
+    group = GroupPoses(
+        toy.assembly,
+        part_shapes(toy.assembly, surface_points=900),
+        config=GroupConfig(hidden=hidden),
+    )
+    found = group.step({"base": estimate("base", true["base"])}, SURE, behind_board(toy, true))
+    assert ("block" in found) == (hidden > 0)
+    if hidden > 0:
+        assert np.allclose(found["block"].T_camera_part, true["block"])
+
+
+@pytest.mark.parametrize("has_twin", [True, False])
+def test_a_hidden_part_is_not_where_something_like_it_is_found_unless_that_may_be_its_twin(
+    toy, *, has_twin: bool
+) -> None:
+    true, apart = toy.poses(joined=True), toy.poses(joined=False)
+    assembly = toy.assembly
+    if has_twin:
+        twin = replace(assembly.parts["block"], name="twin")
+        assembly = replace(assembly, parts={**assembly.parts, "twin": twin})
+    group = GroupPoses(assembly, part_shapes(assembly, surface_points=900), config=GroupConfig())
+    poses = {"base": estimate("base", true["base"]), "block": estimate("block", apart["block"])}
+    found = group.step(poses, SURE, behind_board(toy, true))["block"]
+    assert np.allclose(found.T_camera_part, apart["block"] if has_twin else true["block"])
+
+
+def test_where_the_state_is_settled_a_pose_elsewhere_is_not_believed(toy) -> None:
     """Something like the block lies apart, and depth agrees with it there even better."""
+    group = careful(toy)
     joined, apart = toy.poses(joined=True), toy.poses(joined=False)
     depth = np.minimum(toy.depth(joined), toy.depth({"block": apart["block"]}))
     rows, columns = np.nonzero(toy.depth({"block": joined["block"]}) < 0.74)
@@ -85,7 +130,8 @@ def test_where_the_state_is_settled_a_pose_elsewhere_is_not_believed(toy, group)
     assert np.allclose(found.T_camera_part, joined["block"])
 
 
-def test_not_even_a_much_surer_pose_elsewhere_is_believed_then(toy, group) -> None:
+def test_not_even_a_much_surer_pose_elsewhere_is_believed_then(toy) -> None:
+    group = careful(toy)
     joined, apart = toy.poses(joined=True), toy.poses(joined=False)
     depth = np.minimum(toy.depth(joined), toy.depth({"block": apart["block"]}))
     frame = replace(toy.frame(1, joined), depth=depth)
@@ -182,3 +228,9 @@ def test_an_unsure_pose_in_its_place_yields_to_a_sure_group(toy, group, score: f
     frame = toy.frame(1, {**true, "block": off})
     found = group.step(poses, StateEstimate(np.array([0.01, 0.99])), frame)["block"]
     assert found.stage == ("refined" if score == 0.5 else "group")
+
+
+@pytest.mark.parametrize("name", ["certain", "settled", "least_fit", "hidden"])
+def test_shares_out_of_range_are_refused(name: str) -> None:
+    with pytest.raises(MethodError, match=f"group.{name} is 1.5, use 0 to 1"):
+        replace(GroupConfig(), **{name: 1.5})
