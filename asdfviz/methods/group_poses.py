@@ -18,12 +18,13 @@ from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimat
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
+from asdfviz.methods.loose_twins import by_count
 from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.pose.depth_fit import DepthFit
 from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
 from asdfviz.state.joints import Deviation, off_place
 from asdfviz.state.place_odds import JoinedOdds
-from asdfviz.state.twins import twins_by_name
+from asdfviz.state.twins import renamed_poses, twins_by_name
 
 LEAST_SHOWN = 0.05
 """Less of a surface says nothing."""
@@ -60,7 +61,7 @@ class GroupConfig:
     """A group pose that agrees with less of the depth readings is not taken."""
     hidden: float = 0.4
     """Of one that shows less than this share of its surface only that counts, if its place is settled and
-    the part was not found, or has no twin and was found elsewhere."""
+    the part was not found, or only where none of its twins can be (`loose_twins`)."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where a share or probability is none."""
@@ -122,13 +123,17 @@ class GroupPoses:
             return result
         T_camera_base, trust = found
         self.places.see(T_camera_base, {n: poses[n] for n in joined if n in poses})
+        # Not the names that loose twins bear: whose those are may be in a hand.
+        free = {name for name in joined if name not in poses}
+        poses, surplus = self._by_count(poses, T_camera_base, named, sure)
+        result, free = dict(poses), free | surplus
         for name in (self.assembly.base, *joined):
             placed = self._placed(name, T_camera_base, poses.get(name), named)
             own = poses.get(name)
             certain = sure.get(name, 1.0)
             found = self._seen(name, placed, frame)
             fit = _share(found)
-            if certain >= self._config.settled and self._is_free(name, T_camera_base, own, named):
+            if certain >= self._config.settled and name in free:
                 fit = max(fit, _shown_share(found, self._config.hidden))
             if fit < self._config.least_fit:
                 continue
@@ -144,6 +149,24 @@ class GroupPoses:
             if name in result and self._agrees(self._off(name, T_camera_base, result, named))
         )
         return result
+
+    def _by_count(
+        self,
+        poses: Mapping[str, PoseEstimate],
+        T_camera_base: Transform,
+        state: State,
+        sure: Mapping[str, float],
+    ) -> tuple[dict[str, PoseEstimate], set[str]]:
+        """The poses, loose ones by names of twins that are loose; and those of which too many were found."""
+        held = [name for name, certain in sure.items() if certain >= self._config.settled]
+        in_place = {self.assembly.base} | {
+            n
+            for n in held
+            if n in poses and self._agrees(self._off(n, T_camera_base, poses, state))
+        }
+        scores = {name: pose.score for name, pose in poses.items()}
+        changes, surplus = by_count(scores, set(self._twins.values()), held, in_place)
+        return renamed_poses(poses, changes), surplus
 
     def _joined(self, state: StateEstimate) -> tuple[list[str], dict[str, float]]:
         """Parts that are certainly where the most probable state has them, and how certainly."""
@@ -248,15 +271,6 @@ class GroupPoses:
     def _bell(self, off: Deviation) -> float:
         angle = off.angle / math.radians(self._config.angle_deg)
         return math.exp(-0.5 * ((off.distance / self._config.distance) ** 2 + angle**2))
-
-    def _is_free(
-        self, name: str, T_camera_base: Transform, own: PoseEstimate | None, state: State
-    ) -> bool:
-        """Whether no pose says where the part is, but one elsewhere that can be of no twin."""
-        if own is None:
-            return True
-        T_own = inverse(T_camera_base) @ own.T_camera_part
-        return len(self._twins[name]) == 1 and not self._agrees(self._off_of(name, T_own, state))
 
     def _fit(self, name: str, T_camera_part: Transform, frame: Frame) -> float:
         return _share(self._seen(name, T_camera_part, frame))

@@ -108,8 +108,32 @@ def test_a_hidden_part_is_not_where_something_like_it_is_found_unless_that_may_b
         assembly = replace(assembly, parts={**assembly.parts, "twin": twin})
     group = GroupPoses(assembly, part_shapes(assembly, surface_points=900), config=GroupConfig())
     poses = {"base": estimate("base", true["base"]), "block": estimate("block", apart["block"])}
-    found = group.step(poses, SURE, behind_board(toy, true))["block"]
-    assert np.allclose(found.T_camera_part, apart["block"] if has_twin else true["block"])
+    found = group.step(poses, SURE, behind_board(toy, true))
+    if has_twin:  # which is what lies there, and is called so
+        assert set(found) == {"base", "twin"}
+        assert np.allclose(found["twin"].T_camera_part, apart["block"])
+        assert found["twin"].part == "twin"
+    else:
+        assert np.allclose(found["block"].T_camera_part, true["block"])
+
+
+def test_the_surest_of_like_parts_are_the_loose_ones(toy) -> None:
+    """Two things look like the loose twin, and the joined one is hidden."""
+    true, apart = toy.poses(joined=True), toy.poses(joined=False)
+    twin = replace(toy.assembly.parts["block"], name="twin")
+    assembly = replace(toy.assembly, parts={**toy.assembly.parts, "twin": twin})
+    shapes = part_shapes(assembly, surface_points=900)
+    group = GroupPoses(assembly, shapes, config=GroupConfig())
+    other = apart["block"] @ transform_from(np.eye(3), np.array([0.1, 0.0, 0.0]))
+    poses = {
+        "base": estimate("base", true["base"]),
+        "block": estimate("block", apart["block"]),
+        "twin": replace(estimate("twin", other), score=0.3),
+    }
+    found = group.step(poses, SURE, behind_board(toy, true))
+    assert np.allclose(found["twin"].T_camera_part, apart["block"])
+    assert np.allclose(found["block"].T_camera_part, true["block"])
+    assert (found["twin"].stage, found["block"].stage) == ("refined", "group")
 
 
 def test_where_the_state_is_settled_a_pose_elsewhere_is_not_believed(toy) -> None:
