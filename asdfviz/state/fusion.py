@@ -49,7 +49,7 @@ from asdfviz.datatypes import Assembly, StateEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
 from asdfviz.state.half_done import HalfDone, not_yet
-from asdfviz.state.lately_loose import held_back
+from asdfviz.state.held_back import held_back
 
 
 @dataclass(frozen=True)

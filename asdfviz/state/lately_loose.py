@@ -14,15 +14,13 @@ least j of them are loose. In every frame
   many were found in a place that j cannot be loose.
 
 A state that leaves fewer than j of them loose is as likely as its evidence says only if q_j is below a
-half, else 2 (1 - q_j) of that: what its evidence lacks then counts to the step before, which it may look
-like (a step that adds two parts is reached with the second one).
+half, else 2 (1 - q_j) of that (`asdfviz.state.held_back`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float64
@@ -166,31 +164,6 @@ class LatelyLoose:
         odds[max(loose, len(odds) - joined) :] -= config.joined
         odds = np.maximum.accumulate(odds[::-1])[::-1]  # where two are loose, one is
         kind.odds = np.clip(odds, LEAST_ODDS, config.most)
-
-
-def held_back(scores: Scores, likely: Scores, assembly: Assembly) -> Scores:
-    """Evidence for states, what they lack in likelihood given to the step before each.
-
-    Args:
-        scores: of every state.
-        likely: as `LatelyLoose.step` gives it.
-        assembly: whose states.
-    """
-    result, lacking = scores.copy(), 1.0 - likely / likely.max()
-    for state, before in _steps_before(assembly):
-        moved = result[state] * lacking[state]
-        result[state] -= moved
-        result[before] += moved
-    return result
-
-
-@lru_cache(maxsize=8)
-def _steps_before(assembly: Assembly) -> tuple[tuple[int, int], ...]:
-    """States, each with the step before it; the last ones first, since that may be too early, too."""
-    steps = [state.index for state in assembly.steps]
-    latest = sorted(assembly.states, key=lambda s: (s.completed, s.is_error), reverse=True)
-    before = ((s.index, [k for k in steps if k < s.completed + s.is_error]) for s in latest)
-    return tuple((state, earlier[-1]) for state, earlier in before if earlier)
 
 
 def _kind(assembly: Assembly, names: tuple[str, ...]) -> _Kind:

@@ -15,7 +15,8 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.state.fusion import FusionConfig, Pose2State
-from asdfviz.state.lately_loose import LatelyLoose, LatelyLooseConfig, held_back
+from asdfviz.state.held_back import held_back
+from asdfviz.state.lately_loose import LatelyLoose, LatelyLooseConfig
 
 Place = Callable[[Mapping[str, Transform]], dict[str, PoseEstimate]]
 
