@@ -24,7 +24,7 @@ from asdfviz.pose.depth_fit import DepthFit
 from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
 from asdfviz.state.joints import Deviation, off_place
 from asdfviz.state.place_odds import JoinedOdds
-from asdfviz.state.twins import renamed_poses, twins_by_name
+from asdfviz.state.twins import renamed_poses, twin_groups, twins_by_name
 
 LEAST_SHOWN = 0.05
 """Less of a surface says nothing."""
@@ -83,6 +83,7 @@ class GroupPoses:
         self._odds = JoinedOdds(assembly)
         self._held: tuple[str, ...] = ()
         self._twins = twins_by_name(assembly)
+        self._groups = twin_groups(assembly)
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -165,7 +166,7 @@ class GroupPoses:
             if n in poses and self._agrees(self._off(n, T_camera_base, poses, state))
         }
         scores = {name: pose.score for name, pose in poses.items()}
-        changes, surplus = by_count(scores, set(self._twins.values()), held, in_place)
+        changes, surplus = by_count(scores, self._groups, held, in_place)
         return renamed_poses(poses, changes), surplus
 
     def _joined(self, state: StateEstimate) -> tuple[list[str], dict[str, float]]:

@@ -24,7 +24,7 @@ from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
 from asdfviz.state.joined_spots import JoinedSpots
-from asdfviz.state.twins import twin_groups
+from asdfviz.state.twins import loose_in_states, twin_groups
 
 
 @dataclass(slots=True, eq=False)
@@ -240,5 +240,6 @@ class LooseParts:
 
 def _kind(assembly: Assembly, names: tuple[str, ...], spots: JoinedSpots) -> _Kind:
     places = tuple(T for name in names for T in spots.places.get(name, ()))
-    loose = tuple(sum(n not in state.T_base_part for n in names) for state in assembly.states)
-    return _Kind(names, loose, places, [0] * len(names), [0] * len(names))
+    return _Kind(
+        names, loose_in_states(assembly, names), places, [0] * len(names), [0] * len(names)
+    )

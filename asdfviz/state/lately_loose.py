@@ -29,7 +29,7 @@ from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
 from asdfviz.state.joined_spots import JoinedSpots
-from asdfviz.state.twins import twin_groups
+from asdfviz.state.twins import loose_in_states, twin_groups
 
 LEAST_ODDS = -5.0
 """The log odds of a part being loose are never below."""
@@ -106,7 +106,11 @@ class LatelyLoose:
         groups = (
             tuple(n for n in names if n in self._spots.places) for names in twin_groups(assembly)
         )
-        self._kinds = [_kind(assembly, names) for names in groups if names]
+        self._kinds = [
+            _Kind(names, loose_in_states(assembly, names), np.full(len(names), LEAST_ODDS))
+            for names in groups
+            if names
+        ]
 
     def step(self, poses: Mapping[str, PoseEstimate], belief: Scores | None) -> Scores | None:
         """Take in the poses of one frame.
@@ -164,8 +168,3 @@ class LatelyLoose:
         odds[max(loose, len(odds) - joined) :] -= config.joined
         odds = np.maximum.accumulate(odds[::-1])[::-1]  # where two are loose, one is
         kind.odds = np.clip(odds, LEAST_ODDS, config.most)
-
-
-def _kind(assembly: Assembly, names: tuple[str, ...]) -> _Kind:
-    loose = tuple(sum(n not in s.T_base_part for n in names) for s in assembly.states)
-    return _Kind(names, loose, np.full(len(names), LEAST_ODDS))

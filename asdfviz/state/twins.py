@@ -47,6 +47,11 @@ def twins_by_name(assembly: Assembly) -> dict[str, tuple[str, ...]]:
     return {name: names for names in twin_groups(assembly) for name in names}
 
 
+def loose_in_states(assembly: Assembly, names: Collection[str]) -> tuple[int, ...]:
+    """How many of these parts every state leaves loose."""
+    return tuple(sum(n not in state.T_base_part for n in names) for state in assembly.states)
+
+
 class PlaceNames:
     """Names twins by where they lie; one for each assembly."""
 
