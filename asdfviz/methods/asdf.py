@@ -159,6 +159,11 @@ class Asdf:
         first = self._started().crop_poses
         return None if first is None else first.looker
 
+    @property
+    def votes(self) -> BaseVotes:
+        """Where the base is; once reset() was called."""
+        return self._started().votes
+
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
         config, scene, timed = self._config, self._started(), StageTimer()
@@ -209,7 +214,7 @@ class Asdf:
             belief: in the states before this frame, by which the parts tell where the base is.
         """
         proposed = self._propose(frame, StageTimer(), belief, rests)
-        self._started().votes.keep(None)
+        self.votes.keep(None)
         return proposed
 
     def _propose(
@@ -223,9 +228,7 @@ class Asdf:
             self.assigned = found
         with timed("pnp" if scene.crop_poses is None else "crops"):
             # Where first poses cost little, all are looked at.
-            known = dict[str, PoseEstimate]()
-            if rests is not None and scene.crop_poses is not None:
-                known = poses_at_rest(found, frame, rests)
+            known = poses_at_rest(found, frame, rests) if rests and scene.crop_poses else {}
             fresh = {name: d for name, d in found.items() if name not in known}
             poses = self._first_poses(fresh, frame)
         with timed("refine"):

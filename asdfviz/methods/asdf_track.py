@@ -30,6 +30,7 @@ from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.doubts import doubted
 from asdfviz.methods.followed_state import FollowedState
+from asdfviz.methods.found_elsewhere import against_held, names_of_loose
 from asdfviz.methods.hidden_parts import sure_as_it_lay, sure_as_the_base
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
@@ -41,12 +42,13 @@ from asdfviz.methods.still_there import StillThere
 from asdfviz.methods.timing import StageTimer
 from asdfviz.methods.told_poses import ToldPoses
 from asdfviz.methods.track_memory import surely_placed, with_turned_axes
+from asdfviz.methods.tracked_base import TrackedBase
 from asdfviz.methods.unlike_twins import UnlikeTwins
 from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation
 from asdfviz.state.part_names import PartNames
 from asdfviz.state.place_odds import JoinedOdds
-from asdfviz.state.twins import renamed, renamed_poses
+from asdfviz.state.twins import names_after, renamed, renamed_poses
 
 
 @dataclass(slots=True, eq=False)
@@ -63,6 +65,7 @@ class _Scene:
     unlike: UnlikeTwins
     own: OwnColors
     told: ToldPoses
+    base: TrackedBase
     state: StateEstimate | None = None
 
 
@@ -91,6 +94,7 @@ class AsdfTrack:
         followed = FollowedState(assembly, self._asdf.shapes, self._asdf.looker, config)
         own = OwnColors(assembly, config=config.own_colors)
         told = ToldPoses(assembly, self._asdf.shapes, config)
+        base = TrackedBase(assembly.base, self._asdf.votes)
         self._scene = _Scene(
             assembly=assembly,
             parts=PartTracks(
@@ -101,6 +105,7 @@ class AsdfTrack:
                 turns=config.turns,
                 own=own,
                 smear=told.smear,
+                base=base,
             ),
             followed=followed,
             odds=JoinedOdds(followed.assembly),
@@ -110,6 +115,7 @@ class AsdfTrack:
             unlike=UnlikeTwins(assembly, config=config.unlike_twins),
             own=own,
             told=told,
+            base=base,
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -120,21 +126,20 @@ class AsdfTrack:
         assembly, parts = scene.assembly, scene.parts
         belief = None if scene.state is None else scene.state.probabilities
         proposed, shown = self._asdf.propose(frame, belief=belief), frame
+        if self._asdf.votes.overruled:
+            self._asdf.disown({assembly.base})
         if frame.depth is None:  # to the tracker, depth that measured nothing
             frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
         with timed("refind"):
             mine, looks = self._proposals(frame, proposed.poses, scene)
-            expected = scene.told.rest.expected(mine)
+            expected = {**scene.told.rest.expected(mine), **scene.base.place}
             for name, track in parts.tracks.items():
                 track.T_expected = expected.get(name)
             parts.refind(frame, mine, looks, scene.state)
             names = scene.twins.changes(parts.tracker.poses, held=parts.joined)
             parts.rename(frame, names)
-            self._asdf.rename(names)
-            scene.still.rename(names)
-            scene.unlike.rename(names)
-            scene.own.rename(names)
-            scene.told.rename(names)
+            for one in (self._asdf, scene.still, scene.unlike, scene.own, scene.told):
+                one.rename(names)
         with timed("track"):
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
@@ -151,6 +156,8 @@ class AsdfTrack:
         with timed("fuse"):
             # What the state holds together cannot bear witness for the state.
             free = {name: pose for name, pose in poses.items() if pose.stage != "group"}
+            if self._config.join.elsewhere:
+                free |= against_held(mine, parts.tracks, assembly)
             scene.state = scene.followed.step(
                 self._asdf.looks,
                 poses,
@@ -196,6 +203,9 @@ class AsdfTrack:
         sure = [n for n, track in tracks.items() if track.joined or track.unsure <= patience]
         found = {name: pose.T_camera_part for name, pose in poses.items()}
         names = scene.twins.follows(found, last, sure=sure)
+        if self._config.join.elsewhere:
+            now = renamed(found, names)
+            names = names_after(names, names_of_loose(now, tracks, scene.assembly))
         self._asdf.rename(names)
         at, mine = renamed(found, names), renamed_poses(poses, names)
         looks = renamed(self._asdf.looked_at, names)
@@ -232,11 +242,10 @@ class AsdfTrack:
         if base in poses:
             T_base_turned = inverse(poses[base].T_camera_part) @ told[base].T_camera_part
             if not np.allclose(T_base_turned, np.eye(4)):
-                parts = scene.parts
+                parts, tracker = scene.parts, scene.parts.tracker
                 parts.tracks[base] = with_turned_axes(parts.tracks[base], T_base_turned)
-                parts.tracker.release()  # or what is held would turn with it
-                T_camera_turned = parts.tracker.poses[base] @ T_base_turned
-                parts.tracker.replace(frame, {base: T_camera_turned})
+                tracker.release()  # or what is held would turn with it
+                tracker.replace(frame, {base: tracker.poses[base] @ T_base_turned})
         return told
 
     def _join(self, frame: Frame, scene: _Scene) -> frozenset[str]:

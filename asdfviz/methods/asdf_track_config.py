@@ -42,6 +42,9 @@ class JoinConfig:
     """A part that could not be seen for more frames than this joins wherever it was."""
     settled: float = 0.98
     """Probability of the state from which all of its parts join, wherever they were."""
+    elsewhere: bool = True
+    """Whether what is found elsewhere of parts that are held, and not seen there, is a loose twin, or
+    speaks against the state if none is loose."""
 
 
 @dataclass(frozen=True)

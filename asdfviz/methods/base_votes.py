@@ -119,6 +119,8 @@ class BaseVotes:
         self._told: PoseEstimate | None = None
         self._is_backed = True
         """Whether it was told of the last frame by what was seen in it."""
+        self.overruled = False
+        """Whether what was taken for the base in the last frame is something else."""
 
     def told(
         self, poses: Mapping[str, PoseEstimate], belief: Scores | None, frame: Frame
@@ -130,7 +132,7 @@ class BaseVotes:
             belief: in the states before this frame, None where there is none yet.
             frame: with depth, or the base may always be where it was.
         """
-        self._told, self._is_backed = None, True
+        self._told, self._is_backed, self.overruled = None, True, False
         name, config = self._assembly.base, self._config
         if belief is None or not config.enabled:
             return dict(poses)
@@ -156,6 +158,7 @@ class BaseVotes:
         ]
         told, found = max(near, key=lambda one: one[0].value + self._worth(one[1]))
         self._told = told.base
+        self.overruled = own is not None and not self._are_near(own, told.base)
         if told.base is not self._last:
             return {**others, name: told.base}
         is_shown = not is_gone and found is not None and found.visible >= config.visible
@@ -163,6 +166,11 @@ class BaseVotes:
         if not is_shown and told.support < config.support:
             return others
         return {**others, name: replace(told.base, stage="group")}
+
+    @property
+    def place(self) -> Transform | None:
+        """Where the base was told to be in this frame, also where it is too hidden to be told so."""
+        return None if self._told is None else self._told.T_camera_part
 
     @property
     def may_be(self) -> Callable[[Transform], bool] | None:

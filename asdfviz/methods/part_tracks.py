@@ -34,6 +34,7 @@ from asdfviz.methods.refinding import (
 from asdfviz.methods.rival_poses import believed, decided
 from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.methods.track_memory import Track
+from asdfviz.methods.tracked_base import TrackedBase
 from asdfviz.methods.tracking import load_bodies
 from asdfviz.methods.turn_checks import TurnChecks
 from asdfviz.methods.turn_config import TurnConfig
@@ -61,8 +62,9 @@ class PartTracks:
         turns: TurnConfig,
         own: OwnColors | None = None,
         smear: SeenSmear | None = None,
+        base: TrackedBase | None = None,
     ) -> None:
-        """Load the parts' viewpoint models; others tell `own` their colours, and the camera's `smear`."""
+        """Load the parts' viewpoint models; `own`, `smear` and `base` are told by others what they know."""
         self.bodies = load_bodies(assembly)
         self.tracker = Tracker(self.bodies, camera, tracker)
         self.tracks: dict[str, Track] = {}
@@ -70,6 +72,7 @@ class PartTracks:
         self._config = refind
         self._one_place = OnePlace(assembly)
         self._own = own
+        self._base = base or TrackedBase(assembly.base, None)
         self._checks = TurnChecks(assembly.parts, self.bodies, config=turns, smear=smear)
         self._frames = 0
 
@@ -140,13 +143,12 @@ class PartTracks:
         evidence = self.tracker.evidence(frame)
         sure = {name: self.tracker.judged(seen) for name, seen in evidence.items()}
         least = self.tracker.config.confidence.lost_below
+        poses, base = self.tracker.poses, self._assembly.base
+        self._base.call_back(self.tracks, poses, sure)
         shown = {name for name in sure if sure[name] >= least}
-        base, in_place = self._assembly.base, [sure[name] for name in joined & shown]
-        if len(in_place) >= 2:  # they tell where the base is; one alone may leave it free to turn
-            sure[base] = max(sure[base], float(np.median(in_place)))
+        self._base.as_held(sure, joined & shown)
         said: dict[str, PoseEstimate] = {}
         back: dict[str, Transform] = {}
-        poses = self.tracker.poses
         intruders = self._one_place.intruders(poses, sure, joined=joined)
         for name, T_found in poses.items():
             if name in intruders:
@@ -171,6 +173,8 @@ class PartTracks:
             said[name] = PoseEstimate(name, track.T_now, sure[name], stage)
         if base in poses and self.tracks[base].unsure > self._config.patience:  # it holds nothing
             said = {n: p for n, p in said.items() if self.tracks[n].unsure <= self._config.patience}
+        if base in said and base in shown and evidence[base].visible >= self._config.hidden_below:
+            self._base.keep(said[base])
         self.tracker.learn(frame, [name for name in said if name in shown])
         held = {name: evidence[name] for name in joined & evidence.keys()}
         learn_held(frame, self.tracker, self.tracks, held, config=self._config.held)
@@ -230,7 +234,7 @@ class PartTracks:
         starts = self._joined_places(name, track, state)
         starts += jumps(track, proposal, look, centre=balance, frames=self._frames, config=config)
         allows = partial(self._checks.allows, frame, name, best.T_camera_part)
-        starts = [T for T in starts if allows(T)]
+        starts = [T for T in starts if allows(T) and self._base.may_be(name, T)]
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
         value = partial(preferred, look=look, K=frame.camera.K, centre=centre, config=config)

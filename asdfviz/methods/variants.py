@@ -243,6 +243,7 @@ def _beyond_asdf_track() -> list[Variant]:
         "never disowned": replace(track, refind=replace(track.refind, disowned=OWNED)),
         "never begun anew": replace(track, refind=stays),
         "held parts keep their colours": replace(track, refind=faithful),
+        "held parts nowhere else": replace(track, join=replace(track.join, elsewhere=False)),
         "hidden parts unsure": replace(track, refind=replace(track.refind, hidden=0.0)),
         "depth at outlines too": replace(track, tracker=whole),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),

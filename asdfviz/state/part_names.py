@@ -12,7 +12,7 @@ from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.state.base_turns import MEMORY, MOST, equal_bases, odds_joined
 from asdfviz.state.relative_pose import RelativePoseConfig
-from asdfviz.state.twins import PlaceNames, renamed, renamed_poses, twin_groups
+from asdfviz.state.twins import PlaceNames, names_after, renamed, renamed_poses, twin_groups
 
 SURE = 4.0
 """Log odds by which a twin must explain the parts better than the base: more than one sure part in one
@@ -36,9 +36,7 @@ class PartNames(PlaceNames):
         """As `PlaceNames.changes` has it, and the base's name with them."""
         base = self._base_changes(poses, held)
         others = super().changes(renamed(poses, base), held=[base.get(name, name) for name in held])
-        both = {name: others.get(new, new) for name, new in base.items()}
-        both = {**{name: new for name, new in others.items() if name not in base}, **both}
-        return {name: new for name, new in both.items() if name != new}
+        return names_after(base, others)
 
     def _base_changes(
         self, poses: Mapping[str, Transform], held: Collection[str]

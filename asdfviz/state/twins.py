@@ -127,6 +127,12 @@ def _cheapest(group: tuple[str, ...], cost: Float64[np.ndarray, "n n"]) -> Mappi
     return {group[i]: group[j] for i, j in pairs if i != j}
 
 
+def names_after(first: Mapping[str, str], then: Mapping[str, str]) -> dict[str, str]:
+    """Both changes of names as one: from the old names to those that `then` gives the names of `first`."""
+    both = {**then, **{old: then.get(new, new) for old, new in first.items()}}
+    return {old: new for old, new in both.items() if old != new}
+
+
 def renamed(values: Mapping[str, _Value], names: Mapping[str, str]) -> dict[str, _Value]:
     """The values by their new names."""
     return {names.get(name, name): value for name, value in values.items()}

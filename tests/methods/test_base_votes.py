@@ -60,6 +60,7 @@ def test_only_a_sure_pose_takes_the_base_away_from_where_it_is_seen(toy, score: 
     told = votes.told(found, JOINED, toy.frame(3, true))["base"]
     assert np.allclose(told.T_camera_part, true["base"])
     assert told.stage == "group"
+    assert votes.overruled
     alone = votes.told({"base": found["base"]}, JOINED, toy.frame(4, true))["base"]
     expected = away(true["base"]) if score == 0.9 else true["base"]
     assert np.allclose(alone.T_camera_part, expected)
@@ -82,6 +83,9 @@ def test_a_base_that_nothing_shows_is_absent_and_known_again(toy) -> None:
     votes = votes_of(toy.assembly)
     follow(votes, toy, true, JOINED)
     assert votes.told({}, JOINED, hidden(toy, true)) == {}
+    assert votes.place is not None
+    assert np.allclose(votes.place, true["base"])
+    assert not votes.overruled
     votes.keep(None)
     block = {"block": estimate("block", true["block"])}
     told = votes.told(block, JOINED, hidden(toy, true))

@@ -7,7 +7,7 @@ import pytest
 
 from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.state.twins import PlaceNames, renamed, renamed_poses
+from asdfviz.state.twins import PlaceNames, names_after, renamed, renamed_poses
 
 T_CAMERA_BASE = transform_from(rotation_about(np.array([0.2, 1, 0]), 0.7), np.array([0.1, 0, 0.6]))
 AWAY = transform_from(np.eye(3), np.array([0.3, 0.2, -0.1]))
@@ -107,3 +107,13 @@ def test_values_and_poses_go_by_their_new_names() -> None:
     assert renamed({"a": 1, "c": 3}, names) == {"b": 1, "c": 3}
     poses = {"a": PoseEstimate("a", AWAY, 0.5, "pnp")}
     assert renamed_poses(poses, names)["b"].part == "b"
+
+
+def test_two_changes_of_names_are_one() -> None:
+    first, then = {"a": "b", "b": "a"}, {"b": "c", "c": "b"}
+    names = names_after(first, then)
+    assert names == {"a": "c", "b": "a", "c": "b"}
+    values = {"a": 1, "b": 2, "c": 3}
+    assert renamed(values, names) == renamed(renamed(values, first), then)
+    assert names_after(first, first) == {}
+    assert names_after({}, then) == names_after(then, {}) == then
