@@ -99,8 +99,7 @@ class Asdf:
         Raises:
             WeightsError: there are no weights for this assembly.
         """
-        config = self._config
-        self._before = {}
+        config, self._before = self._config, {}
         shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
         sunk, given = config.on_table.counted, self._given_looker
         first = crop_poses(config.first_pose, config.crops, assembly, looker=given, sunk=sunk)
@@ -215,13 +214,14 @@ class Asdf:
         """
         proposed = self._propose(frame, StageTimer(), belief, rests)
         self.votes.keep(None)
+        if self.votes.overruled:
+            self.disown({self._started().assembly.base})
         return proposed
 
     def _propose(
         self, frame: Frame, timed: StageTimer, belief: Scores | None, rests: Rests | None = None
     ) -> FramePrediction:
         config, scene = self._config, self._started()
-        assembly, shapes = scene.assembly, scene.shapes
         self.looked_at = {}
         with timed("detect"):
             detections, found = scene.finder.find(frame)
@@ -237,8 +237,8 @@ class Asdf:
                 found,
                 detections,
                 frame,
-                assembly=assembly,
-                shapes=shapes,
+                assembly=scene.assembly,
+                shapes=scene.shapes,
                 solve=lambda boxes: self._refined(self._first_poses(boxes, frame), boxes, frame),
                 config=config.rivals,
             )
@@ -246,7 +246,7 @@ class Asdf:
             self._before = {name: self._remembered(pose) for name, pose in poses.items()}
             poses = scene.votes.told(poses, belief, frame)
         with timed("state"):
-            self.looks = scene.looks.probabilities(detections, poses, frame)
+            self.looks = scene.looks.probabilities(detections, scene.votes.placed(poses), frame)
         return FramePrediction(frame.index, poses, None, detections, timed.seconds)
 
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:

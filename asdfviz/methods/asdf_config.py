@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from asdfviz.errors import MethodError
-from asdfviz.methods.base_votes import BaseVotesConfig
+from asdfviz.methods.base_votes_config import BaseVotesConfig
 from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.first_pose import CropPoseConfig, FirstPose
 from asdfviz.methods.group_poses import GroupConfig

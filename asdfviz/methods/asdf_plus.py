@@ -134,7 +134,8 @@ class AsdfPlus:
             raise MethodError("asdf_plus: reset() must come before step()")
         config, scene, timed = self._config, self._scene, StageTimer()
         assembly = scene.assembly
-        proposed = self._asdf.propose(frame, rests=partial(_rests, scene))
+        rests, votes = partial(_rests, scene), self._asdf.votes
+        proposed = self._asdf.propose(frame, rests=rests, belief=scene.followed.said)
         proposed = self._without_others(proposed, frame, scene)
         with timed("register"):
             decided = self._decided(proposed, frame, scene)
@@ -149,23 +150,25 @@ class AsdfPlus:
             )
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
+            told = proposed.poses.get(assembly.base)
+            followed = votes.preferred(followed, told, least=config.least_score)
             poses = self._named_by_place(scene.followed.turned(followed), scene)
             self._see_what_rests(poses, frame, scene)
-            state = scene.followed.step(
-                self._asdf.looks,
-                poses,
-                frame,
-                first=proposed.poses.get(assembly.base),
-                rest=scene.told.rest,
-            )
+            looks, rest = self._asdf.looks, scene.told.rest
+            state = scene.followed.step(looks, poses, frame, first=told, rest=rest)
         if config.joined.enabled:
             with timed("group"):
-                base = scene.mistaken.doubted_base(frame, scene.followed.base)
-                poses = scene.group.step(poses, scene.followed.unfolded, frame, base=base)
-                poses = self._settled_together(poses, frame, scene)
+                unfolded, hidden = scene.followed.unfolded, votes.hidden
+                base = hidden or scene.mistaken.doubted_base(frame, scene.followed.base)
+                poses = scene.group.step(poses, unfolded, frame, base=base, may_be=votes.may_be)
+                if hidden is None:
+                    poses = self._settled_together(poses, frame, scene)
+                else:  # what shows of the group may leave it free along its joints
+                    scene.followed.settle(hidden.T_camera_part)
                 # A loose twin of what is joined there.
                 poses = scene.one_place.alone(poses, joined=scene.group.held)
         scene.mistaken.see(frame, poses)
+        votes.keep(poses.get(assembly.base))
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
         runtime = {**proposed.runtime, **timed.seconds}

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.at_rest_config import AtRestConfig
-from asdfviz.methods.base_votes import BaseVotesConfig
 from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
@@ -39,10 +38,6 @@ class AsdfPlusConfig(AsdfConfig):
     """Of ASDF's own state, which is not asked here: no option, `smoothing` counts instead."""
     group: GroupConfig = field(init=False, default_factory=lambda: GroupConfig(enabled=False))
     """Of ASDF's own last step, which is not taken here: no option, `joined` counts instead."""
-    base_votes: BaseVotesConfig = field(
-        init=False, default_factory=lambda: BaseVotesConfig(enabled=False)
-    )
-    """Of ASDF alone: no option, places of the base are compared by the picture here."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """Six degrees of freedom from depth."""
     hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)

@@ -124,10 +124,7 @@ class AsdfTrack:
             raise MethodError("asdf_track: reset() must come before step()")
         scene, timed = self._scene, StageTimer()
         assembly, parts = scene.assembly, scene.parts
-        belief = None if scene.state is None else scene.state.probabilities
-        proposed, shown = self._asdf.propose(frame, belief=belief), frame
-        if self._asdf.votes.overruled:
-            self._asdf.disown({assembly.base})
+        proposed, shown = self._asdf.propose(frame, belief=scene.followed.said), frame
         if frame.depth is None:  # to the tracker, depth that measured nothing
             frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
         with timed("refind"):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import product
 from typing import NamedTuple
@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 
 from asdfviz.datatypes import Frame, PoseEstimate
-from asdfviz.errors import MethodError
 from asdfviz.geometry.camera import depth_gaps
 from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.geometry.transforms import apply, inverse
+from asdfviz.methods.base_votes_config import BaseVotesConfig
 from asdfviz.methods.group_poses import GroupPoses
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_poses import shape_fit
@@ -34,52 +34,6 @@ _LEAST = 1e-3
 """Every state has this probability at least, and every pose is wrong and right with it."""
 _NEVER = 1e-9
 """Nor does a base that was not seen for thousands of frames become impossible where it was."""
-
-
-@dataclass(frozen=True)
-class BaseVotesConfig:
-    """When the base is not where its own pose says."""
-
-    enabled: bool = True
-    """On or off."""
-    leap: float = 0.003
-    """Probability that it is elsewhere in the next frame though depth does not say so,"""
-    apart: float = 0.035
-    """which is farther away than this, metres,"""
-    turned_deg: float = 30.0
-    """or turned by more than this, degrees."""
-    gone: float = 0.35
-    """when it does: so much of its surface would be seen through,"""
-    see_through: float = 0.012
-    """by more than this, metres,"""
-    leap_gone: float = 0.1
-    """and then."""
-    shared: float = 0.2
-    """How probable its pose is, of what its score says, where a surer part is in the same place."""
-    least: float = 0.2
-    """Less probable states tell no places of the base."""
-    fit: float = 5.0
-    """Log odds for a pose whose surface agrees with all of the depth readings, among those near the
-    likeliest,"""
-    margin: float = 0.008
-    """which agree when they are this near, metres."""
-    visible: float = 0.15
-    """Where it was, at least this much of its surface is not hidden by something nearer, and it is not
-    gone, or other parts back it; else it is absent."""
-    support: float = 1.0
-    """Log odds for the state and against nothing being joined with which the others must back the part
-    that says where the base is."""
-    lead: float = 1.0
-    """Log odds by which it must be likelier elsewhere to be put there."""
-
-    def __post_init__(self) -> None:
-        """Raise a MethodError where an option is out of its range."""
-        for option in ("leap", "leap_gone", "shared"):
-            value = getattr(self, option)
-            if not 0 < value <= 1:
-                raise MethodError(
-                    f"base_votes.{option} is {value:g}: use a probability above 0, at most 1"
-                )
 
 
 class _Claim(NamedTuple):
@@ -119,6 +73,7 @@ class BaseVotes:
         self._told: PoseEstimate | None = None
         self._is_backed = True
         """Whether it was told of the last frame by what was seen in it."""
+        self._is_hidden = False
         self.overruled = False
         """Whether what was taken for the base in the last frame is something else."""
 
@@ -132,7 +87,7 @@ class BaseVotes:
             belief: in the states before this frame, None where there is none yet.
             frame: with depth, or the base may always be where it was.
         """
-        self._told, self._is_backed, self.overruled = None, True, False
+        self._told, self._is_backed, self.overruled, self._is_hidden = None, True, False, False
         name, config = self._assembly.base, self._config
         if belief is None or not config.enabled:
             return dict(poses)
@@ -162,6 +117,7 @@ class BaseVotes:
         if told.base is not self._last:
             return {**others, name: told.base}
         is_shown = not is_gone and found is not None and found.visible >= config.visible
+        self._is_hidden = not is_shown
         self._is_backed = is_shown or told.support > 0
         if not is_shown and told.support < config.support:
             return others
@@ -178,6 +134,34 @@ class BaseVotes:
         if self._told is None:
             return None
         return partial(self._is_near, self._told.T_camera_part)
+
+    @property
+    def hidden(self) -> PoseEstimate | None:
+        """The base where it was told to be though it is hidden; None where it is in sight, or unknown."""
+        return self._told if self._is_hidden else None
+
+    def placed(self, poses: Mapping[str, PoseEstimate]) -> dict[str, PoseEstimate]:
+        """This frame's poses, the base's as it was told also where it is hidden."""
+        return dict(poses) if self._told is None else {**poses, self._told.part: self._told}
+
+    def preferred(
+        self, poses: Mapping[str, PoseEstimate], told: PoseEstimate | None, *, least: float
+    ) -> dict[str, PoseEstimate]:
+        """The poses, the base's own only near where it was told to be.
+
+        Args:
+            poses: of the parts in the same frame, settled.
+            told: what `told` made of the base's pose; taken where it is by others and its own is not sure.
+            least: score from which that is sure.
+        """
+        name, may_be = self._assembly.base, self.may_be
+        own, result = poses.get(name), dict(poses)
+        if own is not None and may_be is not None and not may_be(own.T_camera_part):
+            own = None
+            del result[name]
+        if (own is None or own.score < least) and told is not None and told.stage == "group":
+            result[name] = told
+        return result
 
     def _is_at_last(self, base: PoseEstimate) -> bool:
         return self._last is not None and self._are_near(base, self._last)

@@ -95,6 +95,12 @@ class FollowedState:
         return self._unfolded
 
     @property
+    def said(self) -> Scores | None:
+        """Probabilities of the assembly's own states in the last frame; None before anything was seen."""
+        belief = self._states.belief
+        return None if belief is None else self._ways.summed(belief)
+
+    @property
     def unfolded(self) -> StateEstimate | None:
         """What the last frame's state is if half-done states count by themselves, and a part that
         arrives is in its place."""

@@ -125,7 +125,7 @@ class GroupPoses:
         T_camera_base, trust = found
         self.places.see(T_camera_base, {n: poses[n] for n in joined if n in poses})
         # Not the names that loose twins bear: whose those are may be in a hand.
-        free = {name for name in joined if name not in poses}
+        free = {name for name in (self.assembly.base, *joined) if name not in poses}
         poses, surplus = self._by_count(poses, T_camera_base, named, sure)
         result, free = dict(poses), free | surplus
         for name in (self.assembly.base, *joined):

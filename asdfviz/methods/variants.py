@@ -12,7 +12,7 @@ from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.at_rest_config import AtRestConfig
-from asdfviz.methods.base_votes import BaseVotesConfig
+from asdfviz.methods.base_votes_config import BaseVotesConfig
 from asdfviz.methods.contests import ContestsConfig
 from asdfviz.methods.contour_fits import BY_POINTS, ContourConfig
 from asdfviz.methods.disowned import DisownedConfig
@@ -238,7 +238,6 @@ def _beyond_asdf_track() -> list[Variant]:
         "turns by single points": replace(track, turns=BY_POINTS),
         "turns without colours": replace(track, turns=COLORLESS),
         "one look": replace(track, second_look=ONE_LOOK),
-        "base where its pose says": replace(track, base_votes=UNTOLD),
         "rivals by picture alone": replace(track, refind=turned),
         "never disowned": replace(track, refind=replace(track.refind, disowned=OWNED)),
         "never begun anew": replace(track, refind=stays),
@@ -257,6 +256,7 @@ def _common(config: Any) -> dict[str, Any]:
     return {
         "names by the detector alone": replace(config, names=UNNAMED),
         "no look at places": replace(config, place_looks=BLIND),
+        "base where its pose says": replace(config, base_votes=UNTOLD),
         BY_CROPS: replace(config, state_looks="crops"),
         "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
         "no contests": replace(config, contests=BEST_BOX),

@@ -7,11 +7,17 @@ import pytest
 
 from asdfviz.datatypes import PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.transforms import rotation_about, rotation_angle, transform_from
+from asdfviz.geometry.transforms import (
+    point_distance,
+    rotation_about,
+    rotation_angle,
+    transform_from,
+)
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlus
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
+from asdfviz.methods.base_votes_config import BaseVotesConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.registration import RegistrationConfig, evidence, registered
@@ -70,6 +76,34 @@ def test_the_state_is_followed_and_a_hidden_part_placed(toy, detector) -> None:
     truth = toy.poses(joined=True)["block"]
     assert np.linalg.norm(prediction.poses["block"].T_camera_part[:3, 3] - truth[:3, 3]) < 0.008
     assert {"detect", "refine", "register", "follow", "group"} <= set(prediction.runtime)
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_hidden_base_stays_where_its_parts_have_it_whatever_looks_like_it(
+    toy, detector, enabled: bool
+) -> None:
+    """A board hides the base, and something like it is found elsewhere."""
+    config = AsdfPlusConfig(base_votes=BaseVotesConfig(enabled=enabled))
+    method, true = started(toy, AsdfPlus(config, detector=detector)), toy.poses(joined=True)
+    like_it = transform_from(np.eye(3), np.array([-0.16, -0.07, 0.0])) @ true["base"]
+    told = dict[str, PoseEstimate]()
+    for index in range(16):
+        shot, is_hidden = toy.frame(index, true), index >= 10
+        at = like_it if is_hidden else true["base"]
+        if is_hidden:
+            depth = np.minimum(shot.depth, toy.depth({"base": like_it}))
+            board = toy.depth({"base": true["base"]}) < 0.74
+            shot = replace(shot, depth=np.where(board, np.float32(0.3), depth))
+        detector.answers[index] = (
+            replace(toy.detection("base", at), score=0.4 if is_hidden else 0.9),
+            toy.detection("block", true["block"]),
+            toy.state_box(0.7),
+        )
+        told = method.step(shot).poses
+    apart = 1.0
+    if "base" in told:
+        apart = point_distance(told["base"].T_camera_part, true["base"], np.zeros(3))
+    assert (apart < 0.005) == enabled
 
 
 def test_poses_that_are_rather_wrong_are_withheld_but_kept(toy, detector) -> None:

@@ -10,7 +10,8 @@ from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.methods.base_votes import BaseVotes, BaseVotesConfig
+from asdfviz.methods.base_votes import BaseVotes
+from asdfviz.methods.base_votes_config import BaseVotesConfig
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.state.relative_pose import RelativePoseConfig
@@ -190,3 +191,37 @@ def test_a_base_that_was_never_seen_again_may_still_be_where_it_was(toy) -> None
     block = {"block": estimate("block", true["block"])}
     told = votes.told(block, JOINED, hidden(toy, true))["base"].T_camera_part
     assert np.allclose(told, true["base"])
+
+
+def test_a_hidden_base_is_placed_for_those_who_look_at_its_group(toy) -> None:
+    true = toy.poses(joined=True)
+    votes = votes_of(toy.assembly)
+    block = {"block": estimate("block", true["block"])}
+    assert votes.placed(block) == block
+    follow(votes, toy, true, JOINED)
+    assert votes.told({}, JOINED, hidden(toy, true)) == {}
+    placed = votes.placed(block)
+    assert np.allclose(placed["base"].T_camera_part, true["base"])
+    assert placed["block"] is block["block"]
+
+
+@pytest.mark.parametrize(
+    ("score", "apart", "own"), [(0.9, False, True), (0.9, True, False), (0.3, False, False)]
+)
+def test_a_settled_base_is_taken_near_its_place_if_it_is_sure(
+    toy, score: float, apart: bool, own: bool
+) -> None:
+    true = toy.poses(joined=True)
+    votes = votes_of(toy.assembly)
+    follow(votes, toy, true, JOINED)
+    told = votes.told({}, JOINED, toy.frame(3, true))["base"]
+    T = away(true["base"]) if apart else true["base"]
+    settled = {
+        "base": estimate("base", T, score),
+        "block": estimate("block", true["block"]),
+    }
+    preferred = votes.preferred(settled, told, least=0.5)
+    assert preferred == {**settled, "base": settled["base"] if own else told}
+    # Nobody tells where it is: near its place it stays, elsewhere it is absent.
+    alone = votes.preferred(settled, None, least=0.5)
+    assert alone.keys() == ({"block"} if apart else {"base", "block"})

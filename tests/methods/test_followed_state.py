@@ -158,7 +158,11 @@ def test_what_lay_loose_a_moment_ago_is_not_joined_yet(caliper: Assembly) -> Non
 
     def frames_until_told(lately: LatelyLooseConfig) -> int:
         followed = FollowedState(caliper, shapes, None, AsdfTrackConfig(lately_loose=lately))
-        assert after(followed, caliper, 2, ("pinion", "wheel"), 20).index == 1
+        assert followed.said is None
+        last = after(followed, caliper, 2, ("pinion", "wheel"), 20)
+        assert last.index == 1
+        assert followed.said is not None
+        np.testing.assert_allclose(followed.said, last.probabilities)
         for count in range(100):
             said = followed.step(looks, poses, frame, first=None, rest=REST)
             if said is not None and said.index == 2:

@@ -97,6 +97,23 @@ def test_what_hides_a_place_does_not_speak_against_it(toy, hidden: float) -> Non
         assert np.allclose(found["block"].T_camera_part, true["block"])
 
 
+@pytest.mark.parametrize("hidden", [0.4, 0.0])
+def test_a_hidden_base_is_where_others_tell_it_to_be(toy, hidden: float) -> None:
+    true = toy.poses(joined=True)
+    group = GroupPoses(
+        toy.assembly,
+        part_shapes(toy.assembly, surface_points=900),
+        config=GroupConfig(hidden=hidden),
+    )
+    base = toy.depth({"base": true["base"]}) < 0.74
+    frame = toy.frame(1, true)
+    frame = replace(frame, depth=np.where(base, np.float32(0.3), frame.depth))
+    found = group.step({"block": estimate("block", true["block"])}, SURE, frame)
+    assert ("base" in found) == (hidden > 0)
+    if hidden > 0:
+        assert np.allclose(found["base"].T_camera_part, true["base"])
+
+
 @pytest.mark.parametrize("has_twin", [True, False])
 def test_a_hidden_part_is_not_where_something_like_it_is_found_unless_that_may_be_its_twin(
     toy, *, has_twin: bool
