@@ -246,7 +246,7 @@ class Asdf:
             self._before = {name: self._remembered(pose) for name, pose in poses.items()}
             poses = scene.votes.told(poses, belief, frame)
         with timed("state"):
-            self.looks = scene.looks.probabilities(detections, scene.votes.placed(poses), frame)
+            self.looks = scene.looks.probabilities(detections, poses, frame)
         return FramePrediction(frame.index, poses, None, detections, timed.seconds)
 
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:

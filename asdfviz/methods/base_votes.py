@@ -140,10 +140,6 @@ class BaseVotes:
         """The base where it was told to be though it is hidden; None where it is in sight, or unknown."""
         return self._told if self._is_hidden else None
 
-    def placed(self, poses: Mapping[str, PoseEstimate]) -> dict[str, PoseEstimate]:
-        """This frame's poses, the base's as it was told also where it is hidden."""
-        return dict(poses) if self._told is None else {**poses, self._told.part: self._told}
-
     def preferred(
         self, poses: Mapping[str, PoseEstimate], told: PoseEstimate | None, *, least: float
     ) -> dict[str, PoseEstimate]:

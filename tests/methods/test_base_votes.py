@@ -86,6 +86,8 @@ def test_a_base_that_nothing_shows_is_absent_and_known_again(toy) -> None:
     assert votes.told({}, JOINED, hidden(toy, true)) == {}
     assert votes.place is not None
     assert np.allclose(votes.place, true["base"])
+    assert votes.hidden is not None
+    assert np.allclose(votes.hidden.T_camera_part, true["base"])
     assert not votes.overruled
     votes.keep(None)
     block = {"block": estimate("block", true["block"])}
@@ -191,18 +193,6 @@ def test_a_base_that_was_never_seen_again_may_still_be_where_it_was(toy) -> None
     block = {"block": estimate("block", true["block"])}
     told = votes.told(block, JOINED, hidden(toy, true))["base"].T_camera_part
     assert np.allclose(told, true["base"])
-
-
-def test_a_hidden_base_is_placed_for_those_who_look_at_its_group(toy) -> None:
-    true = toy.poses(joined=True)
-    votes = votes_of(toy.assembly)
-    block = {"block": estimate("block", true["block"])}
-    assert votes.placed(block) == block
-    follow(votes, toy, true, JOINED)
-    assert votes.told({}, JOINED, hidden(toy, true)) == {}
-    placed = votes.placed(block)
-    assert np.allclose(placed["base"].T_camera_part, true["base"])
-    assert placed["block"] is block["block"]
 
 
 @pytest.mark.parametrize(
