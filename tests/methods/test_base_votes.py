@@ -89,10 +89,13 @@ def test_a_base_that_nothing_shows_is_absent_and_known_again(toy) -> None:
     assert votes.hidden is not None
     assert np.allclose(votes.hidden.T_camera_part, true["base"])
     assert not votes.overruled
-    votes.keep(None)
+    votes.keep(
+        estimate("base", true["base"], 0.1)
+    )  # what it is told with would fade from frame to frame
     block = {"block": estimate("block", true["block"])}
     told = votes.told(block, JOINED, hidden(toy, true))
     assert np.allclose(told["base"].T_camera_part, true["base"])
+    assert told["base"].score == 0.7
     assert told["block"] is block["block"]
 
 
