@@ -168,7 +168,7 @@ class AsdfPlus:
                 # A loose twin of what is joined there.
                 poses = scene.one_place.alone(poses, joined=scene.group.held)
         scene.mistaken.see(frame, poses)
-        votes.keep(poses.get(assembly.base))
+        votes.keep(poses.get(assembly.base) if votes.hidden is None else None)
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
         runtime = {**proposed.runtime, **timed.seconds}

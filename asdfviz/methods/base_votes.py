@@ -180,8 +180,7 @@ class BaseVotes:
     def keep(self, base: PoseEstimate | None) -> None:
         """Remember where the base turned out to be in this frame."""
         may_be = self.may_be
-        is_elsewhere = base is not None and may_be is not None and not may_be(base.T_camera_part)
-        if base is None or is_elsewhere or self._is_hidden:  # what is hidden tells nothing new
+        if base is None or (may_be is not None and not may_be(base.T_camera_part)):
             base = self._told
         if base is not None:
             self._last, self._still = base, 1.0 if self._is_backed else self._still
