@@ -89,9 +89,7 @@ def test_a_base_that_nothing_shows_is_absent_and_known_again(toy) -> None:
     assert votes.hidden is not None
     assert np.allclose(votes.hidden.T_camera_part, true["base"])
     assert not votes.overruled
-    votes.keep(
-        estimate("base", true["base"], 0.1)
-    )  # what it is told with would fade from frame to frame
+    votes.keep(None)
     block = {"block": estimate("block", true["block"])}
     told = votes.told(block, JOINED, hidden(toy, true))
     assert np.allclose(told["base"].T_camera_part, true["base"])
