@@ -221,8 +221,7 @@ class Asdf:
     def _propose(
         self, frame: Frame, timed: StageTimer, belief: Scores | None, rests: Rests | None = None
     ) -> FramePrediction:
-        config, scene = self._config, self._started()
-        self.looked_at = {}
+        config, scene, self.looked_at = self._config, self._started(), {}
         with timed("detect"):
             detections, found = scene.finder.find(frame)
             self.assigned = found
@@ -244,10 +243,11 @@ class Asdf:
             )
             scene.finder.keep(found)
             self._before = {name: self._remembered(pose) for name, pose in poses.items()}
-            poses = scene.votes.told(poses, belief, frame)
+            told = scene.votes.told(poses, belief, frame)
+            at = poses if config.own_looks else told
         with timed("state"):
-            self.looks = scene.looks.probabilities(detections, poses, frame)
-        return FramePrediction(frame.index, poses, None, detections, timed.seconds)
+            self.looks = scene.looks.probabilities(detections, at, frame)
+        return FramePrediction(frame.index, told, None, detections, timed.seconds)
 
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
         config, scene = self._config, self._started()

@@ -76,6 +76,8 @@ class AsdfConfig:
     """S_P: from part poses to probabilities."""
     base_votes: BaseVotesConfig = field(default_factory=BaseVotesConfig)
     """When the base is not where its own pose says."""
+    own_looks: bool = False
+    """Whether the base's own pose says where the group is looked at, wherever the base is told to be."""
     lately_loose: LatelyLooseConfig = field(default_factory=LatelyLooseConfig)
     """For how long what lay loose is not joined yet."""
     fusion: FusionConfig = field(default_factory=FusionConfig)

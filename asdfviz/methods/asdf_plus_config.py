@@ -38,6 +38,8 @@ class AsdfPlusConfig(AsdfConfig):
     """Of ASDF's own state, which is not asked here: no option, `smoothing` counts instead."""
     group: GroupConfig = field(init=False, default_factory=lambda: GroupConfig(enabled=False))
     """Of ASDF's own last step, which is not taken here: no option, `joined` counts instead."""
+    own_looks: bool = True
+    """Whether the base's own pose says where the group is looked at: what is told is hidden more often here."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """Six degrees of freedom from depth."""
     hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)
