@@ -156,9 +156,9 @@ class AsdfPlus:
             self._see_what_rests(poses, frame, scene)
             looks, rest = self._asdf.looks, scene.told.rest
             state = scene.followed.step(looks, poses, frame, first=told, rest=rest)
+        unfolded, hidden = scene.followed.unfolded, votes.hidden
         if config.joined.enabled:
             with timed("group"):
-                unfolded, hidden = scene.followed.unfolded, votes.hidden
                 base = hidden or scene.mistaken.doubted_base(frame, scene.followed.base)
                 poses = scene.group.step(poses, unfolded, frame, base=base, may_be=votes.may_be)
                 if hidden is None:
@@ -168,7 +168,7 @@ class AsdfPlus:
                 # A loose twin of what is joined there.
                 poses = scene.one_place.alone(poses, joined=scene.group.held)
         scene.mistaken.see(frame, poses)
-        votes.keep(poses.get(assembly.base) if votes.hidden is None else None)
+        votes.keep(poses.get(assembly.base) if hidden is None else None)
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
         runtime = {**proposed.runtime, **timed.seconds}

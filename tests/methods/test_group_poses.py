@@ -17,16 +17,19 @@ def estimate(name: str, T_camera_part: np.ndarray) -> PoseEstimate:
     return PoseEstimate(name, T_camera_part, 0.7, "refined")
 
 
+def group_of(toy, config: GroupConfig) -> GroupPoses:
+    shapes = part_shapes(toy.assembly, surface_points=900)
+    return GroupPoses(toy.assembly, shapes, config=config)
+
+
 @pytest.fixture
 def group(toy) -> GroupPoses:
-    shapes = part_shapes(toy.assembly, surface_points=900)
-    return GroupPoses(toy.assembly, shapes, config=GroupConfig())
+    return group_of(toy, GroupConfig())
 
 
 def careful(toy) -> GroupPoses:
     """Settled by hardly any state."""
-    shapes = part_shapes(toy.assembly, surface_points=900)
-    return GroupPoses(toy.assembly, shapes, config=GroupConfig(settled=0.95))
+    return group_of(toy, GroupConfig(settled=0.95))
 
 
 SURE = StateEstimate(np.array([0.05, 0.95]))
@@ -76,22 +79,18 @@ def test_a_wrong_pose_yields_and_a_right_one_stays(toy, group) -> None:
     assert {pose.stage for pose in kept.values()} == {"refined"}
 
 
-def behind_board(toy, true: Mapping[str, np.ndarray]) -> Frame:
-    """A board before the block, with the base in view beside it."""
-    block = toy.depth({"block": true["block"]}) < 0.74
+def behind_board(toy, true: Mapping[str, np.ndarray], name: str = "block") -> Frame:
+    """A board before one part, with the other one in view beside it."""
+    board = toy.depth({name: true[name]}) < 0.74
     frame = toy.frame(1, true)
-    return replace(frame, depth=np.where(block, np.float32(0.3), frame.depth))
+    return replace(frame, depth=np.where(board, np.float32(0.3), frame.depth))
 
 
 @pytest.mark.parametrize("hidden", [0.4, 0.0])
 def test_what_hides_a_place_does_not_speak_against_it(toy, hidden: float) -> None:
     true = toy.poses(joined=True)
-    group = GroupPoses(
-        toy.assembly,
-        part_shapes(toy.assembly, surface_points=900),
-        config=GroupConfig(hidden=hidden),
-    )
-    found = group.step({"base": estimate("base", true["base"])}, SURE, behind_board(toy, true))
+    base = {"base": estimate("base", true["base"])}
+    found = group_of(toy, GroupConfig(hidden=hidden)).step(base, SURE, behind_board(toy, true))
     assert ("block" in found) == (hidden > 0)
     if hidden > 0:
         assert np.allclose(found["block"].T_camera_part, true["block"])
@@ -100,15 +99,10 @@ def test_what_hides_a_place_does_not_speak_against_it(toy, hidden: float) -> Non
 @pytest.mark.parametrize("hidden", [0.4, 0.0])
 def test_a_hidden_base_is_where_others_tell_it_to_be(toy, hidden: float) -> None:
     true = toy.poses(joined=True)
-    group = GroupPoses(
-        toy.assembly,
-        part_shapes(toy.assembly, surface_points=900),
-        config=GroupConfig(hidden=hidden),
+    block = {"block": estimate("block", true["block"])}
+    found = group_of(toy, GroupConfig(hidden=hidden)).step(
+        block, SURE, behind_board(toy, true, "base")
     )
-    base = toy.depth({"base": true["base"]}) < 0.74
-    frame = toy.frame(1, true)
-    frame = replace(frame, depth=np.where(base, np.float32(0.3), frame.depth))
-    found = group.step({"block": estimate("block", true["block"])}, SURE, frame)
     assert ("base" in found) == (hidden > 0)
     if hidden > 0:
         assert np.allclose(found["base"].T_camera_part, true["base"])
