@@ -263,14 +263,14 @@ class AsdfPlus:
         scene: _Scene,
     ) -> dict[str, PoseEstimate]:
         """The decided poses and how sure they are; of two parts in one place, the surer one."""
-        found = self._asdf.assigned
-        poses: dict[str, PoseEstimate] = {}
+        found, poses = self._asdf.assigned, dict[str, PoseEstimate]()
         for name, decision in decided.items():
             own, fit = proposed.poses.get(name), fits.get(name)
             sure = pose_confidence(
                 decision,
                 found[name].score if name in found else None,
                 None if fit is None else fit.sure,
+                loose=name not in scene.group.held,
                 config=self._config.confidence,
             )
             stage = own.stage if frame.depth is None and own is not None else "refined"

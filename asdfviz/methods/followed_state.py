@@ -158,9 +158,12 @@ class FollowedState:
         base = self._fits.base or poses.get(self._unfolded.base)
         near = {} if base is None else self._fits.near.loose(base.T_camera_part, poses)
         stands = self._place_looks.step(base, poses, before, frame, without=near)
-        loose = self._loose.step(base, witnesses, frame, rest=rest, shown_px=self._fits.shown_px)
         seen = witnesses if base is None else {**witnesses, self._unfolded.base: base}
         lately = self._lately.step(seen, self._states.belief)
+        shown_px, step_frames = self._fits.shown_px, self._lately.step_frames
+        loose = self._loose.step(
+            base, witnesses, frame, rest=rest, shown_px=shown_px, step_frames=step_frames
+        )
         stands = agreed(agreed(stands, loose), lately)
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)
         if belief is None:

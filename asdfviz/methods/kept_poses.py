@@ -201,7 +201,12 @@ class Decision:
 
 
 def pose_confidence(
-    decision: Decision, score: float | None, contours: float | None, *, config: ConfidenceConfig
+    decision: Decision,
+    score: float | None,
+    contours: float | None,
+    *,
+    loose: bool,
+    config: ConfidenceConfig,
 ) -> float:
     """Probability that a decided pose is right.
 
@@ -209,6 +214,7 @@ def pose_confidence(
         decision: the pose and what speaks for it.
         score: of the detected box, None without.
         contours: confidence by them, None where they were not asked.
+        loose: whether nothing holds the part.
         config: weights.
     """
     best = decision.best
@@ -220,5 +226,6 @@ def pose_confidence(
         outline=best.evidence.outline,
         detection=score,
         contours=contours,
+        missed=loose and score is None and best.evidence.visible > config.plain,
         config=config,
     )

@@ -30,7 +30,10 @@ class LooseConfig:
     enough: int = 10
     """Frames in which it must have been found, or have lain in one place, before it says anything."""
     wait: int = 10
-    """Frames for which it may be gone in a hand."""
+    """Frames for which it may be gone in a hand at least,"""
+    carried: float = 0.5
+    """and for so much of the time of a step, as the sequence itself tells it, if it was taken from where
+    it lay: what was last seen on its way has only the rest of that before it."""
     gain: float = 0.5
     """Log odds of being joined for each frame more,"""
     most: float = 4.0
@@ -44,7 +47,7 @@ class LooseConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        least = min(self.gain, self.most, self.there, self.small_px, self.blurred_px)
+        least = min(self.gain, self.most, self.there, self.carried, self.small_px, self.blurred_px)
         if min(self.enough, self.wait, self.empty) < 1 or least < 0:
             raise MethodError(
                 f"loose.enough is {self.enough}, wait {self.wait}, empty {self.empty}, gain {self.gain:g}, most "

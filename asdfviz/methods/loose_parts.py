@@ -37,6 +37,8 @@ class _Spot:
     """In which one was there."""
     is_seen: bool = False
     """In the last frame."""
+    last: int = 0
+    """The last of them, by number."""
     empty: int = 0
     """In how many frames since it was seen to be gone from there."""
 
@@ -53,7 +55,15 @@ class _Kind:
     found: list[int]
     """In how many frames one or more, two or more, ... were found loose,"""
     gone: list[int]
-    """and for how many they have not been since."""
+    """for how many they have not been since,"""
+    last: list[int]
+    """in which they were last, by number,"""
+    left: list[float]
+    """and what share of the way to a place what is missing since then had left."""
+    ways: list[float] = field(default_factory=list[float])
+    """Of those that were found loose in the last frame, how far they were from any place, metres,"""
+    far: float = 0.0
+    """and how far one ever was."""
     spots: list[_Spot] = field(default_factory=list[_Spot])
 
 
@@ -81,6 +91,7 @@ class LooseParts:
         groups = [tuple(n for n in names if n != assembly.base) for names in twin_groups(assembly)]
         self._spots = JoinedSpots(assembly)
         self._T_stage_base: Transform | None = None
+        self._frames, self._step_frames = 0, 0.0
         self._kinds = [_kind(assembly, names, self._spots) for names in groups if names]
 
     def step(
@@ -91,6 +102,7 @@ class LooseParts:
         *,
         rest: AtRest,
         shown_px: Callable[[str, State], float],
+        step_frames: float = 0.0,
     ) -> Scores | None:
         """Probability of every state by what lies loose; None where that says nothing.
 
@@ -100,18 +112,21 @@ class LooseParts:
             frame: with depth, or nothing is said.
             rest: what lies still, and how the camera moves; it has seen this frame.
             shown_px: in how many pixels a part shows where a state joins it.
+            step_frames: how long a step takes, frames.
         """
+        self._step_frames = step_frames
         if base is not None:
             self._T_stage_base = inverse(rest.T_camera_stage) @ base.T_camera_part
         if not self._config.enabled or self._T_stage_base is None or frame.depth is None:
             return None
+        self._frames += 1
         T_camera_base = rest.T_camera_stage @ self._T_stage_base
         against = np.zeros(len(self._assembly.states))
-        for kind in self._kinds:
-            if kind.places:
-                there = self._count(kind, T_camera_base, poses, frame, rest)
-                is_small = partial(self._is_small, kind, T_camera_base, frame, rest)
-                against += self._against(kind, there, is_small, shown_px)
+        kinds = [kind for kind in self._kinds if kind.places]
+        lying = [self._count(kind, T_camera_base, poses, frame, rest) for kind in kinds]
+        for kind, there in zip(kinds, lying, strict=True):
+            is_small = partial(self._is_small, kind, T_camera_base, frame, rest)
+            against += self._against(kind, there, is_small, shown_px)
         if not against.any():
             return None
         scores = np.exp(against.min() - against)
@@ -136,29 +151,38 @@ class LooseParts:
         middle = self._assembly.parts[kind.names[0]].middle
         T_stage_camera = inverse(rest.T_camera_stage)
         found = [poses[name] for name in kind.names if name in poses]
-        away = [pose for pose in found if self._is_away(pose, T_camera_base)]
+        ways = [(pose, self._way(pose, T_camera_base)) for pose in found]
+        away = [(pose, way) for pose, way in ways if way > self._config.away]
+        sure = [(p, way) for p, way in away if rest.lies(p.part) or not rest.is_shaken]
         loose = [
             (apply_to_point(T_stage_camera @ pose.T_camera_part, middle), pose.score)
-            for pose in away
-            if rest.lies(pose.part) or not rest.is_shaken
+            for pose, _ in sure
         ]
         there = self._lying(kind, loose)
+        self._note_ways(kind, [way for _, way in sure])
         hidden = self._hidden(kind, frame, rest)
         for k in range(len(kind.names)):
             if len(loose) > k:
                 kind.found[k] += 1
-                kind.gone[k] = 0
+                kind.gone[k], kind.last[k] = 0, self._frames
             elif len(away) + hidden <= k:
                 kind.gone[k] += 1
         return there
 
-    def _is_away(self, pose: PoseEstimate, T_camera_base: Transform) -> bool:
-        config, T = self._config, pose.T_camera_part
-        return (
-            pose.score >= config.found
-            and pose.stage != "group"
-            and self._spots.distance(pose.part, T, T_camera_base) > config.away
-        )
+    def _way(self, pose: PoseEstimate, T_camera_base: Transform) -> float:
+        """How far a part is from all places, metres; 0 where its pose does not say so."""
+        if pose.score < self._config.found or pose.stage == "group":
+            return 0.0
+        return self._spots.distance(pose.part, pose.T_camera_part, T_camera_base)
+
+    def _note_ways(self, kind: _Kind, ways: list[float]) -> None:
+        """Note how far those are that were found loose, and how far one was that no longer is."""
+        if len(ways) < len(kind.ways):
+            lay = any(not s.is_seen and s.last == self._frames - 1 for s in kind.spots)
+            # One that was taken from where it lay has all of its way before it.
+            left = 1.0 if lay else min(kind.ways) / kind.far
+            kind.left[len(ways) : len(kind.ways)] = [left] * (len(kind.ways) - len(ways))
+        kind.ways, kind.far = ways, max(kind.far, *ways, 0.0)
 
     def _lying(self, kind: _Kind, loose: Sequence[tuple[Vector, float]]) -> int:
         """How many surely lie where they lay, each in a spot of its own; notes where all of them are."""
@@ -173,7 +197,9 @@ class LooseParts:
                 known[i] = _Spot(point)
                 kind.spots.append(known[i])
             spot = known[i]
-            spot.middle, spot.is_seen, spot.frames, spot.empty = point, True, spot.frames + 1, 0
+            spot.is_seen, spot.frames, spot.empty = True, spot.frames + 1, 0
+            spot.middle = spot.middle + (point - spot.middle) / min(spot.frames, config.enough)
+            spot.last = self._frames
             there += score >= config.sure and spot.frames >= config.enough
         kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= config.enough]
         return there
@@ -194,15 +220,35 @@ class LooseParts:
             shown_px: and in how many pixels one does in a state.
         """
         config, most = self._config, [0.0]
-        for loose, (found, gone) in enumerate(zip(kind.found, kind.gone, strict=True)):
-            told, is_long = 0.0, gone > config.wait and found >= config.enough
+        for loose, found in enumerate(kind.found):
+            told, frames = 0.0, self._waited(kind, loose)
+            is_long = frames > 0 and found >= config.enough
             if is_long and (is_small() or self._hides(kind, loose, shown_px)):
-                told = min(config.gain * (gone - config.wait), config.most)
+                told = min(config.gain * frames, config.most)
             # Where not even one is found, two are not either.
             most.append(max(told, most[-1]))
         return np.array(
             [most[loose] + config.there * max(there - loose, 0) for loose in kind.loose]
         )
+
+    def _waited(self, kind: _Kind, k: int) -> float:
+        """For how many frames the part of number k has been gone for longer than a hand carries it.
+
+        A hand carries one after the other: what was gone before another one was taken is in its place.
+        """
+        gone, last, config = kind.gone[k], kind.last[k], self._config
+        later = [
+            spot.empty
+            for other in self._kinds
+            for spot in other.spots
+            if not spot.is_seen
+            and spot.frames >= config.enough
+            and spot.empty >= config.empty
+            and spot.last > last + config.empty
+        ]
+        least = gone - config.wait
+        carried = config.carried * self._step_frames * kind.left[k]
+        return min(float(least), max(gone - carried, float(max(later, default=0))))
 
     def _hides(self, kind: _Kind, loose: int, shown_px: Callable[[str, State], float]) -> bool:
         """Whether the joined ones show nowhere in the states that leave so many loose."""
@@ -240,6 +286,6 @@ class LooseParts:
 
 def _kind(assembly: Assembly, names: tuple[str, ...], spots: JoinedSpots) -> _Kind:
     places = tuple(T for name in names for T in spots.places.get(name, ()))
-    return _Kind(
-        names, loose_in_states(assembly, names), places, [0] * len(names), [0] * len(names)
-    )
+    loose, none = loose_in_states(assembly, names), [0] * len(names)
+    left = [1.0] * len(names)
+    return _Kind(names, loose, places, none.copy(), none.copy(), none.copy(), left)

@@ -280,7 +280,7 @@ class PartHypotheses:
         best, rival = self._kept[0], self._kept[1] if len(self._kept) > 1 else None
         if box_xyxy is None and best.evidence.depth < self._config.unseen:
             return None
-        return Decision(best, best.trust - (0.0 if rival is None else rival.trust), rival)
+        return Decision(best, best.trust - max(0.0, rival.trust if rival else 0.0), rival)
 
     def _is_same(self, T_a: Transform, T_b: Transform) -> bool:
         apart = (T_a - T_b)[:3] @ self._middle

@@ -217,6 +217,8 @@ def _beyond_asdf_plus() -> list[Variant]:
         "depth alone over time": replace(plus, hypotheses=deaf),
         "what rests looked at too": replace(plus, hypotheses=restless),
         "held parts believed": replace(plus, confidence=replace(plus.confidence, elsewhere=0.0)),
+        "missed parts believed": replace(plus, confidence=replace(plus.confidence, missed=0.0)),
+        "hands as fast as ever": replace(plus, loose=LooseConfig(carried=0.0)),
         "like things anywhere": replace(plus, still_there=StillThereConfig(enabled=False)),
         "what lay loose forgotten": replace(plus, lately_loose=FORGOTTEN),
         "hidden parts not placed": replace(plus, joined=UNHIDDEN),

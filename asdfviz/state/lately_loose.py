@@ -102,6 +102,7 @@ class LatelyLoose:
 
     def __init__(self, assembly: Assembly, *, config: LatelyLooseConfig) -> None:
         self._assembly, self._config, self._frames = assembly, config, 0
+        self._step_frames = config.step_frames
         self._spots = JoinedSpots(assembly)
         groups = (
             tuple(n for n in names if n in self._spots.places) for names in twin_groups(assembly)
@@ -111,6 +112,11 @@ class LatelyLoose:
             for names in groups
             if names
         ]
+
+    @property
+    def step_frames(self) -> float:
+        """How long a step takes by what the sequence showed so far, frames."""
+        return self._step_frames
 
     def step(self, poses: Mapping[str, PoseEstimate], belief: Scores | None) -> Scores | None:
         """Take in the poses of one frame.
@@ -122,9 +128,10 @@ class LatelyLoose:
         Returns:
             How likely the states are by this alone; None where all are as likely.
         """
+        self._step_frames = self._told(belief)
         if not self._config.enabled:
             return None
-        share = self._arriving(belief)
+        share = min(self._config.arrives / self._step_frames, MOST_ARRIVING)
         chances = np.ones(len(self._assembly.states))
         for kind in self._kinds:
             self._count(kind, self._away(kind, poses), share)
@@ -133,13 +140,13 @@ class LatelyLoose:
             np.minimum(chances, most[list(kind.loose)], out=chances)
         return chances / chances.sum() if np.ptp(chances) > 0 else None
 
-    def _arriving(self, belief: Scores | None) -> float:
-        """Share of the unseen parts that get to their places in this frame; counts the frame."""
+    def _told(self, belief: Scores | None) -> float:
+        """How long a step takes, frames; counts this one."""
         config = self._config
         reached = 0 if belief is None else self._assembly.states[int(belief.argmax())].completed
         steps, frames = config.steps + reached, config.steps * config.step_frames + self._frames
         self._frames += 1
-        return min(config.arrives * steps / frames, MOST_ARRIVING)
+        return frames / steps
 
     def _away(self, kind: _Kind, poses: Mapping[str, PoseEstimate]) -> list[float]:
         """Of those that were found, how far each is from all places, metres."""

@@ -70,6 +70,7 @@ def counted(pinned: Assembly, toy):
         rest: AtRest | None = None,
         shows: Callable[[str, State], float] = everything,
         loses_base: bool = False,
+        step_frames: float = 0.0,
         **options,
     ) -> np.ndarray | None:
         rest = rest or rest_of(pinned)
@@ -87,7 +88,9 @@ def counted(pinned: Assembly, toy):
                 frame = replace(frame, depth=np.full_like(frame.depth, 0.4))
             for _ in range(frames):
                 known = None if loses_base and number else base
-                told = loose.step(known, poses, frame, rest=rest, shown_px=shows)
+                told = loose.step(
+                    known, poses, frame, rest=rest, shown_px=shows, step_frames=step_frames
+                )
         return told
 
     return make
@@ -118,6 +121,45 @@ def test_a_pin_that_is_gone_for_longer_than_a_hand_takes_is_joined(counted) -> N
     assert told[1] == pytest.approx(told[2])
     long = counted((SPOTS, 5), ([], 100), most=4.0)
     assert np.log(long[2] / long) == pytest.approx([4.0, 4.0, 0.0])
+
+
+def test_a_hand_carries_for_a_part_of_the_time_of_a_step(counted) -> None:
+    def gone(frames: int, step_frames: float) -> np.ndarray | None:
+        taken = (SPOTS, 5), ([], frames)
+        return counted(*taken, carried=0.5, gain=0.5, there=0.0, step_frames=step_frames)
+
+    assert gone(20, 40.0) is None
+    told = gone(22, 40.0)
+    assert told is not None
+    assert np.log(told[2] / told) == pytest.approx([1.0, 1.0, 0.0])
+    assert gone(5, 2.0) is not None  # `wait` is the least
+
+
+def test_what_was_last_seen_on_its_way_has_only_the_rest_of_it_before_it(counted) -> None:
+    hole, taken = BASE @ HOLES[1], SPOTS[1]
+    on_its_way = [([SPOTS[0], taken + share * (hole - taken)], 1) for share in (0.25, 0.5, 0.75)]
+
+    def gone(frames: int) -> np.ndarray | None:
+        shown = (SPOTS, 5), *on_its_way, (SPOTS[:1], frames)
+        return counted(*shown, carried=1.0, gain=0.5, there=0.0, step_frames=40.0)
+
+    assert gone(10) is None
+    told = gone(12)
+    assert told is not None
+    assert np.log(told[1] / told) == pytest.approx([1.0, 0.0, 0.0])
+
+
+def test_what_was_gone_before_a_hand_took_another_one_is_in_its_place(counted) -> None:
+    def taken(first: int, second: int) -> np.ndarray | None:
+        frames = (SPOTS, 5), (SPOTS[:1], first), ([], second)
+        return counted(*frames, empty=4, gain=0.5, there=0.0, carried=1.0, step_frames=100.0)
+
+    assert taken(50, 0) is None
+    assert taken(50, 3) is None  # may be missed for a moment
+    told = taken(50, 4)
+    assert told is not None
+    assert np.log(told[1] / told) == pytest.approx([2.0, 0.0, 0.0])
+    assert taken(4, 20) is None  # both together: no matter which came first
 
 
 @pytest.mark.parametrize("seen_empty", [3, 4])
@@ -207,7 +249,9 @@ def test_without_base_or_depth_nothing_is_said(pinned: Assembly, toy) -> None:
     assert off.step(base, {}, toy.frame(0, {}), rest=rest_of(pinned), shown_px=everything) is None
 
 
-@pytest.mark.parametrize("wrong", [{"wait": 0}, {"enough": 0}, {"gain": -1.0}, {"there": -0.1}])
+@pytest.mark.parametrize(
+    "wrong", [{"wait": 0}, {"enough": 0}, {"gain": -1.0}, {"there": -0.1}, {"carried": -0.1}]
+)
 def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match=r"loose\."):
         LooseConfig(**wrong)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -51,7 +53,7 @@ WITNESSES = ("trust", "lead", "agreeing", "liked", "outline", "detection", "cont
 
 @pytest.mark.parametrize("better", WITNESSES)
 def test_what_speaks_for_a_pose_makes_it_surer(better: str) -> None:
-    seen = dict.fromkeys(WITNESSES, 0.5)
+    seen: dict[str, Any] = dict.fromkeys(WITNESSES, 0.5)
     config = ConfidenceConfig(
         bias=-2.0, undetected=0.25, unsettled=0.5, **dict.fromkeys(WITNESSES, 1.0)
     )
@@ -61,6 +63,9 @@ def test_what_speaks_for_a_pose_makes_it_surer(better: str) -> None:
     assert before == pytest.approx(1 / (1 + np.exp(2 - 3.5)))
     unseen = confidence(**{**seen, "detection": None}, config=config)
     assert unseen == pytest.approx(1 / (1 + np.exp(2 - 2.5 - 0.25)))  # its outline says nothing
+    assert confidence(**seen, missed=True, config=config) == before  # it has a box
+    missed = confidence(**{**seen, "detection": None}, missed=True, config=config)
+    assert missed == pytest.approx(1 / (1 + np.exp(2 - 2.5 - 0.25 + config.missed)))
     unsettled = confidence(**{**seen, "contours": None}, config=config)
     assert unsettled == pytest.approx(1 / (1 + np.exp(2 - 3.0 - 0.5)))
 
