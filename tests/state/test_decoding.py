@@ -17,7 +17,7 @@ def clamp() -> Assembly:
     return load_assembly("corner_clamp")
 
 
-def test_what_a_hand_hides_is_done_in_the_middle_of_it(clamp: Assembly) -> None:
+def test_what_a_hand_hides_is_done_towards_its_end(clamp: Assembly) -> None:
     """Nothing tells whether the jaw is in, a hint in one frame does not either."""
     early, hidden, done = (np.full(4, 0.02) for _ in range(3))
     early[0] = done[1] = 0.9
@@ -26,7 +26,8 @@ def test_what_a_hand_hides_is_done_in_the_middle_of_it(clamp: Assembly) -> None:
     path = most_likely_path(seen, seen, clamp)
     assert path is not None
     assert path == sorted(path)
-    assert abs(path.index(1) - 15) <= 1  # it arrives in one of ten frames, and is in from the next
+    # It arrives in one of ten frames, and is in from the next: four in five of them are over by then.
+    assert abs(path.index(1) - 18) <= 1
 
 
 def test_a_state_is_told_for_a_frame_at_least(clamp: Assembly) -> None:

@@ -64,7 +64,7 @@ def test_offline_mends_what_is_late_online_or_seen_wrongly_for_a_while() -> None
     ways = HalfDone.of(load_assembly("geared_caliper"))
     seen = [None, None, *[0] * 12, *[1] * 5, *[0] * 10, *[1] * 12]
     truth = [0] * 30 + [1] * 11  # the part arrives in the frame before
-    said = followed(ways, seen, by=5.0)
+    said = followed(ways, seen, by=10.0)
     kept = FollowedTerms.of(said, ways, config=FOLLOWED)
     assert kept is not None
     online = [None if one is None else one.index for one in said]
