@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from asdfviz.datatypes import Joint, State
+from asdfviz.datatypes import Assembly, Joint, State
 from asdfviz.geometry.shapes import Rotation, Transform
 from asdfviz.geometry.transforms import rotation_about, transform_from
 
@@ -57,6 +57,14 @@ def joined_poses(
             motions[key] = _motion(joint, travel, rng, 0.0 if _held(joint) in kept else spread)
         poses[name] = motions[key] @ T_base_part
     return poses
+
+
+def held_with(assembly: Assembly, still: Collection[str]) -> frozenset[str]:
+    """Parts that stay in their nominal poses with others, in any state, if these do: a state that does not
+    have the one that is stuck yet must have its companions where the later ones have them."""
+    joints = [(n, joint) for state in assembly.states for n, joint in state.joints.items()]
+    held = {_held(joint) for name, joint in joints if name in still}
+    return frozenset(still) | {name for name, joint in joints if _held(joint) in held}
 
 
 def _line(joint: Joint) -> tuple[object, ...]:

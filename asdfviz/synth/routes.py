@@ -20,7 +20,7 @@ from asdfviz.geometry.transforms import (
 from asdfviz.pose.resting import RestingFace, footprint, overlap
 from asdfviz.synth.assets import Cloud
 from asdfviz.synth.grasping import Grip, arm_outline, hand_points, scaled
-from asdfviz.synth.joint_motion import joined_poses, random_rotation
+from asdfviz.synth.joint_motion import held_with, joined_poses, random_rotation
 from asdfviz.synth.layout import Outfit, turn_z
 from asdfviz.synth.motion import blend, moved
 from asdfviz.synth.penetration import Solid
@@ -151,6 +151,7 @@ def free_targets(
     poses, but for a fraction of a millimetre (threads that slide unturned). Joints of the parts in
     `still` keep their nominal places, and so does what is linked with them.
     """
+    still = held_with(assembly, still)
     nominal = _depths(assembly, solids, {s.index: s.T_base_part for s in assembly.states})
     for spread in (0.8, 0.5, 0.25, 0.1):
         targets = {
