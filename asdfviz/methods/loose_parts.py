@@ -8,6 +8,7 @@ what still lies there is not, whatever its place in the group looks like.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -179,8 +180,9 @@ class LooseParts:
         """Note how far those are that were found loose, and how far one was that no longer is."""
         if len(ways) < len(kind.ways):
             lay = any(not s.is_seen and s.last == self._frames - 1 for s in kind.spots)
-            # One that was taken from where it lay has all of its way before it.
-            left = 1.0 if lay else min(kind.ways) / kind.far
+            # One that was taken from where it lay has all of its way before it; one that is never joined
+            # has no end of it.
+            left = 1.0 if lay or math.isinf(kind.far) else min(kind.ways) / kind.far
             kind.left[len(ways) : len(kind.ways)] = [left] * (len(kind.ways) - len(ways))
         kind.ways, kind.far = ways, max(kind.far, *ways, 0.0)
 

@@ -149,6 +149,27 @@ def test_what_was_last_seen_on_its_way_has_only_the_rest_of_it_before_it(counted
     assert np.log(told[1] / told) == pytest.approx([1.0, 0.0, 0.0])
 
 
+def test_a_twin_that_no_state_joins_has_no_way_to_go(pinned: Assembly, toy) -> None:
+    states = tuple(
+        replace(s, T_base_part={n: T for n, T in s.T_base_part.items() if n != PINS[1]})
+        for s in pinned.states[:2]
+    )
+    spare = replace(pinned, states=states, transitions=frozenset({(0, 1)}))
+    config = LooseConfig(small_px=50.0, enough=4, wait=3, carried=1.0, gain=0.5, there=0.0)
+    loose = LooseParts(spare, part_shapes(spare, surface_points=200), config=config)
+    base, frame, rest = PoseEstimate("base", BASE, 1.0, "refined"), toy.frame(0, {}), rest_of(spare)
+    found = {n: PoseEstimate(n, T, 0.9, "refined") for n, T in zip(PINS, SPOTS, strict=True)}
+    told: list[np.ndarray | None] = []
+    for poses in [found] * 5 + [{PINS[1]: found[PINS[1]]}] * 12:
+        told.append(
+            loose.step(base, poses, frame, rest=rest, shown_px=everything, step_frames=10.0)
+        )
+    assert told[14] is None
+    assert told[16] is not None
+    assert np.isfinite(told[16]).all()
+    assert told[16][1] > told[16][0]
+
+
 def test_what_was_gone_before_a_hand_took_another_one_is_in_its_place(counted) -> None:
     def taken(first: int, second: int) -> np.ndarray | None:
         frames = (SPOTS, 5), (SPOTS[:1], first), ([], second)
