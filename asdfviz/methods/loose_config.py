@@ -51,6 +51,6 @@ class LooseConfig:
         if min(self.enough, self.wait, self.empty) < 1 or least < 0:
             raise MethodError(
                 f"loose.enough is {self.enough}, wait {self.wait}, empty {self.empty}, gain {self.gain:g}, most "
-                f"{self.most:g}, there {self.there:g}, small_px {self.small_px:g} and blurred_px "
-                f"{self.blurred_px:g}: enough, wait and empty must be 1 or more, the others 0 or more"
+                f"{self.most:g}, carried {self.carried:g}, there {self.there:g}, small_px {self.small_px:g} "
+                f"and blurred_px {self.blurred_px:g}: enough, wait and empty must be 1 or more, the others 0 or more"
             )
