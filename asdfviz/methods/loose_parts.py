@@ -243,10 +243,7 @@ class LooseParts:
             spot.empty
             for other in self._kinds
             for spot in other.spots
-            if not spot.is_seen
-            and spot.frames >= config.enough
-            and spot.empty >= config.empty
-            and spot.last > last + config.empty
+            if spot.empty >= config.empty and spot.last > last + config.empty
         ]
         least = gone - config.wait
         carried = config.carried * self._step_frames * kind.left[k]

@@ -143,7 +143,7 @@ def _moving(
 
 
 def _placed(order: Sequence[int], belief: Mapping[int, Float64[np.ndarray, "frames"]]) -> list[int]:
-    """The states in this order, each for a frame at least, so that least frames are wrong by expectation.
+    """The states in this order, each for a frame at least, so that the fewest frames are wrong by expectation.
 
     Args:
         order: one after the other.
