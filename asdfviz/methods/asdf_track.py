@@ -28,7 +28,7 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
-from asdfviz.methods.doubts import doubted
+from asdfviz.methods.doubts import contested, doubted
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.found_elsewhere import against_held, names_of_loose
 from asdfviz.methods.hidden_parts import sure_as_it_lay, sure_as_the_base
@@ -184,7 +184,8 @@ class AsdfTrack:
             base=assembly.base,
             share=config.refind.hidden,
         )
-        return sure_enough(poses, config.least_score)
+        told = sure_enough(poses, config.least_score)
+        return contested(told, scene.parts.checks.contested(), config=config.doubt)
 
     def _proposals(
         self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene

@@ -90,7 +90,7 @@ class AsdfTrackConfig(AsdfConfig):
     """What evidence the tracker uses, and how."""
     refind: RefindConfig = field(default_factory=RefindConfig)
     """From where parts are looked for."""
-    turns: TurnConfig = field(default_factory=TurnConfig)
+    turns: TurnConfig = field(default_factory=lambda: TurnConfig(lead_seen=0.2, near=0.1, was=0.1))
     """How it is told over time that a part is turned otherwise."""
     still_there: StillThereConfig = field(default_factory=StillThereConfig)
     """How a thing that lay there all along is told from a part that came to lie there."""

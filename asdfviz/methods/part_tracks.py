@@ -73,7 +73,7 @@ class PartTracks:
         self._one_place = OnePlace(assembly)
         self._own = own
         self._base = base or TrackedBase(assembly.base, None)
-        self._checks = TurnChecks(assembly.parts, self.bodies, config=turns, smear=smear)
+        self.checks = TurnChecks(assembly.parts, self.bodies, config=turns, smear=smear)
         self._frames = 0
 
     def refind(
@@ -98,11 +98,11 @@ class PartTracks:
             self.tracks[name].support.fade(self._config.support)
             if name in proposed:
                 self._believe_the_detector(name, frame, proposed[name], looked_at.get(name))
-            self._checks.around = self._surely_there()
+            self.checks.around = self._surely_there()
             self._look_for(name, frame, proposed.get(name), looked_at.get(name), state)
-        poses, self._checks.around = self.tracker.poses, self._surely_there()
+        poses, self.checks.around = self.tracker.poses, self._surely_there()
         free = {name: poses[name] for name, track in self.tracks.items() if track.explore}
-        turned = self._checks.step(frame, self.tracker, free, looked_at)
+        turned = self.checks.step(frame, self.tracker, free, looked_at)
         self.tracker.replace(frame, turned)
         for name in turned:
             self.tracks[name].rival = None
@@ -184,7 +184,7 @@ class PartTracks:
 
     def rename(self, frame: Frame, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
-        self._checks.rename(names)
+        self.checks.rename(names)
         poses = renamed({n: T for n, T in self.tracker.poses.items() if n in names}, names)
         if not poses:
             return
@@ -233,7 +233,7 @@ class PartTracks:
         best = carried = max(on, key=attrgetter("score"))
         starts = self._joined_places(name, track, state)
         starts += jumps(track, proposal, look, centre=balance, frames=self._frames, config=config)
-        allows = partial(self._checks.allows, frame, name, best.T_camera_part)
+        allows = partial(self.checks.allows, frame, name, best.T_camera_part)
         starts = [T for T in starts if allows(T) and self._base.may_be(name, T)]
         starts = distinct(starts, centre=centre, known=[best.T_camera_part])
         rough = tracker.trials(frame, name, starts, rounds=config.rough_rounds)
@@ -242,7 +242,7 @@ class PartTracks:
         rough = sorted(rough, key=value, reverse=True)[: config.kept]
         promising = [t.T_camera_part for t in rough if value(t) > value(best) - config.doubt]
         seen = () if proposal is None else (proposal.T_camera_part,)
-        promising += [T for T in seen if self._checks.is_turn(name, best.T_camera_part, T)]
+        promising += [T for T in seen if self.checks.is_turn(name, best.T_camera_part, T)]
         settled = [t for t in tracker.trials(frame, name, promising) if allows(t.T_camera_part)]
         if self._own is not None:
             other = partial(self._own.is_other, frame, name, T_last=track.T_now)
@@ -250,7 +250,7 @@ class PartTracks:
         best = decided(track, best, settled, ahead)
         if track.rival is not None and track.explore:
             start = best.T_camera_part @ track.rival.T_track_rival
-            if self._checks.allows(frame, name, best.T_camera_part, start):
+            if self.checks.allows(frame, name, best.T_camera_part, start):
                 trial = tracker.trials(frame, name, [start])[0]
                 best = believed(track, track.rival, best, trial, ahead, config=config)
         tracker.replace(frame, {name: best.T_camera_part})
@@ -280,7 +280,7 @@ class PartTracks:
         visible = min(now.evidence.visible, other.evidence.visible)
         if not self.tracks[name].joined and visible >= LEAST_VISIBLE:
             T_now, T_other = now.T_camera_part, other.T_camera_part
-            looks = self._checks.in_favour(frame, name, T_now, T_other)
+            looks = self.checks.in_favour(frame, name, T_now, T_other)
         if looks is not None and looks > self._config.plainly:
             return looks, True
         is_clear = other.score - now.score > self._config.margin

@@ -30,8 +30,9 @@ from asdfviz.track.bodies import Body
 from asdfviz.track.starts import Trial
 from asdfviz.track.tracker import Tracker
 
-Ahead: TypeAlias = Callable[[Trial], float]
-"""By how much a pose agrees better with what is seen than the one that the part has."""
+Ahead: TypeAlias = Callable[[Trial], tuple[float, float]]
+"""By how much a pose agrees better with what is seen than the one that the part has, and what the crop
+network's liking counts for it."""
 
 ROUGH = 2
 """Of all of them as many searches tell"""
@@ -141,6 +142,10 @@ class TurnChecks:
                 self._turns[name] = [self._begun(name, T_wrong, found[name])]
         return found
 
+    def contested(self) -> dict[str, float]:
+        """By how much another turn of a part is ahead by what was seen, of those that are checked."""
+        return {name: known[0].ahead_seen for name, known in self._turns.items()}
+
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._turns = renamed(self._turns, names)
@@ -156,6 +161,11 @@ class TurnChecks:
                 elif before.left < self._config.known:
                     before.left += 1
                     kept.append(before)
+            if known.last < 0:  # lost and found where it was: first as it was
+                symmetries = self._parts[name].symmetries
+                for T_was in (b.T_camera_part for b in kept):
+                    if self._config.was > 0 and self.is_turn(name, T, T_was):
+                        known.expect(T_was, symmetries, lead=self._config.was)
             known.T_camera_part, known.left = T, 0
             self._turns[name] = [known, *kept]
 
@@ -172,7 +182,7 @@ class TurnChecks:
     ) -> tuple[Transform, Transform] | None:
         """The part's pose and that in another turn, if that is the right one."""
         known, centre = self._turns[name][0], self._bodies[name].balance
-        turns = self._next(known)
+        turns = known.next(self._config)
         starts = [turned(T_now, known.turns[turn], centre=centre) for turn in turns]
         if not starts:
             return None
@@ -184,12 +194,12 @@ class TurnChecks:
         ahead = partial(self._ahead, frame, name, look, now)
         for turn, other in zip(turns, others, strict=True):
             self._judge(name, known, turn, now, other, ahead)
-        lead, turn = max((float(known.lead[turn]), turn) for turn in turns)
-        if lead < self._config.lead:
+        turn = max(turns, key=partial(known.rightness, config=self._config))
+        if known.rightness(turn, config=self._config) < 0:
             return None
         right = self._best(frame, tracker, name, now, others[turns.index(turn)], ahead)
         if right is None:
-            known.lead[turn] = -self._config.lead
+            known.rule_out([turn], lead=self._config.lead)
             return None
         return now.T_camera_part, right
 
@@ -202,7 +212,8 @@ class TurnChecks:
             return
         # Where the part could be seen and would not be, it is not in this turn.
         is_hidden = other.evidence.visible < self._config.visible
-        ahead = -self._config.step if is_hidden else ahead_by(other)
+        ahead, liked = (-self._config.step, 0.0) if is_hidden else ahead_by(other)
+        ahead += known.like(turn, liked, most=self._config.liked_most)
         known.lead[turn] += min(ahead, self._config.step) - self._config.slack
 
     def _best(
@@ -213,10 +224,14 @@ class TurnChecks:
         The first turn that was ahead may only be less wrong. None where contours speak for none: what
         lies flat in the table agrees with its depth best of all.
         """
+
+        def value(trial: Trial) -> float:
+            return sum(ahead(trial))
+
         centre = self._bodies[name].balance
         starts = [turned(now.T_camera_part, R, centre=centre) for R in (*TURNS, *SPUN)]
         starts = [T for T in starts if self.allows(frame, name, now.T_camera_part, T)]
-        rough = sorted(tracker.trials(frame, name, starts, rounds=ROUGH), key=ahead, reverse=True)
+        rough = sorted(tracker.trials(frame, name, starts, rounds=ROUGH), key=value, reverse=True)
         found = [other]
         for trial in tracker.trials(frame, name, [t.T_camera_part for t in rough[:SETTLED]]):
             is_seen = trial.evidence.visible >= self._config.visible
@@ -224,20 +239,20 @@ class TurnChecks:
                 found.append(trial)
         least = self._config.believed * now.confidence
         found = [trial for trial in found if trial.confidence >= least]
-        return max(found, key=ahead).T_camera_part if found else None
+        return max(found, key=value).T_camera_part if found else None
 
     def _ahead(
         self, frame: Frame, name: str, look: LookedAt | None, now: Trial, other: Trial
-    ) -> float:
-        """By how much another pose of a part agrees better with what is seen."""
+    ) -> tuple[float, float]:
+        """By how much another pose of a part agrees better with what is seen, and how it is liked."""
         stands, _ = self._table.said(frame, name, now.T_camera_part, other.T_camera_part)
         looks = self._looks(frame, name, now.T_camera_part, other.T_camera_part)
         ahead = stands + (other.detail - now.detail if looks is None else looks)
         if look is None:
-            return ahead
+            return ahead, 0.0
         liked = look.likely(other.T_camera_part) - look.likely(now.T_camera_part)
         seen = min(now.evidence.visible, other.evidence.visible)
-        return ahead + self._config.liked * seen * liked
+        return ahead, self._config.liked * seen * liked
 
     def _looks(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> float | None:
         """By how much another pose of a part would look more like what is seen; None if unknown."""
@@ -264,22 +279,6 @@ class TurnChecks:
 
     def _middle(self, name: str, T_camera_part: Transform) -> Vector:
         return apply_to_point(T_camera_part, self._bodies[name].model.centre)
-
-    def _next(self, known: TurnMemory) -> list[int]:
-        """The turns to try: one that is ahead, or the next that are open; now and then any."""
-        if known.lead.max() > 0:
-            return [int(known.lead.argmax())]
-        order = (known.last + 1 + np.arange(len(known.turns))) % len(known.turns)
-        still_open = [int(turn) for turn in order if known.lead[turn] > -self._config.lead]
-        if still_open:
-            return still_open[: self._config.at_first if known.fresh else 1]
-        known.rested += 1
-        if known.rested < self._config.again:
-            return []
-        turn = int(order[0])
-        again = [*(k for k in range(len(TURNS), len(known.turns)) if k != turn), turn]
-        known.lead[again] = np.where(np.isfinite(known.lead[again]), -self._config.lead, -np.inf)
-        return again
 
     def _angle(self, name: str, T_a: Transform, T_b: Transform) -> float:
         """Between two poses of a part, radians; 0 where it looks the same."""

@@ -19,12 +19,17 @@ class TurnConfig:
     """Parts that are checked in a frame, one turn of each;"""
     at_first: int = 3
     """of a pose that is new so many, until each was tried once."""
+    near: float = 0.0
+    """Until then one is tried again each time that is no farther behind than this by what is seen."""
     visible: float = 0.5
     """Share of the part that must be seen, 0 to 1."""
     believed: float = 0.3
     """Share of the pose's confidence, by contours and depth, that another turn must have, 0 to 1."""
     lead: float = 0.35
-    """A turn is right, or ruled out, that is ahead or behind by this in all;"""
+    """A turn is right, or ruled out, that is ahead or behind by this in all, the crop network's liking
+    among it,"""
+    lead_seen: float = 0.35
+    """or right if it is ahead by this by what is seen alone;"""
     step: float = 0.12
     """no frame counts for more than this for it: a single one may deceive."""
     slack: float = 0.02
@@ -35,6 +40,8 @@ class TurnConfig:
     """Frames after which one that was ruled out is tried again, and those in which the part was."""
     known: int = 6
     """Frames for which it is kept what was found of a pose, while others say that the part is turned."""
+    was: float = 0.0
+    """With this lead the turn begins that a part had where it is found anew: above 0 it is tried first."""
     same_deg: float = 20.0
     """Poses turned less than this against each other are one."""
     table: TurnTableConfig = field(default_factory=TurnTableConfig)
@@ -43,7 +50,9 @@ class TurnConfig:
     """By what turns are compared: how they would look."""
     liked: float = 0.1
     """Weight of the crop network's preference for a turn, 0 to 1, where all of the part is seen;
-    `asdf_track` alone asks it."""
+    `asdf_track` alone asks it. It errs alike in all frames,"""
+    liked_most: float = 0.5
+    """so in all it counts for this much, or against."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
@@ -52,4 +61,9 @@ class TurnConfig:
                 f"turns.a_frame is {self.a_frame}, at_first {self.at_first}, step {self.step:g} and "
                 f"lead {self.lead:g}: a_frame and at_first must be 1 or more, step above 0 and no more "
                 "than lead"
+            )
+        if min(self.lead_seen, self.near, self.was, self.liked_most) < 0:
+            raise MethodError(
+                f"turns.lead_seen is {self.lead_seen:g}, near {self.near:g}, was {self.was:g} and "
+                f"liked_most {self.liked_most:g}: use 0 or more"
             )

@@ -49,7 +49,7 @@ from asdfviz.track.presets import FINE_DEPTH, PROPOSED
 ONE_LOOK = SecondLookConfig(enabled=False)
 OWNED = DisownedConfig(enabled=False)
 STILL = TurnConfig(enabled=False)
-COLORLESS = TurnConfig(drawn=DrawnConfig(outline=0.0))
+COLORLESS = DrawnConfig(outline=0.0)
 UNNAMED = NamesConfig(enabled=False)
 TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
 BLIND = PlaceLooksConfig(enabled=False)
@@ -234,11 +234,14 @@ def _beyond_asdf_track() -> list[Variant]:
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
     faithful = replace(track.refind, held=HeldConfig(unlike=0.0))
     whole = replace(PROPOSED, depth=FINE_DEPTH)
+    persistent = replace(track.turns, liked_most=never, lead_seen=TurnConfig.lead_seen)
     changed = {
         **_common(track),
         "nothing turned": replace(track, turns=STILL),
         "turns by single points": replace(track, turns=BY_POINTS),
-        "turns without colours": replace(track, turns=COLORLESS),
+        "turns without colours": replace(track, turns=replace(track.turns, drawn=COLORLESS)),
+        "turns as crops keep saying": replace(track, turns=persistent),
+        "found anew in any turn": replace(track, turns=replace(track.turns, was=0.0)),
         "one look": replace(track, second_look=ONE_LOOK),
         "rivals by picture alone": replace(track, refind=turned),
         "never disowned": replace(track, refind=replace(track.refind, disowned=OWNED)),

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Assembly, Frame, PoseEstimate
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate, Stage
 from asdfviz.errors import MethodError
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.methods.doubts import DoubtConfig, doubted
+from asdfviz.methods.doubts import DoubtConfig, contested, doubted
 from asdfviz.methods.own_colors import OwnColors, OwnColorsConfig
 from asdfviz.methods.place_support import PlaceSupport
 from asdfviz.methods.track_memory import Track
@@ -84,8 +84,31 @@ def test_what_has_the_tint_of_skin_is_no_red_part(toy, assembly: Assembly) -> No
         {"found": 0.0},
         {"tint": (0.6, 0.3)},
         {"tint": (-0.1, 0.3)},
+        {"beaten": 0.6},
+        {"contested": 1.1},
+        {"lead": 0.0},
     ],
 )
 def test_figures_that_mean_nothing_are_refused(options: dict) -> None:
     with pytest.raises(MethodError, match="doubt"):
         DoubtConfig(**options)
+
+
+@pytest.mark.parametrize(
+    ("ahead", "stage", "left"),
+    [
+        (-0.1, "tracked", 1.0),
+        (0.0, "tracked", 1.0),
+        (0.1, "tracked", 0.3),
+        (0.2, "tracked", 0.1),
+        (3.0, "tracked", 0.1),
+        (3.0, "group", 1.0),
+    ],
+)
+def test_a_pose_of_which_another_turn_is_ahead_is_less_sure(
+    ahead: float, stage: Stage, left: float
+) -> None:
+    poses = {PART: PoseEstimate(PART, HERE, 0.9, stage)}
+    told = contested(poses, {PART: ahead}, config=DoubtConfig())
+    assert told[PART].score == pytest.approx(0.9 * left)
+    assert contested(poses, {}, config=DoubtConfig())[PART].score == 0.9, "turns not checked"

@@ -123,6 +123,65 @@ def test_a_part_is_turned_as_the_crop_network_keeps_saying(lying: Lying, liked: 
     assert (float(-pose[2, 2]) > 0.9) == (liked > 0)
 
 
+class UpsideDown(Upright):
+    """A crop by which the base stands on its head."""
+
+    def likely(self, T_camera_part: Transform) -> float:
+        return float(T_camera_part[2, 2] > 0.9)
+
+
+def sharper_upright(frame: Frame, name: str, starts: list[Transform], **_: object) -> list[Trial]:
+    """Trials in which the base looks about as what is seen only where it stands upright or on its head, and
+    a little more so upright."""
+    seen = Evidence(0.5, 0.5, 1.0)
+
+    def sharp(T: Transform) -> float:
+        is_straight = T[0, 0] > 0.9
+        return 0.3 if not is_straight else 0.58 if T[2, 2] < -0.9 else 0.5
+
+    return [Trial(T, seen, 0.5, sharp=sharp(T)) for T in starts]
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
+@pytest.mark.parametrize(
+    ("most", "lead_seen", "is_turned"), [(0.5, 9.0, True), (9.0, 9.0, False), (9.0, 0.3, True)]
+)
+def test_what_is_seen_in_every_frame_outweighs_what_a_network_keeps_saying(
+    lying: Lying, most: float, lead_seen: float, is_turned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lying.tracker, "trials", sharper_upright)
+    checks, pose = by_crops(lying, liked_most=most, lead_seen=lead_seen), lying.wrong
+    for _ in range(60):
+        found = checks.step(lying.frame, lying.tracker, {"base": pose}, {"base": UpsideDown()})
+        pose = found.get("base", pose)
+    assert (float(-pose[2, 2]) > 0.9) == is_turned
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
+@pytest.mark.parametrize("is_elsewhere", [False, True])
+def test_of_a_part_found_anew_the_turn_is_tried_first_that_it_had_there(
+    lying: Lying, is_elsewhere: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[list[Transform]] = []
+
+    def trials(frame: Frame, name: str, starts: list[Transform], **_: object) -> list[Trial]:
+        asked.append(starts)
+        return sharper_upright(frame, name, starts)
+
+    monkeypatch.setattr(lying.tracker, "trials", trials)
+    aside = np.diag([-1.0, 1, -1])  # the third of all turns: not tried first otherwise
+    had = turned(lying.wrong, aside, centre=lying.bodies["base"].balance)
+    if is_elsewhere:
+        had[0, 3] += 0.2
+    checks = by_crops(lying, was=0.1)
+    checks.step(lying.frame, lying.tracker, {"base": had})
+    asked.clear()
+    checks.step(lying.frame, lying.tracker, {"base": lying.wrong})
+    _, *others = asked[0]
+    is_first = bool(np.allclose(others[0][:3, :3], had[:3, :3], atol=1e-6))
+    assert (is_first and len(others) == 1) != is_elsewhere
+
+
 @pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
 @pytest.mark.parametrize(("sure", "is_turned"), [(0.2, True), (0.1, False)])
 def test_a_part_is_not_turned_against_its_contours(

@@ -35,6 +35,30 @@ def test_turns_that_are_behind_or_were_wrong_are_out() -> None:
     assert memory.wrong == (odd,)
 
 
+def test_liking_counts_up_to_a_limit_and_what_is_seen_without_it() -> None:
+    memory = TurnMemory(BEGUN)
+    given = [memory.like(3, -0.2, 0.5) for _ in range(4)]
+    np.testing.assert_allclose(given, [-0.2, -0.2, -0.1, 0.0])
+    memory.lead[3] = 0.25 + sum(given)
+    assert memory.seen[3] == pytest.approx(0.25)
+    assert memory.ahead_seen == pytest.approx(0.25)
+    config = TurnConfig(lead=0.35, lead_seen=0.2)
+    assert memory.next(config) == [3]
+    assert memory.rightness(3, config=config) == pytest.approx(0.05)
+    memory.rule_out([3], lead=0.35)
+    assert memory.seen[3] == memory.lead[3] == -0.35
+
+
+def test_at_first_what_is_hardly_behind_is_tried_again_each_time() -> None:
+    memory, config = TurnMemory(BEGUN), TurnConfig(at_first=3, near=0.1)
+    assert memory.next(config) == [0, 1, 2]
+    memory.last, memory.lead[:3] = 2, [-0.08, -0.05, -0.5]
+    assert memory.next(config) == [1, 3, 4]
+    assert memory.next(TurnConfig(at_first=3)) == [3, 4, 5]
+    memory.fresh = 0
+    assert memory.next(config) == [3]
+
+
 def angle(T_a: Transform, T_b: Transform) -> float:
     return rotation_angle(T_a[:3, :3].T @ T_b[:3, :3])
 
@@ -81,3 +105,9 @@ def test_what_was_taken_for_wrong_is_tried_again(
 def test_how_many_turns_are_tried_at_first_must_be_some(at_first: int) -> None:
     with pytest.raises(MethodError, match="at_first"):
         TurnConfig(at_first=at_first)
+
+
+@pytest.mark.parametrize("option", ["lead_seen", "near", "was", "liked_most"])
+def test_leads_are_not_negative(option: str) -> None:
+    with pytest.raises(MethodError, match=rf"{option} (is )?-0.1"):
+        TurnConfig(**{option: -0.1})  # pyright: ignore[reportArgumentType]
