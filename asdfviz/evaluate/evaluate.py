@@ -13,7 +13,7 @@ from typing import Any
 from asdfviz.datatypes import Assembly, Camera, FramePrediction, FrameTruth, Run
 from asdfviz.errors import SequenceError
 from asdfviz.evaluate.bop import DepthDrawer, View, Views, bop_recall
-from asdfviz.evaluate.calibration import ranking_area, reliability
+from asdfviz.evaluate.calibration import calibration_error, ranking_area, reliability
 from asdfviz.evaluate.inputs import Result, changed_inputs, open_result, unknown_objects
 from asdfviz.evaluate.judgement import Judgement, judge
 from asdfviz.evaluate.not_found import with_rows_not_found
@@ -151,7 +151,7 @@ def protocol_report(
         "protocol": protocol,
         "n_frames": len(judgement.frames),
         "parts": parts,
-        "mean": {**means, **_score_areas(judgement), "ar_bop": None},
+        "mean": {**means, **_score_figures(judgement), "ar_bop": None},
         "state": _state_figures(states, protocol, first_was_given=was_given),
         "runtime_ms": runtime_figures(run.predictions),
         "assembly": assembly.name,
@@ -202,23 +202,28 @@ def _views_by(camera: Camera) -> Views:
     return lambda frame_index: View(camera, None)
 
 
-def _score_areas(judgement: Judgement) -> Figures:
+def _score_figures(judgement: Judgement) -> Figures:
     """How well the score of a found pose tells ADD(S) < 0.1 d from worse: area under the ROC.
 
-    With the poses of twins exchanged too.
+    And how far it is from the share of such poses (expected calibration error). With the poses of twins
+    exchanged too.
     """
     parts, compared = judgement.assembly.parts, judgement.comparison
 
-    def area(records: Sequence[PoseRecord]) -> float | None:
-        return ranking_area(
-            [
-                (r.score, r.error.add_s < DIAMETER_SHARE * parts[r.part].diameter)
-                for r in records
-                if r.error is not None and r.score is not None and r.visible >= VISIBLE
-            ]
-        )
+    def judged(records: Sequence[PoseRecord]) -> list[tuple[float, bool]]:
+        return [
+            (r.score, r.error.add_s < DIAMETER_SHARE * parts[r.part].diameter)
+            for r in records
+            if r.error is not None and r.score is not None and r.visible >= VISIBLE
+        ]
 
-    return {"score_auc": area(compared.records), f"score_auc{TWINS}": area(compared.exchanged)}
+    own, exchanged = judged(compared.records), judged(compared.exchanged)
+    return {
+        "score_auc": ranking_area(own),
+        f"score_auc{TWINS}": ranking_area(exchanged),
+        "score_ece": calibration_error(own),
+        f"score_ece{TWINS}": calibration_error(exchanged),
+    }
 
 
 def _state_figures(

@@ -42,7 +42,15 @@ PAPER: Mapping[tuple[str, str], PaperFigures] = {
     ("yolov8pose", MEAN): PaperFigures(73.85, 84.92, 20.90, 13.18),
 }
 """By method and assembly; the baseline's is known to us by its mean alone."""
-METHODS = ("yolov8pose", "yolov8pose_state", "yolov8pose_icp", "asdf", "asdf_plus")
+METHODS = (
+    "yolov8pose",
+    "yolov8pose_state",
+    "yolov8pose_icp",
+    "asdf_seg",
+    "asdf",
+    "asdf_plus",
+    "asdf_track",
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,7 +40,7 @@ PAPER: Mapping[str, PaperRow] = {
     "gbot_reinit": PaperRow("GBOT + re-init", 94.2, 20.0, 10.8),
     "asdf": PaperRow("ASDF", 95.8, 17.0, 8.1),
 }
-METHODS = (*PAPER, "asdf_track")
+METHODS = (*PAPER, "asdf_plus", "asdf_track")
 """In the paper's order, then our own."""
 
 GBOT_COLUMNS = (("ADD(S)", "add_s_10cm"), ("e_t mm", "e_t_mm"), ("e_r deg", "e_r_deg"))

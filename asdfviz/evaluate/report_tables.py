@@ -47,11 +47,13 @@ POSES = (
     Column("mean", "box_recall", "in place", "% of parts"),
     Column("mean", "box_precision", "in place", "% of poses"),
     Column("mean", "score_auc", "score AUC", "%"),
+    Column("mean", "score_ece", "score ECE", "%", -1),
 )
 TWIN_POSES = (
     Column("mean", f"add_s_10cm{TWINS}", "twins exch.", "&lt; 10 cm, %"),
     Column("mean", f"add_s_01d{TWINS}", "twins exch.", "&lt; 0.1 d, %"),
     Column("mean", f"score_auc{TWINS}", "twins exch.", "score AUC, %"),
+    Column("mean", f"score_ece{TWINS}", "twins exch.", "score ECE, %", -1),
 )
 """Where a pose may lie on either of two identical parts; only shown where that changes a figure."""
 STATES = (
@@ -62,6 +64,7 @@ STATES = (
     Column("state", "edit", "edit", "%"),
     Column("state", "f1_50", "F1@50", "%"),
     Column("state", "delay_frames_median", "delay", "frames", 0),
+    Column("state", "delay_frames_abs_median", "|delay|", "frames", -1),
     Column("state", "false_transitions", "false changes", "count", -1, 0),
     Column("state", "pos", "POS", "%"),
     Column("state", "error_recall", "error recall", "%"),
@@ -77,7 +80,7 @@ PAPER = (
     Column("mean", "e_t_mm_median", "e<sub>t</sub> median", "mm", -1),
     Column("mean", "e_r_deg_median", "e<sub>r</sub> median", "°", -1),
 )
-_PART_COLUMNS = tuple(c for c in POSES if c.key != "score_auc")
+_PART_COLUMNS = tuple(c for c in POSES if c.key not in ("score_auc", "score_ece"))
 
 
 @dataclass(frozen=True, slots=True)

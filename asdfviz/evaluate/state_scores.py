@@ -164,6 +164,7 @@ def _course_figures(records: Sequence[StateRecord]) -> Figures:
         "f1_25": segment_f1(said, true, overlap=0.25),
         "f1_50": segment_f1(said, true, overlap=0.5),
         "delay_frames_median": median(delays),
+        "delay_frames_abs_median": median([abs(delay) for delay in delays]),
         "delay_frames_p90": percentile([abs(delay) for delay in delays], 90.0),
         "transitions_followed": percent(len(delays), len(followed)),
         "false_transitions": None if all(state is None for state in said) else false,

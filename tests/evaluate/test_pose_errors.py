@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -65,6 +66,29 @@ def test_adi_equals_a_search_over_all_pairs() -> None:
     found = adi(T_camera_estimate, T_camera_truth, points)
     assert found == pytest.approx(gaps.min(axis=1).mean(), rel=1e-9)
     assert found != pytest.approx(gaps.min(axis=0).mean(), rel=1e-3)  # the other way round
+
+
+def random_pose(rng: np.random.Generator) -> np.ndarray:
+    """A rotation from a random matrix, by QR, before the camera."""
+    R, upper = np.linalg.qr(rng.normal(size=(3, 3)))
+    R = R * np.sign(np.diag(upper))
+    return transform_from(R * np.linalg.det(R), rng.uniform([-0.2, -0.2, 0.4], [0.2, 0.2, 1.2]))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_errors_of_random_poses_are_those_of_the_formulas(seed: int) -> None:
+    """As Hinterstoisser et al. 2012 and Hodan et al. 2016 write them, point by point."""
+    rng = np.random.default_rng(seed)
+    T, P, points = random_pose(rng), random_pose(rng), rng.normal(0, 0.05, size=(40, 3))
+    at = [[M[:3, :3] @ x + M[:3, 3] for x in points] for M in (P, T)]
+    distances = [math.dist(a, b) for a, b in zip(*at, strict=True)]
+    assert add(P, T, points) == pytest.approx(sum(distances) / 40, abs=1e-6)
+    nearest = [min(math.dist(a, b) for a in at[0]) for b in at[1]]
+    assert adi(P, T, points) == pytest.approx(sum(nearest) / 40, abs=1e-6)
+    assert e_t(P, T) == pytest.approx(math.dist(P[:3, 3], T[:3, 3]), abs=1e-6)
+    # The angle of a rotation by its eigenvalues exp(+-i angle), not by its trace.
+    turns = np.angle(np.linalg.eigvals(P[:3, :3] @ np.linalg.inv(T[:3, :3])))
+    assert e_r(P, T) == pytest.approx(float(np.abs(turns).max()), abs=1e-6)
 
 
 @pytest.mark.parametrize("degrees", [0.001, 1.0, 90.0, 179.0, 180.0])

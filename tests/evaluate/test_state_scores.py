@@ -128,6 +128,7 @@ def test_frames_are_counted_whatever_numbers_them(
     figures = state_figures(found)
     assert figures["accuracy_tol2"] == (100 if abs(late) == 2 else 97.5)
     assert figures["delay_frames_median"] == late
+    assert figures["delay_frames_abs_median"] == abs(late)
     assert figures["step_delay_frames"] == (late if late > 0 else NO_DELAY)
     (change,), _ = true_transitions(found)
     assert (change.frame, change.delay) == (numbers[20], late)

@@ -76,6 +76,9 @@ def test_exchanged_figures_by_hand(
     # By name two are right and five wrong, three of these as sure; exchanged, only the unsure are.
     assert report["mean"]["score_auc"] == pytest.approx(100 * (3 * 0.5 + 2) / 5)
     assert report["mean"]["score_auc_twins"] == pytest.approx(100)
+    # Two of five are right at 0.9, none of two at 0.2; exchanged, five and none.
+    assert report["mean"]["score_ece"] == pytest.approx(100 * (5 * 0.5 + 2 * 0.2) / 7)
+    assert report["mean"]["score_ece_twins"] == pytest.approx(100 * (5 * 0.1 + 2 * 0.2) / 7)
     table = markdown_table([report])
     assert "ADD(S) < 0.1 d, twins [%]" in table
     assert "62.5" in table
