@@ -155,6 +155,7 @@ def _course_figures(records: Sequence[StateRecord]) -> Figures:
     frames = [record.count for record in records]
     followed, false = true_transitions(records)
     delays = [float(found.delay) for found in followed if found.delay is not None]
+    off = [abs(delay) for delay in delays]
     # A run that is silent until the first step is done has missed no step.
     start = true[0] if true else None
     procedure = procedure_scores(steps(said, frames, start=start), steps(true, frames))
@@ -164,8 +165,8 @@ def _course_figures(records: Sequence[StateRecord]) -> Figures:
         "f1_25": segment_f1(said, true, overlap=0.25),
         "f1_50": segment_f1(said, true, overlap=0.5),
         "delay_frames_median": median(delays),
-        "delay_frames_abs_median": median([abs(delay) for delay in delays]),
-        "delay_frames_p90": percentile([abs(delay) for delay in delays], 90.0),
+        "delay_frames_abs_median": median(off),
+        "delay_frames_p90": percentile(off, 90.0),
         "transitions_followed": percent(len(delays), len(followed)),
         "false_transitions": None if all(state is None for state in said) else false,
         "pos": procedure.pos,

@@ -184,6 +184,7 @@ class AsdfTrack:
             base=assembly.base,
             share=config.refind.hidden,
         )
+        # Last: what may only be turned otherwise is in its place all the same, and is not withheld.
         told = sure_enough(poses, config.least_score)
         return contested(told, scene.parts.checks.contested(), config=config.doubt)
 

@@ -161,11 +161,13 @@ class TurnChecks:
                 elif before.left < self._config.known:
                     before.left += 1
                     kept.append(before)
-            if known.last < 0:  # lost and found where it was: first as it was
+            if (
+                known.last < 0 and self._config.was > 0
+            ):  # lost and found where it was: first as it was
                 symmetries = self._parts[name].symmetries
-                for T_was in (b.T_camera_part for b in kept):
-                    if self._config.was > 0 and self.is_turn(name, T, T_was):
-                        known.expect(T_was, symmetries, lead=self._config.was)
+                for before in kept:
+                    if self.is_turn(name, T, before.T_camera_part):
+                        known.expect(before.T_camera_part, symmetries, lead=self._config.was)
             known.T_camera_part, known.left = T, 0
             self._turns[name] = [known, *kept]
 

@@ -76,7 +76,7 @@ class TurnMemory:
     @property
     def ahead_seen(self) -> float:
         """By how much a turn is ahead by what was seen, at most; below 0 where none is."""
-        return float(self.seen[np.isfinite(self.seen)].max(initial=-np.inf))
+        return float(self.seen.max())
 
     def next(self, config: TurnConfig) -> list[int]:
         """The turns to try: one that is ahead, or the next that are open, at first one that is hardly behind
@@ -87,11 +87,10 @@ class TurnMemory:
         order = (self.last + 1 + np.arange(len(self.turns))) % len(self.turns)
         still_open = [int(turn) for turn in order if self.lead[turn] > -config.lead]
         if still_open and self.fresh:
-            tried = [turn for turn in still_open if self.lead[turn] != 0]
-            near = [turn for turn in tried if self.seen[turn] > -config.near]
-            best = sorted(near, key=lambda turn: -self.seen[turn])[:1]
-            new = [turn for turn in still_open if turn not in best]
-            return [*best, *new][: config.at_first]
+            # What was not tried has no lead at all.
+            is_near = (self.lead != 0) & (self.seen > -config.near)
+            near = sorted((t for t in still_open if is_near[t]), key=lambda t: -self.seen[t])[:1]
+            return [*near, *(t for t in still_open if t not in near)][: config.at_first]
         if still_open:
             return still_open[:1]
         self.rested += 1
