@@ -161,9 +161,8 @@ class TurnChecks:
                 elif before.left < self._config.known:
                     before.left += 1
                     kept.append(before)
-            if (
-                known.last < 0 and self._config.was > 0
-            ):  # lost and found where it was: first as it was
+            # What was lost and is found where it was is tried first as it was.
+            if known.last < 0 and self._config.was > 0:
                 symmetries = self._parts[name].symmetries
                 for before in kept:
                     if self.is_turn(name, T, before.T_camera_part):
