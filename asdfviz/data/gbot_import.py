@@ -25,7 +25,7 @@ _MM = 1e-3
 _AXES = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
 _WEIGHTS = tuple(
     f"{name}.{ending}"
-    for name in ("weights", "crops", "states")
+    for name in ("weights", "crops", "states", "masks")
     for ending in ("safetensors", "json")
 )
 _JOINT = "gbot"

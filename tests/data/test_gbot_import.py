@@ -198,14 +198,14 @@ def test_shipped_weights_come_along(
     for name in ("weights.safetensors", "weights.json"):
         (shipped / "gbot_nanovise" / name).write_text(name)
     (shipped / "gbot").mkdir()
-    for name in ("crops.safetensors", "states.safetensors", "weights.json"):
+    for name in ("crops.safetensors", "states.safetensors", "masks.safetensors", "weights.json"):
         (shipped / "gbot" / name).write_text(f"joint {name}")
     monkeypatch.setattr(module, "models_folder", lambda: shipped)
     import_gbot(dataset, tmp_path / "models")
     copied = tmp_path / "models" / "gbot_nanovise"
     assert (copied / "weights.safetensors").read_text() == "weights.safetensors"
     assert (copied / "weights.json").read_text() == "weights.json"
-    for name in ("crops.safetensors", "states.safetensors"):
+    for name in ("crops.safetensors", "states.safetensors", "masks.safetensors"):
         assert (copied / name).read_text() == f"joint {name}"
     # Into the shipped folder itself: nothing to copy, nothing lost.
     import_gbot(dataset, shipped)
