@@ -21,6 +21,7 @@ from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.contour_fits import ContourFit, ContourFits
+from asdfviz.methods.doubts import contested
 from asdfviz.methods.first_pose import LooksAtParts
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_contours import GroupContours
@@ -95,20 +96,15 @@ class AsdfPlus:
         config = self._config
         self._asdf.reset(assembly, camera, None)
         shapes, contours = self._asdf.shapes, config.contours
+        kept, registration = config.hypotheses, config.registration
         bodies = load_bodies(assembly) if contours.enabled else None
         followed = FollowedState(assembly, shapes, self._asdf.looker, config)
         told = ToldPoses(assembly, shapes, config)
         self._scene = _Scene(
             assembly,
             {
-                name: PartHypotheses(
-                    part,
-                    shapes[name],
-                    config=config.hypotheses,
-                    registration=config.registration,
-                    phase=phase,
-                )
-                for phase, (name, part) in enumerate(assembly.parts.items())
+                n: PartHypotheses(p, shapes[n], config=kept, registration=registration, phase=i)
+                for i, (n, p) in enumerate(assembly.parts.items())
             },
             followed,
             GroupPoses(followed.assembly, shapes, config=config.joined),
@@ -173,6 +169,8 @@ class AsdfPlus:
             poses = scene.told.step(poses, frame, scene.followed.joins)
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)
+        if scene.contours is not None:
+            poses = contested(poses, scene.contours.contested(), config=config.contours.turns)
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
 
     def _see_what_rests(

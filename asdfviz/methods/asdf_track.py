@@ -186,7 +186,7 @@ class AsdfTrack:
         )
         # Last: what may only be turned otherwise is in its place all the same, and is not withheld.
         told = sure_enough(poses, config.least_score)
-        return contested(told, scene.parts.checks.contested(), config=config.doubt)
+        return contested(told, scene.parts.checks.contested(), config=config.turns)
 
     def _proposals(
         self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene

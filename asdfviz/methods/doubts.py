@@ -13,6 +13,7 @@ from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.methods.own_colors import OwnColors
 from asdfviz.methods.track_memory import Track
+from asdfviz.methods.turn_config import TurnConfig
 
 
 @dataclass(frozen=True)
@@ -32,13 +33,6 @@ class DoubtConfig:
     """Difference of tint (logarithm) up to which the score is left, and from which on but"""
     other: float = 0.1
     """this share of it, 0 to 1."""
-    contested: float = 0.5
-    """Share of the score that is left to a pose of which another turn is ahead by what was seen, 0 to 1;"""
-    beaten: float = 0.1
-    """and by `lead` or more, 0 to 1."""
-    lead: float = 0.2
-    """Of 375 such poses of twelve rendered sequences 301 were turned by more than 30 degrees, of those that
-    were ahead by 0.2 122 of 123; of 8,012 others 267."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
@@ -51,11 +45,6 @@ class DoubtConfig:
         if not 0 <= low < high:
             raise MethodError(
                 f"doubt.tint is {low:g} {high:g}: the first must be 0 or more, the second above it"
-            )
-        if not (0 <= self.beaten <= self.contested <= 1 and self.lead > 0):
-            raise MethodError(
-                f"doubt.contested is {self.contested:g}, beaten {self.beaten:g} and lead {self.lead:g}: "
-                "contested must be from 0 to 1, beaten from 0 to that, lead above 0"
             )
 
 
@@ -87,7 +76,7 @@ def doubted(
 
 
 def contested(
-    poses: Mapping[str, PoseEstimate], ahead: Mapping[str, float], *, config: DoubtConfig
+    poses: Mapping[str, PoseEstimate], ahead: Mapping[str, float], *, config: TurnConfig
 ) -> dict[str, PoseEstimate]:
     """Return the poses, as sure as other turns of the parts leave them.
 
@@ -100,7 +89,7 @@ def contested(
     for name, pose in poses.items():
         lead = ahead.get(name, 0.0)
         if lead > 0 and pose.stage != "group":
-            share = min(1.0, lead / config.lead)
+            share = min(1.0, lead / config.beaten_lead)
             left = config.contested + (config.beaten - config.contested) * share
             told[name] = replace(pose, score=left * pose.score)
     return told

@@ -98,9 +98,9 @@ class PartTracks:
             self.tracks[name].support.fade(self._config.support)
             if name in proposed:
                 self._believe_the_detector(name, frame, proposed[name], looked_at.get(name))
-            self.checks.around = self._surely_there()
+            self.checks.looks.around = self._surely_there()
             self._look_for(name, frame, proposed.get(name), looked_at.get(name), state)
-        poses, self.checks.around = self.tracker.poses, self._surely_there()
+        poses, self.checks.looks.around = self.tracker.poses, self._surely_there()
         free = {name: poses[name] for name, track in self.tracks.items() if track.explore}
         turned = self.checks.step(frame, self.tracker, free, looked_at)
         self.tracker.replace(frame, turned)

@@ -14,15 +14,15 @@ from typing import TypeAlias
 import numpy as np
 
 from asdfviz.datatypes import Frame, Part
-from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
 from asdfviz.geometry.threads import side_by_side
-from asdfviz.geometry.transforms import apply_to_point, point_distance, rotation_angle
-from asdfviz.methods.drawn_looks import Placed, drawn_looks
+from asdfviz.geometry.transforms import point_distance, rotation_angle
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned
 from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.methods.turn_config import TurnConfig
+from asdfviz.methods.turn_looks import TurnLooks
 from asdfviz.methods.turn_memory import SPUN, TURNS, TurnMemory
 from asdfviz.methods.turn_table import TurnTable
 from asdfviz.state.twins import renamed
@@ -38,8 +38,6 @@ ROUGH = 2
 """Of all of them as many searches tell"""
 SETTLED = 4
 """which ones are settled to the end."""
-NEAR = 0.6
-"""Of the sum of their diameters: parts farther apart do not hide each other."""
 OVERLAPPING = 0.6
 """Poses whose centres are nearer than this share of a part's diameter show much the same of the picture:
 a wheel taken end for end has its middle a third of its diameter deeper, as its hub looks up."""
@@ -57,10 +55,10 @@ class TurnChecks:
         smear: SeenSmear | None = None,
     ) -> None:
         """Begin a sequence; `smear` is what others see of the depth camera's."""
-        self._parts, self._bodies, self._config, self._smear = parts, bodies, config, smear
-        self.around: Mapping[str, Transform] = {}
-        """Where parts surely are, T_camera_part, as last told: they hide others."""
+        self._parts, self._bodies, self._config = parts, bodies, config
         self._table = TurnTable(parts, config=config.table)
+        self.looks = TurnLooks(parts, bodies, self._table, config=config, smear=smear)
+        """Has to be told where parts surely are."""
         self._turns: dict[str, list[TurnMemory]] = {}
         self._same = float(np.deg2rad(config.same_deg))
         self._first = 0
@@ -108,7 +106,7 @@ class TurnChecks:
         """
         if not self.is_turn(name, T_now, T_other):
             return None
-        return self._looks(frame, name, T_now, T_other)
+        return self.looks.ahead(frame, name, T_now, T_other)
 
     def step(
         self,
@@ -128,10 +126,7 @@ class TurnChecks:
         if not self._config.enabled or not poses:
             return {}
         self._recall(poses)
-        looks, names = looked_at or {}, list(poses)
-        start = self._first % len(names)
-        self._first += self._config.a_frame
-        asked = (names[start:] + names[:start])[: self._config.a_frame]
+        looks, asked = looked_at or {}, self._asked(list(poses))
         checked = side_by_side(
             lambda name: self._checked(frame, tracker, name, poses[name], looks.get(name)), asked
         )
@@ -139,7 +134,7 @@ class TurnChecks:
         for name, right in zip(asked, checked, strict=True):
             if right is not None:
                 T_wrong, found[name] = right
-                self._turns[name] = [self._begun(name, T_wrong, found[name])]
+                self._turns[name][0] = self._begun(name, T_wrong, found[name])
         return found
 
     def contested(self) -> dict[str, float]:
@@ -149,6 +144,17 @@ class TurnChecks:
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._turns = renamed(self._turns, names)
+
+    def _asked(self, names: list[str]) -> list[str]:
+        """Parts to check in this frame: half of them of which another turn is ahead, the others by turns."""
+        start, a_frame = self._first % len(names), self._config.a_frame
+        in_turn = names[start:] + names[:start]
+        lead = self.contested()
+        ahead = sorted((name for name in in_turn if lead[name] > 0), key=lambda name: -lead[name])
+        first = ahead[: a_frame // 2]
+        others = [name for name in in_turn if name not in first][: a_frame - len(first)]
+        self._first += len(others)
+        return first + others
 
     def _recall(self, poses: Mapping[str, Transform]) -> None:
         """Begin anew with parts that somebody else turned, unless that pose was known not long ago."""
@@ -165,9 +171,10 @@ class TurnChecks:
             if known.last < 0 and self._config.was > 0:
                 symmetries = self._parts[name].symmetries
                 for before in kept:
-                    if self.is_turn(name, T, before.T_camera_part):
+                    was_long = before.held >= self._config.held
+                    if was_long and self.is_turn(name, T, before.T_camera_part):
                         known.expect(before.T_camera_part, symmetries, lead=self._config.was)
-            known.T_camera_part, known.left = T, 0
+            known.T_camera_part, known.left, known.held = T, 0, known.held + 1
             self._turns[name] = [known, *kept]
 
     def _begun(self, name: str, T_wrong: Transform, T_right: Transform) -> TurnMemory:
@@ -191,7 +198,7 @@ class TurnChecks:
         if now.evidence.visible < self._config.visible:
             return None
         known.last, known.rested = turns[-1], 0
-        known.fresh = max(known.fresh - len(turns), 0)
+        known.tried[turns] = True
         ahead = partial(self._ahead, frame, name, look, now)
         for turn, other in zip(turns, others, strict=True):
             self._judge(name, known, turn, now, other, ahead)
@@ -199,7 +206,7 @@ class TurnChecks:
         if known.rightness(turn, config=self._config) < 0:
             return None
         right = self._best(frame, tracker, name, now, others[turns.index(turn)], ahead)
-        if right is None:
+        if right is None or self._looks_worse_laid(frame, name, now.T_camera_part, right):
             known.rule_out([turn], lead=self._config.lead)
             return None
         return now.T_camera_part, right
@@ -242,44 +249,24 @@ class TurnChecks:
         found = [trial for trial in found if trial.confidence >= least]
         return max(found, key=value).T_camera_part if found else None
 
+    def _looks_worse_laid(
+        self, frame: Frame, name: str, T_now: Transform, T_other: Transform
+    ) -> bool:
+        ahead = self.looks.laid_ahead(frame, name, T_now, T_other)
+        return ahead is not None and ahead < 0
+
     def _ahead(
         self, frame: Frame, name: str, look: LookedAt | None, now: Trial, other: Trial
     ) -> tuple[float, float]:
         """By how much another pose of a part agrees better with what is seen, and how it is liked."""
         stands, _ = self._table.said(frame, name, now.T_camera_part, other.T_camera_part)
-        looks = self._looks(frame, name, now.T_camera_part, other.T_camera_part)
+        looks = self.looks.ahead(frame, name, now.T_camera_part, other.T_camera_part)
         ahead = stands + (other.detail - now.detail if looks is None else looks)
         if look is None:
             return ahead, 0.0
         liked = look.likely(other.T_camera_part) - look.likely(now.T_camera_part)
         seen = min(now.evidence.visible, other.evidence.visible)
         return ahead, self._config.liked * seen * liked
-
-    def _looks(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> float | None:
-        """By how much another pose of a part would look more like what is seen; None if unknown."""
-        config, mesh, both = self._config.drawn, self._parts[name].mesh, np.stack([T_now, T_other])
-        if not config.enabled:
-            return None
-        table, smear = self._table.near(frame, name, T_now), self._smear and self._smear.now
-        others = self._near(name, T_now)
-        looks = drawn_looks(
-            frame, mesh, both, table=table, config=config, smear=smear, others=others
-        )
-        return None if looks is None else float(looks[1] - looks[0])
-
-    def _near(self, name: str, T_camera_part: Transform) -> list[Placed]:
-        """Parts that may be before or behind one at this pose."""
-        middle, reach = self._middle(name, T_camera_part), self._parts[name].diameter
-        return [
-            (self._parts[other].mesh, T)
-            for other, T in self.around.items()
-            if other != name
-            and np.linalg.norm(self._middle(other, T) - middle)
-            < NEAR * (reach + self._parts[other].diameter)
-        ]
-
-    def _middle(self, name: str, T_camera_part: Transform) -> Vector:
-        return apply_to_point(T_camera_part, self._bodies[name].model.centre)
 
     def _angle(self, name: str, T_a: Transform, T_b: Transform) -> float:
         """Between two poses of a part, radians; 0 where it looks the same."""

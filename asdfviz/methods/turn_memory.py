@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 
 from asdfviz.geometry.shapes import Rotation, Transform
 from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric
@@ -45,17 +45,19 @@ class TurnMemory:
     """What of it is the crop network's liking."""
     last: int = -1
     """That was tried."""
-    fresh: int = field(init=False)
-    """That were not tried yet."""
+    tried: Bool[np.ndarray, "turns"] = field(init=False)
+    """Those that were."""
     rested: int = 0
     """Frames since the last try."""
+    held: int = 0
+    """Frames in which it was in this pose."""
     left: int = 0
     """Frames since it was last in this pose."""
 
     def __post_init__(self) -> None:
         """Nothing is known yet."""
         self.lead, self.liked = np.zeros((2, len(self.turns)))
-        self.fresh = len(self.turns)
+        self.tried = np.zeros(len(self.turns), dtype=bool)
 
     @property
     def wrong(self) -> tuple[Rotation, ...]:
@@ -79,18 +81,18 @@ class TurnMemory:
         return float(self.seen.max())
 
     def next(self, config: TurnConfig) -> list[int]:
-        """The turns to try: one that is ahead, or the next that are open, at first one that is hardly behind
-        among them; now and then any."""
+        """The turns to try: one that is ahead, or the next that are open, at first those that were not tried
+        and one that is hardly behind; now and then any."""
         ahead = np.maximum(self.lead, self.seen)
         if ahead.max() > 0:
             return [int(ahead.argmax())]
         order = (self.last + 1 + np.arange(len(self.turns))) % len(self.turns)
         still_open = [int(turn) for turn in order if self.lead[turn] > -config.lead]
-        if still_open and self.fresh:
-            # What was not tried has no lead at all.
-            is_near = (self.lead != 0) & (self.seen > -config.near)
-            near = sorted((t for t in still_open if is_near[t]), key=lambda t: -self.seen[t])[:1]
-            return [*near, *(t for t in still_open if t not in near)][: config.at_first]
+        new = [turn for turn in sorted(still_open) if not self.tried[turn]]
+        if new:
+            is_near = self.tried & (self.seen > -config.near)
+            near = sorted((t for t in still_open if is_near[t]), key=lambda t: -self.seen[t])
+            return [*near[:1], *new][: config.at_first]
         if still_open:
             return still_open[:1]
         self.rested += 1

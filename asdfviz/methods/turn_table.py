@@ -10,10 +10,11 @@ import numpy as np
 from asdfviz.datatypes import Frame, Part
 from asdfviz.errors import MethodError
 from asdfviz.geometry.sampling import hull_corners
-from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.geometry.transforms import apply
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
-from asdfviz.pose.standing import RestConfig, Stance, sides
+from asdfviz.pose.standing import RestConfig, Stance, sides, standing_on
 from asdfviz.pose.table import SunkConfig, Table
 
 
@@ -31,12 +32,18 @@ class TurnTableConfig:
     """A pose against which it speaks by this more than against the part's own is ruled out at once,"""
     place: float = 0.3
     """if their centres are nearer than this share of the part's diameter: what was moved may be lower."""
+    lies_deg: float = 30.0
+    """A part lies on the table that is turned from a side by no more than this, degrees,"""
+    lies: float = 0.012
+    """and whose lowest corner is nearer to it than this, metres. Before such a one is turned, it is laid
+    down in both turns, and they are compared once more; at 0 none lies there."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if min(self.worse, self.place) < 0:
+        if min(self.worse, self.place, self.lies_deg, self.lies) < 0:
             raise MethodError(
-                f"turns.table.worse is {self.worse:g} and place {self.place:g}: use 0 or more"
+                f"turns.table.worse is {self.worse:g}, place {self.place:g}, lies_deg {self.lies_deg:g} "
+                f"and lies {self.lies:g}: use 0 or more"
             )
 
 
@@ -45,6 +52,7 @@ class TurnTable:
 
     def __init__(self, parts: Mapping[str, Part], *, config: TurnTableConfig) -> None:
         """Begin a sequence."""
+        self._config = config
         self._stances: dict[str, Stance] = {}
         if config.enabled:
             self._stances = {
@@ -75,3 +83,19 @@ class TurnTable:
             table = table_near(frame, projected_box(T_now, stance.corners, frame))
             known = self._looked[name] = (frame, T_now, table)
         return known[2]
+
+    def corners(self, name: str) -> Points:
+        """Spanning a part's outline, in its frame, metres."""
+        return self._stances[name].corners
+
+    def stood(self, name: str, T_camera_part: Transform, table: Table) -> Transform | None:
+        """The pose on the nearest side of the part, if it lies on the table about so; None if not."""
+        stance, config = self._stances[name], self._config
+        lowest = float((apply(T_camera_part, stance.corners) @ table.normal).min()) + table.offset
+        sides_down = (
+            standing_on(T_camera_part, down, stance.corners, table) for down in stance.downs
+        )
+        near = min((one for one in sides_down if one), key=lambda one: one[1], default=None)
+        if near is None or abs(lowest) >= config.lies or near[1] > np.deg2rad(config.lies_deg):
+            return None
+        return near[0]

@@ -197,12 +197,14 @@ def _beyond_asdf() -> list[Variant]:
 
 def _beyond_asdf_plus() -> list[Variant]:
     plus = AsdfPlusConfig()
-    deaf = replace(plus.hypotheses, network=0.0)
-    restless = replace(plus.hypotheses, looked_every=1)
-    unaware = replace(BY_POINTS, table=TurnTableConfig(enabled=False))
+    kept, turns = plus.hypotheses, plus.contours.turns
+    unaware = replace(turns, table=TurnTableConfig(enabled=False))
     contours = {
         "turns without the table": ContourConfig(turns=unaware),
-        "turns by how they would look": ContourConfig(turns=TurnConfig()),
+        "turns by single points": ContourConfig(turns=BY_POINTS),
+        "turned as settled": ContourConfig(turns=replace(turns, table=TurnTableConfig(lies=0.0))),
+        "found anew in any turn": ContourConfig(turns=replace(turns, was=0.0)),
+        "contested poses as sure": ContourConfig(turns=replace(turns, contested=1.0, beaten=1.0)),
         "no contours": ContourConfig(enabled=False),
         "contours of single parts": ContourConfig(together=False),
         "what rests settled too": ContourConfig(every=1),
@@ -215,11 +217,11 @@ def _beyond_asdf_plus() -> list[Variant]:
         **{title: replace(plus, contours=config) for title, config in contours.items()},
         "one look": replace(plus, second_look=ONE_LOOK),
         "no registration": replace(plus, registration=replace(plus.registration, enabled=False)),
-        "one pose kept a part": replace(plus, hypotheses=replace(plus.hypotheses, kept=1)),
+        "one pose kept a part": replace(plus, hypotheses=replace(kept, kept=1)),
         "parts arrive at once": replace(plus, smoothing=replace(plus.smoothing, arrival=False)),
         "parts near by not drawn": replace(plus, group_fit=replace(plus.group_fit, near=0.0)),
-        "depth alone over time": replace(plus, hypotheses=deaf),
-        "what rests looked at too": replace(plus, hypotheses=restless),
+        "depth alone over time": replace(plus, hypotheses=replace(kept, network=0.0)),
+        "what rests looked at too": replace(plus, hypotheses=replace(kept, looked_every=1)),
         "held parts believed": replace(plus, confidence=replace(plus.confidence, elsewhere=0.0)),
         "missed parts believed": replace(plus, confidence=replace(plus.confidence, missed=0.0)),
         "hands as fast as ever": replace(plus, loose=LooseConfig(carried=0.0)),

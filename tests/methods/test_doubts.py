@@ -14,6 +14,7 @@ from asdfviz.methods.doubts import DoubtConfig, contested, doubted
 from asdfviz.methods.own_colors import OwnColors, OwnColorsConfig
 from asdfviz.methods.place_support import PlaceSupport
 from asdfviz.methods.track_memory import Track
+from asdfviz.methods.turn_config import TurnConfig
 
 pytestmark = pytest.mark.usefixtures("shapes_unchecked")
 
@@ -84,14 +85,17 @@ def test_what_has_the_tint_of_skin_is_no_red_part(toy, assembly: Assembly) -> No
         {"found": 0.0},
         {"tint": (0.6, 0.3)},
         {"tint": (-0.1, 0.3)},
-        {"beaten": 0.6},
-        {"contested": 1.1},
-        {"lead": 0.0},
     ],
 )
 def test_figures_that_mean_nothing_are_refused(options: dict) -> None:
     with pytest.raises(MethodError, match="doubt"):
         DoubtConfig(**options)
+
+
+@pytest.mark.parametrize("options", [{"beaten": 0.6}, {"contested": 1.1}, {"beaten_lead": 0.0}])
+def test_so_are_those_of_contested_poses(options: dict) -> None:
+    with pytest.raises(MethodError, match=r"turns\.contested"):
+        TurnConfig(**options)
 
 
 @pytest.mark.parametrize(
@@ -109,6 +113,13 @@ def test_a_pose_of_which_another_turn_is_ahead_is_less_sure(
     ahead: float, stage: Stage, left: float
 ) -> None:
     poses = {PART: PoseEstimate(PART, HERE, 0.9, stage)}
-    told = contested(poses, {PART: ahead}, config=DoubtConfig())
+    told = contested(poses, {PART: ahead}, config=TurnConfig())
     assert told[PART].score == pytest.approx(0.9 * left)
-    assert contested(poses, {}, config=DoubtConfig())[PART].score == 0.9, "turns not checked"
+    assert contested(poses, {}, config=TurnConfig())[PART].score == 0.9, "turns not checked"
+
+
+@pytest.mark.parametrize(("ahead", "left"), [(0.02, 0.91), (0.1, 0.55), (0.2, 0.1)])
+def test_it_may_be_the_less_sure_the_farther_that_is_ahead(ahead: float, left: float) -> None:
+    config = TurnConfig(contested=1.0)
+    poses = {PART: PoseEstimate(PART, HERE, 0.9, "refined")}
+    assert contested(poses, {PART: ahead}, config=config)[PART].score == pytest.approx(0.9 * left)

@@ -13,6 +13,7 @@ from asdfviz.methods.rival_poses import believed, decided
 from asdfviz.methods.track_memory import YOUNG, Rival, Track
 from asdfviz.methods.turn_checks import TurnChecks
 from asdfviz.methods.turn_config import TurnConfig
+from asdfviz.methods.turn_looks import TurnLooks
 from asdfviz.track.confidence import Evidence
 from asdfviz.track.presets import PROPOSED
 from asdfviz.track.starts import Trial
@@ -84,7 +85,7 @@ def test_how_a_turn_would_look_counts_more_than_its_fit(
         ]
 
     monkeypatch.setattr(tracks.tracker, "trials", trials)
-    monkeypatch.setattr(TurnChecks, "_looks", lambda *_: looks)
+    monkeypatch.setattr(TurnLooks, "ahead", lambda *_: looks)
     monkeypatch.setattr(TurnChecks, "step", lambda *_: {})
     tracks.refind(frame, {"block": PoseEstimate("block", TURNED, 0.8, "refined")}, {}, None)
     turned = rotation_angle(tracks.tracker.poses["block"][:3, :3]) > 1.0

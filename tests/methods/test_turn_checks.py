@@ -12,7 +12,7 @@ from asdfviz.datatypes import Frame, Mesh, Part
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point, transform_from
-from asdfviz.methods import tracking, turn_checks
+from asdfviz.methods import tracking, turn_looks
 from asdfviz.methods.asdf_plus import AsdfPlus
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_track import AsdfTrack
@@ -22,6 +22,7 @@ from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.refinding import turned
 from asdfviz.methods.turn_checks import TurnChecks
 from asdfviz.methods.turn_config import TurnConfig
+from asdfviz.methods.turn_looks import TurnLooks
 from asdfviz.methods.turn_table import TurnTableConfig
 from asdfviz.state.part_names import PartNames
 from asdfviz.track.bodies import Body
@@ -123,6 +124,41 @@ def test_a_part_is_turned_as_the_crop_network_keeps_saying(lying: Lying, liked: 
     assert (float(-pose[2, 2]) > 0.9) == (liked > 0)
 
 
+@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
+@pytest.mark.parametrize(("laid", "is_turned"), [(None, True), (0.1, True), (-0.1, False)])
+def test_what_looks_worse_laid_on_the_table_is_not_turned(
+    lying: Lying, laid: float | None, is_turned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(TurnLooks, "laid_ahead", lambda *_: laid)
+    pose = told_upright(lying, by_crops(lying))
+    assert (float(-pose[2, 2]) > 0.9) == is_turned
+
+
+@pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
+def test_a_part_of_which_another_turn_is_ahead_is_checked_before_its_turn(
+    lying: Lying, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def trials(frame: Frame, name: str, starts: list[Transform], **_: object) -> list[Trial]:
+        asked.append(name)
+        ahead = name == "c"
+        return [
+            Trial(T, Evidence(0.5, 0.5, 1.0), 0.5, 0.5 + 0.03 * ahead * i)
+            for i, T in enumerate(starts)
+        ]
+
+    monkeypatch.setattr(lying.tracker, "trials", trials)
+    parts = dict.fromkeys("abcdef", lying.parts["base"])
+    bodies = dict.fromkeys("abcdef", lying.bodies["base"])
+    drawn, table = DrawnConfig(enabled=False), TurnTableConfig(enabled=False)
+    config = TurnConfig(a_frame=2, lead=9.0, lead_seen=9.0, table=table, drawn=drawn)
+    checks = TurnChecks(parts, bodies, config=config)
+    for _ in range(6):
+        checks.step(lying.frame, lying.tracker, dict.fromkeys("abcdef", UPRIGHT))
+    assert "".join(asked) == "abcdcecfcacb"
+
+
 class UpsideDown(Upright):
     """A crop by which the base stands on its head."""
 
@@ -158,9 +194,15 @@ def test_what_is_seen_in_every_frame_outweighs_what_a_network_keeps_saying(
 
 
 @pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
-@pytest.mark.parametrize("is_elsewhere", [False, True])
-def test_of_a_part_found_anew_the_turn_is_tried_first_that_it_had_there(
-    lying: Lying, is_elsewhere: bool, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("held", "is_elsewhere", "is_expected"), [(1, False, True), (1, True, False), (2, False, False)]
+)
+def test_of_a_part_found_anew_the_turn_is_tried_first_that_it_had_there_for_some_time(
+    lying: Lying,
+    held: int,
+    is_elsewhere: bool,
+    is_expected: bool,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked: list[list[Transform]] = []
 
@@ -173,13 +215,13 @@ def test_of_a_part_found_anew_the_turn_is_tried_first_that_it_had_there(
     had = turned(lying.wrong, aside, centre=lying.bodies["base"].balance)
     if is_elsewhere:
         had[0, 3] += 0.2
-    checks = by_crops(lying, was=0.1)
+    checks = by_crops(lying, was=0.1, held=held)
     checks.step(lying.frame, lying.tracker, {"base": had})
     asked.clear()
     checks.step(lying.frame, lying.tracker, {"base": lying.wrong})
     _, *others = asked[0]
     is_first = bool(np.allclose(others[0][:3, :3], had[:3, :3], atol=1e-6))
-    assert (is_first and len(others) == 1) != is_elsewhere
+    assert (is_first and len(others) == 1) == is_expected
 
 
 @pytest.mark.parametrize("lying", [TurnTableConfig(enabled=False)], ids=["off"], indirect=True)
@@ -243,11 +285,11 @@ def test_parts_nearby_are_drawn_where_they_are_told_to_be(
         drawn.append(others)
         return np.zeros(2)
 
-    monkeypatch.setattr(turn_checks, "drawn_looks", looks)
+    monkeypatch.setattr(turn_looks, "drawn_looks", looks)
     beside, away = UPRIGHT.copy(), UPRIGHT.copy()
     beside[0, 3], away[0, 3] = 0.06, 0.5
     checks.in_favour(lying.frame, "base", UPRIGHT, lying.wrong)
-    checks.around = {"base": UPRIGHT, "block": beside, "pin": away}
+    checks.looks.around = {"base": UPRIGHT, "block": beside, "pin": away}
     checks.in_favour(lying.frame, "base", UPRIGHT, lying.wrong)
     assert [len(others) for others in drawn] == [0, 1]
     mesh, pose = drawn[1][0]

@@ -52,11 +52,21 @@ def test_liking_counts_up_to_a_limit_and_what_is_seen_without_it() -> None:
 def test_at_first_what_is_hardly_behind_is_tried_again_each_time() -> None:
     memory, config = TurnMemory(BEGUN), TurnConfig(at_first=3, near=0.1)
     assert memory.next(config) == [0, 1, 2]
-    memory.last, memory.lead[:3] = 2, [-0.08, -0.05, -0.5]
+    memory.last, memory.lead[:3], memory.tried[:3] = 2, [-0.08, -0.05, -0.5], True
     assert memory.next(config) == [1, 3, 4]
     assert memory.next(TurnConfig(at_first=3)) == [3, 4, 5]
-    memory.fresh = 0
+    memory.tried[:] = True
     assert memory.next(config) == [3]
+
+
+def test_what_is_tried_out_of_turn_passes_over_none() -> None:
+    memory, config = TurnMemory(BEGUN), TurnConfig(at_first=2)
+    memory.lead[2] = 0.1
+    assert memory.next(config) == [2]
+    memory.last, memory.lead[2], memory.tried[2] = 2, -0.3, True
+    assert memory.next(config) == [0, 1]
+    memory.last, memory.tried[:2] = 1, True
+    assert memory.next(config) == [3, 4]
 
 
 def angle(T_a: Transform, T_b: Transform) -> float:
