@@ -221,7 +221,7 @@ def test_importing_twice_gives_the_same_files(dataset: Path, tmp_path: Path) -> 
             {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
         )
     assert contents[0] == contents[1]
-    networks = ("weights", "crops", "states")
+    networks = ("weights", "crops", "states", "masks")
     made = [name for name in contents[0] if Path(name).stem not in networks]
     assert len(made) == 1 + len(NANO_PARTS)
 

@@ -156,7 +156,9 @@ def test_a_part_of_which_another_turn_is_ahead_is_checked_before_its_turn(
     checks = TurnChecks(parts, bodies, config=config)
     for _ in range(6):
         checks.step(lying.frame, lying.tracker, dict.fromkeys("abcdef", UPRIGHT))
-    assert "".join(asked) == "abcdcecfcacb"
+    # Both of a frame are checked side by side, so either may be first.
+    pairs = ["".join(sorted(asked[i : i + 2])) for i in range(0, len(asked), 2)]
+    assert pairs == ["ab", "cd", "ce", "cf", "ac", "bc"]
 
 
 class UpsideDown(Upright):
