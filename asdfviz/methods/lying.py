@@ -20,19 +20,18 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.symmetry import nearest_symmetric
 from asdfviz.geometry.transforms import (
-    apply,
     inverse,
     point_distance,
     rotation_angle,
 )
 from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
-from asdfviz.methods.lying_climb import climbed, coarse, spun
+from asdfviz.methods.lying_climb import COARSE_PX, climbed, coarse, spun
 from asdfviz.methods.on_table import OnTableConfig, on_table
 from asdfviz.methods.part_poses import PartShape, shape_fit
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.methods.seen_table import table_near
-from asdfviz.pose.standing import sides, standing_on
+from asdfviz.pose.standing import height_above, sides, standing_on
 from asdfviz.pose.table import Table
 from asdfviz.state.twins import renamed
 from asdfviz.track.confidence import HIDDEN_BY
@@ -75,7 +74,7 @@ class LyingConfig:
     """It lies still that moved by no more than this since then, metres,"""
     still_deg: float = 6.0
     """and turned by no more than this."""
-    side_px: float = 64.0
+    side_px: float = COARSE_PX
     """Parts that look larger are compared in a picture of half the size, or a quarter,"""
     least_deg: float = 10.0
     """and keep their pose where it would be turned by less: contours tell it better then."""
@@ -235,8 +234,7 @@ class Lying:
         table = table_near(frame, box)
         if table is None:
             return None
-        lowest = float((apply(T_now, corners) @ table.normal).min()) + table.offset
-        if abs(lowest) > config.near:
+        if abs(height_above(T_now, corners, table)) > config.near:
             return None
         tried, seen = self._tried(part, T_now, table), coarse(frame, box, side_px=config.side_px)
         if not tried:

@@ -19,6 +19,8 @@ STEPS = ((10.0, 0.002), (5.0, 0.001), (2.5, 0.0005))
 """Degrees about the upright, metres along the table and across,"""
 CLIMBS = 4
 """each so often, as long as it helps: the middle of a pose that was tilted may be millimetres off."""
+COARSE_PX = 64.0
+"""What looks larger is compared in a picture of half the size, or a quarter."""
 
 
 def climbed(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
@@ -11,17 +12,18 @@ from asdfviz.datatypes import Frame, Part
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply_to_point
 from asdfviz.methods.drawn_looks import Placed, drawn_looks
-from asdfviz.methods.lying_climb import climbed, coarse
+from asdfviz.methods.lying_climb import COARSE_PX, climbed, coarse
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.turn_table import TurnTable
 from asdfviz.track.bodies import Body
 
+LooksOf: TypeAlias = Callable[[Sequence[Transform]], Scores | None]
+"""How much a part in each of some poses would look like what is seen; None where that is unknown."""
+
 NEAR = 0.6
 """Of the sum of their diameters: parts farther apart do not hide each other."""
-COARSE_PX = 64.0
-"""Parts that look larger are laid down in a picture of half the size, or a quarter."""
 
 
 class TurnLooks:
@@ -46,7 +48,7 @@ class TurnLooks:
         """By how much another pose of a part would look more like what is seen; None if unknown."""
         if not self._config.drawn.enabled:
             return None
-        looks = self._drawn([T_now, T_other], frame, frame, name, T_now)
+        looks = self._looks_of(frame, name, T_now)([T_now, T_other])
         return None if looks is None else float(looks[1] - looks[0])
 
     def laid_ahead(
@@ -61,30 +63,31 @@ class TurnLooks:
         if table is None or not self._config.drawn.enabled:
             return None
         both = [T_now, T_other]
-        stood = [self._table.stood(name, T, table) for T in both]
-        part, corners = self._parts[name], self._table.corners(name)
+        stood = [T for T in (self._table.stood(name, T, table) for T in both) if T is not None]
+        if len(stood) < len(both):
+            return None
+        middle, corners = self._parts[name].middle, self._table.corners(name)
         seen = coarse(frame, projected_box(T_now, corners, frame), side_px=COARSE_PX)
-        looks_of = partial(self._drawn, seen=seen, frame=frame, name=name, T_now=T_now)
-        for T in stood:
-            if T is None:
-                return None
-            both.append(climbed(T, looks_of, middle=part.middle, table=table))
-        looks = looks_of(both)
+        looks_of = self._looks_of(frame, name, T_now, seen=seen)
+        looks = looks_of(
+            [*both, *(climbed(T, looks_of, middle=middle, table=table) for T in stood)]
+        )
         return None if looks is None else float(looks[1::2].max() - looks[::2].max())
 
-    def _drawn(
-        self, Ts: Sequence[Transform], seen: Frame, frame: Frame, name: str, T_now: Transform
-    ) -> Scores | None:
-        """How much a part in these poses would look like what is `seen` of the frame."""
-        return drawn_looks(
-            seen,
+    def _looks_of(
+        self, frame: Frame, name: str, T_now: Transform, *, seen: Frame | None = None
+    ) -> LooksOf:
+        """How much a part in other poses would look like the frame, or what is `seen` of it."""
+        looks = partial(
+            drawn_looks,
+            seen or frame,
             self._parts[name].mesh,
-            np.stack(Ts),
             table=self._table.near(frame, name, T_now),
             config=self._config.drawn,
             smear=self._smear and self._smear.now,
             others=self._near(name, T_now),
         )
+        return lambda Ts: looks(np.stack(Ts))
 
     def _near(self, name: str, T_camera_part: Transform) -> list[Placed]:
         """Parts that may be before or behind one at this pose."""

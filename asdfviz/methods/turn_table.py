@@ -11,10 +11,15 @@ from asdfviz.datatypes import Frame, Part
 from asdfviz.errors import MethodError
 from asdfviz.geometry.sampling import hull_corners
 from asdfviz.geometry.shapes import Points, Transform
-from asdfviz.geometry.transforms import apply
 from asdfviz.methods.registration import projected_box
 from asdfviz.methods.seen_table import table_near
-from asdfviz.pose.standing import RestConfig, Stance, sides, standing_on
+from asdfviz.pose.standing import (
+    RestConfig,
+    Stance,
+    height_above,
+    sides,
+    standing_on,
+)
 from asdfviz.pose.table import SunkConfig, Table
 
 
@@ -91,11 +96,10 @@ class TurnTable:
     def stood(self, name: str, T_camera_part: Transform, table: Table) -> Transform | None:
         """The pose on the nearest side of the part, if it lies on the table about so; None if not."""
         stance, config = self._stances[name], self._config
-        lowest = float((apply(T_camera_part, stance.corners) @ table.normal).min()) + table.offset
-        sides_down = (
-            standing_on(T_camera_part, down, stance.corners, table) for down in stance.downs
-        )
-        near = min((one for one in sides_down if one), key=lambda one: one[1], default=None)
-        if near is None or abs(lowest) >= config.lies or near[1] > np.deg2rad(config.lies_deg):
+        height = height_above(T_camera_part, stance.corners, table)
+        if not len(stance.downs) or abs(height) >= config.lies:
             return None
-        return near[0]
+        looks_down = stance.downs @ T_camera_part[:3, :3].T @ -table.normal
+        down = stance.downs[looks_down.argmax()]
+        stood = standing_on(T_camera_part, down, stance.corners, table)
+        return stood[0] if stood and stood[1] <= np.deg2rad(config.lies_deg) else None

@@ -177,6 +177,11 @@ def laid_flat(
     return _moved(flat, middle, rise, table)
 
 
+def height_above(T_camera_part: Transform, corners: Points, table: Table) -> float:
+    """Of the part's lowest corner above the table, metres; below 0 where it stands in it."""
+    return float((apply(T_camera_part, corners) @ table.normal).min()) + table.offset
+
+
 def standing_on(
     T_camera_part: Transform, down: Float64[np.ndarray, "3"], corners: Points, table: Table
 ) -> tuple[Transform, float] | None:
@@ -211,7 +216,7 @@ def _turned_down(
         axis = across(table.normal)
     middle = apply_to_point(T_camera_part, corners.mean(axis=0))
     turned = turn_about(axis, middle, angle) @ T_camera_part
-    return turned, angle, float((apply(turned, corners) @ table.normal).min()) + table.offset
+    return turned, angle, height_above(turned, corners, table)
 
 
 def lifted(
