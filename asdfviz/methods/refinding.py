@@ -29,7 +29,7 @@ from asdfviz.methods.held_colors import HeldConfig
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.track_memory import Track
-from asdfviz.state.joints import nearest_in_joint
+from asdfviz.state.joints import nearest_in_joint, spread_of
 from asdfviz.track.starts import Trial
 
 SAME = 0.005
@@ -245,12 +245,12 @@ def places_in(
         if name == assembly.base or name not in state.T_base_part:
             continue
         T_nominal, joint = state.T_base_part[name], state.joints.get(name)
-        T_joined = (
-            T_nominal
-            if joint is None
-            else nearest_in_joint(T_base_part, T_nominal, joint, center_part=centre)
-        )
-        found.append(T_camera_base @ T_joined)
+        if joint is not None:
+            spread = spread_of(assembly.parts[name])
+            T_nominal = nearest_in_joint(
+                T_base_part, T_nominal, joint, center_part=centre, spread=spread
+            )
+        found.append(T_camera_base @ T_nominal)
     return found
 
 

@@ -27,7 +27,7 @@ from asdfviz.geometry.transforms import (
     turn_about,
     turns_freely,
 )
-from asdfviz.state.joints import deviation, nearest_in_joint
+from asdfviz.state.joints import deviation, nearest_in_joint, spread_of
 
 _Key: TypeAlias = tuple[object, ...]
 TURNS = 12
@@ -62,6 +62,8 @@ class JointPlaces:
         """By joint, the motion that was seen: T_base_part = motion @ the nominal one,"""
         self._settled: dict[_Key, Transform] = {}
         """and the one that agreed best with the picture, of those that were possible last."""
+        self._fresh = set[_Key]()
+        """Joints of which the last frame showed a part in its place."""
         self._travel: dict[str, float] = {}
         """By link, the share of its ranges at which its joints are."""
         self._reaches: dict[tuple[str, bytes, int], float] = {}
@@ -87,7 +89,7 @@ class JointPlaces:
             T_camera_base: where the base is.
             poses: of the parts, where they were found.
         """
-        fresh: set[_Key] = set()
+        fresh = self._fresh = set[_Key]()
         for name, T_nominal, joint in self._held.values():
             own = poses.get(name)
             if own is None:
@@ -123,13 +125,16 @@ class JointPlaces:
             center_part=part.middle,
             symmetries=part.symmetries,
             joint=joint,
+            spread=spread_of(part),
         )
         if not off.within(self._config.distance, self._config.angle_deg):
             return None
         known = self._seen.get(_key(joint))
         T_last = T_nominal if known is None else known @ T_nominal
         T_near = nearest_symmetric(T_base_part, T_last, part.symmetries)
-        return nearest_in_joint(T_near, T_nominal, joint, center_part=part.middle)
+        return nearest_in_joint(
+            T_near, T_nominal, joint, center_part=part.middle, spread=spread_of(part)
+        )
 
     def reach(self, name: str, T_nominal: Transform, joint: Joint | None) -> float:
         """How far a part's middle in the joint is from the nominal one at most, metres, whichever of
@@ -178,7 +183,8 @@ class JointPlaces:
         """Where parts that move as one may be: one place each, or several where not all is known.
 
         A turn that was seen is only one of several: a round bar that was taken for turned otherwise
-        is in its joint as well. What was seen far from where it was before may still be there.
+        is in its joint as well. What was seen far from where it was before may still be there, and what
+        slides may be anywhere once it is seen no more: a hand pushed it on when it saw it last.
 
         Args:
             names: of the parts, as `together` gives them.
@@ -202,6 +208,8 @@ class JointPlaces:
         motions = self._unseen(joint) if known is None else [known]
         if known is not None and _turns_freely(joint) and not are_round:
             motions += [_turn(joint, angle) @ known for angle in _angles()[1:]]
+        if known is not None and _key(joint) not in self._fresh and joint.slide[0] < joint.slide[1]:
+            motions += self._unseen(joint)  # it may have been pushed on since
         motions += before
         return [[T_motion @ T for T in nominal] for T_motion in motions]
 

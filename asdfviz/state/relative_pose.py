@@ -54,7 +54,7 @@ from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.half_done import ways_half_done
-from asdfviz.state.joints import deviation
+from asdfviz.state.joints import deviation, spread_of
 from asdfviz.state.twin_places import Place, twin_places
 
 
@@ -256,6 +256,7 @@ def _fits(
             center_part=center,
             symmetries=part.symmetries,
             joint=place.joint,
+            spread=spread_of(part),
         )
         there = _moved(place.T_base_part, center) - center_base
         near = _bell((reach - np.linalg.norm(there)) / config.sigma_translation)

@@ -11,7 +11,7 @@ from asdfviz.datatypes import Assembly, Joint
 from asdfviz.geometry.symmetry import Axis, Symmetries
 from asdfviz.geometry.transforms import inverse, rotation_about, transform_from
 from asdfviz.state.joint_places import TURNS, JointPlaces
-from asdfviz.state.joints import deviation
+from asdfviz.state.joints import deviation, spread_of
 
 
 def shift(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
@@ -166,7 +166,12 @@ def test_only_what_cannot_be_in_a_joint_is_passed_over(
             spun = rotation_about(rng.normal(size=3), rng.uniform(0, np.pi))
             T = transform_from(spun, rng.uniform(-0.04, 0.04, 3)) @ T_nominal
             off = deviation(
-                T, T_nominal, center_part=part.middle, symmetries=part.symmetries, joint=joint
+                T,
+                T_nominal,
+                center_part=part.middle,
+                symmetries=part.symmetries,
+                joint=joint,
+                spread=spread_of(part),
             )
             is_in = off.within(0.02, 30.0)
             assert (places.nearest("block", T, T_nominal, joint) is not None) == is_in

@@ -5,7 +5,7 @@ import pytest
 
 from asdfviz.datatypes import Joint
 from asdfviz.geometry.symmetry import Axis, Symmetries
-from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.geometry.transforms import apply, rotation_about, transform_from
 from asdfviz.state.joints import deviation, nearest_in_joint
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -130,3 +130,47 @@ def test_of_poses_that_look_the_same_the_one_in_range_counts() -> None:
             T, upright, center_part=np.zeros(3), symmetries=Symmetries((half,)), joint=turning
         )
         assert np.degrees(off.angle) == pytest.approx(0, abs=1e-5), degrees
+
+
+@pytest.mark.parametrize("kind", ["revolute", "cylindrical", "ball"])
+def test_what_a_joint_allows_is_allowed_however_large_the_part_is(kind) -> None:
+    T = moved(turn=1.2)
+    for spread in (None, 0.002, 0.02, 1.0):
+        T_held = nearest_in_joint(T, T_NOMINAL, joint(kind), center_part=CENTER, spread=spread)
+        assert np.allclose(T_held, T, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "ball"])
+def test_a_part_on_a_long_arm_is_turned_as_its_place_tells(kind) -> None:
+    """It is seen in its place, but askew: by its rotation alone it would swing out of there."""
+    arm = np.array([0.15, 0.0, 0.0])
+    T_placed = transform_from(np.eye(3), ORIGIN + arm)
+    askew = transform_from(rotation_about(Z, 0.1), T_placed[:3, 3])
+
+    def swung(spread: float | None) -> float:
+        T = nearest_in_joint(
+            askew, T_placed, joint(kind, turn=(-1.0, 1.0)), center_part=np.zeros(3), spread=spread
+        )
+        return float(np.linalg.norm(T[:3, 3] - T_placed[:3, 3]))
+
+    assert swung(None) == pytest.approx(2 * 0.15 * np.sin(0.05), abs=1e-9)
+    assert swung(0.02) < 0.001
+    assert swung(10.0) == pytest.approx(swung(None), abs=1e-4), (
+        "a huge part shows its rotation best"
+    )
+
+
+def test_the_turn_is_the_one_after_which_all_points_are_nearest() -> None:
+    """Against a search over all turns, with points that are spread as is said."""
+    rng, spread = np.random.default_rng(5), 0.02
+    cloud = rng.normal(size=(4000, 3))
+    cloud = (cloud - cloud.mean(axis=0)) @ np.linalg.inv(np.linalg.cholesky(np.cov(cloud.T))).T
+    points = CENTER + spread * cloud
+    T = moved(turn=0.4, tilt=0.15, side=0.012)
+    T_held = nearest_in_joint(T, T_NOMINAL, joint("revolute"), center_part=CENTER, spread=spread)
+
+    def off(T_at: np.ndarray) -> float:
+        return float(((apply(T_at, points) - apply(T, points)) ** 2).sum())
+
+    tried = [moved(turn=turn) for turn in np.linspace(-0.5, 1.5, 401)]
+    assert off(T_held) <= min(map(off, tried)) * (1 + 1e-4)
