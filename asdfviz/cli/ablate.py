@@ -36,6 +36,8 @@ NOTES = {
     "backbone": "paper: Table 3, on an RTX 3090. Times of untrained sizes are measured with random "
     "weights; accuracy is printed of trained ones alone.",
     "fusion": "The paper gives no weights. The best of the grid was found on these very scenes.",
+    "keypoints": "Not in the paper but for RANSAC: the group's keypoints solved together, and the other pose "
+    "that those of a flat part may mean.",
     "group": "The paper claims that the state helps the pose and gives no figures.",
     "states": "Not in the paper: states told apart by what the camera sees of each one's group.",
     "beyond": "Not in the paper: looking again, the network's opinion over time, tracks begun anew.",
@@ -49,7 +51,7 @@ class Ablate:
 
     refinement: Table 2, what depth does to first poses. weighting: the weight function W(d) of its
     shift, which the paper leaves open. backbone: Table 3, sizes of the network.
-    fusion: the weights of Pose2State. group: state helps pose, on and off. states: the test of
+    fusion: the weights of Pose2State. keypoints: what is made of them. group: state helps pose, on and off. states: the test of
     every state's group against the picture, on and off. beyond: what asdf_plus and asdf_track
     weigh besides, each piece off.
 
@@ -57,7 +59,16 @@ class Ablate:
     """
 
     what: Annotated[
-        Literal["refinement", "weighting", "backbone", "fusion", "group", "states", "beyond"],
+        Literal[
+            "refinement",
+            "weighting",
+            "backbone",
+            "fusion",
+            "keypoints",
+            "group",
+            "states",
+            "beyond",
+        ],
         tyro.conf.Positional,
     ]
     """Which comparison."""
@@ -87,6 +98,7 @@ class Ablate:
             "weighting": self._weighting,
             "backbone": self._backbone,
             "fusion": self._fusion,
+            "keypoints": self._keypoints,
             "group": self._group,
             "states": self._states,
             "beyond": self._beyond,
@@ -112,6 +124,12 @@ class Ablate:
 
         judged = _all_judged(scenes, weighting_variants)
         return plain_table(judged, states=False, layout=layout)
+
+    def _keypoints(self, scenes: list[FolderSequence], layout: Layout) -> str:
+        from asdfviz.evaluate.paper_ablations import plain_table
+        from asdfviz.methods.keypoint_variants import keypoint_variants
+
+        return plain_table(_all_judged(scenes, lambda _: keypoint_variants()), layout=layout)
 
     def _group(self, scenes: list[FolderSequence], layout: Layout) -> str:
         from asdfviz.evaluate.paper_ablations import plain_table

@@ -9,60 +9,36 @@ are still ours, and `--published` is the paper to the letter.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from functools import partial
 
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Scores
 from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.asdf_scene import AsdfScene, asdf_scene
 from asdfviz.methods.base_votes import BaseVotes
-from asdfviz.methods.contests import Contests
-from asdfviz.methods.first_pose import CropPoses, LooksAtParts, best_settled, crop_poses
-from asdfviz.methods.group_poses import GroupPoses
-from asdfviz.methods.looked_at import Before, LookedAt
-from asdfviz.methods.network import Detects, load_detector
+from asdfviz.methods.first_pose import LooksAtParts, best_settled
+from asdfviz.methods.flat_twins import flat_twin
+from asdfviz.methods.kept_poses import Proposal, proposals_of
+from asdfviz.methods.looked_at import Before, LookedAt, remembered
+from asdfviz.methods.network import Detects
 from asdfviz.methods.on_table import none_below, on_table
-from asdfviz.methods.part_finder import PartFinder
 from asdfviz.methods.part_poses import (
     PartShape,
     Rests,
-    part_shapes,
     poses_at_rest,
     poses_fitted_to_boxes,
     poses_from_keypoints,
     poses_refined_by_depth,
     sure_enough,
 )
-from asdfviz.methods.place_looks import PlaceLooks, agreed
+from asdfviz.methods.place_looks import agreed
+from asdfviz.methods.pooled_keypoints import PooledBase
 from asdfviz.methods.rivals import settled_poses
 from asdfviz.methods.spec import MethodSpec
-from asdfviz.methods.state_looks import StateLooks
 from asdfviz.methods.timing import StageTimer
-from asdfviz.state.base_turns import BaseTurns
-from asdfviz.state.fusion import Pose2State
-from asdfviz.state.lately_loose import LatelyLoose
-from asdfviz.state.part_names import PartNames
 from asdfviz.state.relative_pose import relative_pose_probabilities
 from asdfviz.state.twins import renamed, renamed_poses
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Scene:
-    """What stays the same through a sequence."""
-
-    assembly: Assembly
-    finder: PartFinder
-    shapes: dict[str, PartShape]
-    pose2state: Pose2State
-    crop_poses: CropPoses | None
-    """None: first poses come from keypoints."""
-    looks: StateLooks
-    place_looks: PlaceLooks
-    group: GroupPoses
-    twins: PartNames
-    turns: BaseTurns
-    votes: BaseVotes
-    lately: LatelyLoose
 
 
 class Asdf:
@@ -84,7 +60,7 @@ class Asdf:
         """
         self._config = config
         self._given_detector, self._given_looker = detector, looker
-        self._scene: _Scene | None = None
+        self._scene: AsdfScene | None = None
         self._before: dict[str, Before] = {}
         self.assigned: Mapping[str, Detection] = {}
         """Which box of the last frame is which part."""
@@ -99,52 +75,13 @@ class Asdf:
         Raises:
             WeightsError: there are no weights for this assembly.
         """
-        config, self._before = self._config, {}
-        shapes = part_shapes(assembly, surface_points=config.translation.surface_points)
-        sunk, given = config.on_table.counted, self._given_looker
-        first = crop_poses(config.first_pose, config.crops, assembly, looker=given, sunk=sunk)
-        detector = self._given_detector or load_detector(config.detector, assembly)
-        contests = None
-        if first is not None:
-
-            def look(boxes: Mapping[str, Detection], frame: Frame) -> dict[str, LookedAt]:
-                return first.looked_at(boxes, frame, use_depth=True, previous=self._before)
-
-            contests = Contests(assembly, look, config.contests)
-        looks = StateLooks.of(
+        self._before = {}
+        self._scene = asdf_scene(
             assembly,
-            config=config.appearance,
-            chosen=config.state_looks,
-            detector=config.detector,
-            crops=config.crops,
-            crop_poses=first,
-        )
-        group = GroupPoses(assembly, shapes, config=config.group)
-        self._scene = _Scene(
-            assembly=assembly,
-            finder=PartFinder(
-                assembly,
-                detector,
-                shapes,
-                looker=None if first is None else first.looker,
-                names=config.names,
-                second_look=config.second_look.chosen(crops=first is not None),
-                by_size=not config.published,
-                by_class=config.published,
-                contests=contests,
-            ),
-            shapes=shapes,
-            pose2state=Pose2State(assembly, config=config.fusion.chosen(places=looks.by_places)),
-            crop_poses=first,
-            looks=looks,
-            place_looks=PlaceLooks(
-                assembly, shapes, first and first.looker, config=config.place_looks
-            ),
-            group=group,
-            twins=PartNames(assembly, config=config.relative_pose),
-            turns=BaseTurns(assembly, config=config.relative_pose),
-            votes=BaseVotes(group, places=config.relative_pose, config=config.base_votes),
-            lately=LatelyLoose(assembly, config=config.lately_loose),
+            self._config,
+            detector=self._given_detector,
+            looker=self._given_looker,
+            before=lambda: self._before,
         )
 
     @property
@@ -163,6 +100,30 @@ class Asdf:
         """Where the base is; once reset() was called."""
         return self._started().votes
 
+    def pooled(self, frame: Frame) -> PooledBase | None:
+        """The base by all joined parts' keypoints, in the frame that was looked at last; None where crops
+        give first poses."""
+        pooled = self._started().pooled
+        return None if pooled is None else partial(pooled.base, found=self.assigned, frame=frame)
+
+    def proposals(self, own: PoseEstimate | None, frame: Frame) -> list[Proposal]:
+        """A part's pose in the frame that was looked at last and its runners-up; nothing without a pose."""
+        if own is None:
+            return []
+        look, box = self.looked_at.get(own.part), self.assigned.get(own.part)
+        if look is not None:
+            return proposals_of(own, look)
+        scene, first = self._started(), Proposal(own.T_camera_part, 1.0)
+        if (
+            not self._config.pnp.mirrored
+            or scene.crop_poses is not None
+            or box is None
+            or own.stage == "group"
+        ):
+            return [first]
+        twin = flat_twin(own, scene.assembly.parts[own.part], box, frame)
+        return [first] if twin is None else [first, twin]
+
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
         config, scene, timed = self._config, self._started(), StageTimer()
@@ -176,7 +137,8 @@ class Asdf:
             state = scene.pose2state.step(agreed(self.looks, stands), places, loose)
         if config.group.enabled:
             with timed("group"):
-                poses = scene.group.step(poses, state, frame, may_be=scene.votes.may_be)
+                may_be, pooled = scene.votes.may_be, self.pooled(frame)
+                poses = scene.group.step(poses, state, frame, may_be=may_be, pooled=pooled)
         scene.votes.keep(poses.get(scene.assembly.base))
         if scene.crop_poses is not None:
             poses = sure_enough(poses, config.least_score)
@@ -242,11 +204,20 @@ class Asdf:
                 config=config.rivals,
             )
             scene.finder.keep(found)
-            self._before = {name: self._remembered(pose) for name, pose in poses.items()}
+            self._before = {
+                name: remembered(
+                    pose,
+                    self._before.get(name),
+                    self.looked_at.get(name),
+                    scene.assembly.parts[name].symmetries,
+                    memory=config.doubts,
+                )
+                for name, pose in poses.items()
+            }
             told = scene.votes.told(poses, belief, frame)
             at = poses if config.own_looks else told
         with timed("state"):
-            self.looks = scene.looks.probabilities(detections, at, frame)
+            self.looks = scene.looks.step(detections, at, frame)
         return FramePrediction(frame.index, told, None, detections, timed.seconds)
 
     def _first_poses(self, found: Mapping[str, Detection], frame: Frame) -> dict[str, PoseEstimate]:
@@ -257,16 +228,6 @@ class Asdf:
             return best_settled(looks, found)
         poses = poses_from_keypoints(found, frame, scene.assembly, config=config.pnp)
         return poses_fitted_to_boxes(poses, found, scene.shapes, frame, config=config.box_fit)
-
-    def _remembered(self, pose: PoseEstimate) -> Before:
-        """A pose, with what the network thought of its rotation so far."""
-        before, look = self._before.get(pose.part), self.looked_at.get(pose.part)
-        T, alike = pose.T_camera_part, self._started().assembly.parts[pose.part].symmetries
-        if before is None:
-            return Before(T)
-        if look is None:
-            return before.followed_by(T, before.liked, alike, memory=0.0)
-        return before.followed_by(T, look.likely(T), alike, memory=self._config.doubts)
 
     def _refined(
         self, poses: Mapping[str, PoseEstimate], found: Mapping[str, Detection], frame: Frame
@@ -286,7 +247,7 @@ class Asdf:
         refined = none_below(refined, scene.shapes, frame)
         return on_table(refined, scene.assembly, scene.shapes, frame, config=config.on_table)
 
-    def _started(self) -> _Scene:
+    def _started(self) -> AsdfScene:
         if self._scene is None:
             raise MethodError("asdf: reset() must come before step()")
         return self._scene

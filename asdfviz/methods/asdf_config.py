@@ -68,6 +68,8 @@ class AsdfConfig:
     crops (the crop network, looking about the base part) or places (the state network, looking where
     the base part's pose puts each joined part). Default, where first poses come from crops: places if
     there is such a network, else crops unless the detector is the assembly's own."""
+    looks_every: int = 1
+    """In one of so many frames the network is asked; its last answer stands for the frames between."""
     appearance: AppearanceConfig = field(default_factory=AppearanceConfig)
     """S_DL: from state boxes to probabilities."""
     place_looks: PlaceLooksConfig = field(default_factory=PlaceLooksConfig)
@@ -94,5 +96,7 @@ class AsdfConfig:
         """Raise a MethodError where an option is out of its range, or not as published."""
         if not 0 <= self.least_score <= 1:
             raise MethodError(f"least_score is {self.least_score:g}, use a score from 0 to 1")
+        if self.looks_every < 1:
+            raise MethodError(f"looks_every is {self.looks_every}, use 1 or more")
         if self.published:
             publish(self, FUSED_STEPS)

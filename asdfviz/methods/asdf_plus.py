@@ -17,7 +17,6 @@ from functools import partial
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.contour_fits import ContourFit, ContourFits
@@ -26,7 +25,7 @@ from asdfviz.methods.first_pose import LooksAtParts
 from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.group_contours import GroupContours
 from asdfviz.methods.group_poses import GroupPoses
-from asdfviz.methods.kept_poses import Decision, pose_confidence, proposals_of
+from asdfviz.methods.kept_poses import Decision, pose_confidence
 from asdfviz.methods.looked_at import LastLooks
 from asdfviz.methods.mistaken import Mistaken
 from asdfviz.methods.network import Detects
@@ -98,8 +97,8 @@ class AsdfPlus:
         shapes, contours = self._asdf.shapes, config.contours
         kept, registration = config.hypotheses, config.registration
         bodies = load_bodies(assembly) if contours.enabled else None
-        followed = FollowedState(assembly, shapes, self._asdf.looker, config)
         told = ToldPoses(assembly, shapes, config)
+        followed = FollowedState(assembly, shapes, self._asdf.looker, config, smear=told.smear)
         self._scene = _Scene(
             assembly,
             {
@@ -129,9 +128,12 @@ class AsdfPlus:
         if self._scene is None:
             raise MethodError("asdf_plus: reset() must come before step()")
         config, scene, timed = self._config, self._scene, StageTimer()
-        assembly = scene.assembly
-        rests, votes = partial(_rests, scene), self._asdf.votes
-        proposed = self._asdf.propose(frame, rests=rests, belief=scene.followed.said)
+        assembly, asdf, votes = scene.assembly, self._asdf, self._asdf.votes
+        proposed = asdf.propose(
+            frame,
+            rests=lambda name, box, now: scene.hypotheses[name].rests(box, now),
+            belief=scene.followed.said,
+        )
         proposed = self._without_others(proposed, frame, scene)
         with timed("register"):
             decided = self._decided(proposed, frame, scene)
@@ -142,7 +144,7 @@ class AsdfPlus:
                 decided,
                 frame,
                 held=scene.group.held,
-                looked_at=scene.looks.step(self._asdf.looked_at, self._asdf.assigned),
+                looked_at=scene.looks.step(asdf.looked_at, asdf.assigned),
             )
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
@@ -150,13 +152,16 @@ class AsdfPlus:
             followed = votes.preferred(followed, told, least=config.least_score)
             poses = self._named_by_place(scene.followed.turned(followed), scene)
             self._see_what_rests(poses, frame, scene)
-            looks, rest = self._asdf.looks, scene.told.rest
+            looks, rest = asdf.looks, scene.told.rest
             state = scene.followed.step(looks, poses, frame, first=told, rest=rest)
         unfolded, hidden = scene.followed.unfolded, votes.hidden
         if config.joined.enabled:
             with timed("group"):
                 base = hidden or scene.mistaken.doubted_base(frame, scene.followed.base)
-                poses = scene.group.step(poses, unfolded, frame, base=base, may_be=votes.may_be)
+                may_be, pooled = votes.may_be, asdf.pooled(frame)
+                poses = scene.group.step(
+                    poses, unfolded, frame, base=base, may_be=may_be, pooled=pooled
+                )
                 if hidden is None:
                     poses = self._settled_together(poses, frame, scene)
                 else:  # what shows of the group may leave it free along its joints
@@ -216,7 +221,7 @@ class AsdfPlus:
         for name, hypotheses in scene.hypotheses.items():
             look = self._asdf.looked_at.get(name)
             decision = hypotheses.step(
-                proposals_of(proposed.poses.get(name), look),
+                self._asdf.proposals(proposed.poses.get(name), frame),
                 frame,
                 box_xyxy=found[name].box_xyxy if name in found else None,
                 likely=None if look is None else look.likely,
@@ -283,10 +288,6 @@ def _others(
     """The parts whose poses are those of things that stood there while the part was elsewhere."""
     base = scene.followed.base or proposed.poses.get(scene.assembly.base)
     return scene.mistaken.found(frame, poses, None if base is None else base.T_camera_part)
-
-
-def _rests(scene: _Scene, name: str, box_xyxy: Box, frame: Frame) -> Transform | None:
-    return scene.hypotheses[name].rests(box_xyxy, frame)
 
 
 SPEC = MethodSpec(

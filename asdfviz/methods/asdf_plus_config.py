@@ -40,6 +40,9 @@ class AsdfPlusConfig(AsdfConfig):
     """Of ASDF's own last step, which is not taken here: no option, `joined` counts instead."""
     own_looks: bool = True
     """Whether the base's own pose says where the group is looked at: what is told is hidden more often here."""
+    looks_every: int = 2
+    """In one of so many frames the network is asked how the group looks; its last answer stands for the
+    frames between. In the others there is time to look how parts lie (`lying.every`)."""
     registration: RegistrationConfig = field(default_factory=RegistrationConfig)
     """Six degrees of freedom from depth."""
     hypotheses: HypothesesConfig = field(default_factory=HypothesesConfig)

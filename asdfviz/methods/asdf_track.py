@@ -45,7 +45,7 @@ from asdfviz.methods.track_memory import surely_placed, with_turned_axes
 from asdfviz.methods.tracked_base import TrackedBase
 from asdfviz.methods.unlike_twins import UnlikeTwins
 from asdfviz.state.joint_places import JointPlaces
-from asdfviz.state.joints import deviation
+from asdfviz.state.joints import deviation, spread_of
 from asdfviz.state.part_names import PartNames
 from asdfviz.state.place_odds import JoinedOdds
 from asdfviz.state.twins import names_after, renamed, renamed_poses
@@ -91,9 +91,10 @@ class AsdfTrack:
         """
         config = self._config
         self._asdf.reset(assembly, camera, None)
-        followed = FollowedState(assembly, self._asdf.shapes, self._asdf.looker, config)
+        shapes, looker = self._asdf.shapes, self._asdf.looker
+        told = ToldPoses(assembly, shapes, config)
+        followed = FollowedState(assembly, shapes, looker, config, smear=told.smear)
         own = OwnColors(assembly, config=config.own_colors)
-        told = ToldPoses(assembly, self._asdf.shapes, config)
         base = TrackedBase(assembly.base, self._asdf.votes)
         self._scene = _Scene(
             assembly=assembly,
@@ -284,6 +285,7 @@ class AsdfTrack:
             center_part=scene.parts.bodies[name].model.centre,
             symmetries=scene.assembly.parts[name].symmetries,
             joint=state.joints.get(name),
+            spread=spread_of(scene.assembly.parts[name]),
         )
         near = off.within(config.distance, config.angle_deg)
         return near or scene.parts.tracks[name].unsure > config.patience

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float64
 
 from asdfviz.geometry.shapes import Rgb
+from asdfviz.methods.color_odds import mean_odds
 from asdfviz.methods.group_views import grown
 from asdfviz.methods.seen_colors import log_colors
 
@@ -53,19 +54,4 @@ def divided_so(
     if np.count_nonzero(common) < LEAST or np.count_nonzero(around) < LEAST_AROUND:
         return np.zeros(len(drawn))
     asked = any_of_them & ~hidden
-    colors = log_colors(rgb[asked])
-    part, behind = log_colors(rgb[common]), log_colors(rgb[around])
-    odds = _likelihood(colors, part) - _likelihood(colors, behind)
-    odds = np.clip(odds, -SUREST, SUREST)
-    return np.where(drawn[:, asked], odds, -odds).mean(axis=1)
-
-
-def _likelihood(
-    colors: Float64[np.ndarray, "n 3"], samples: Float64[np.ndarray, "m 3"]
-) -> Float64[np.ndarray, "n"]:
-    """Logarithm of the density of a normal distribution about the samples' median, but for a constant."""
-    middle = np.median(samples, axis=0)
-    spread = np.cov((samples - middle).T) + SPREAD**2 * np.eye(3) + LIGHT**2 / 3
-    off = colors - middle
-    squares = np.einsum("ni,ij,nj->n", off, np.linalg.inv(spread), off)
-    return -0.5 * (squares + float(np.linalg.slogdet(spread)[1]))
+    return mean_odds(log_colors(rgb), drawn, asked, common, around, SPREAD, LIGHT, SUREST)

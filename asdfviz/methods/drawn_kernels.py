@@ -1,4 +1,5 @@
-"""The compiled loop behind `drawn_looks`: how much of the brightness shading by normals leaves unexplained."""
+"""The compiled loops behind `drawn_looks`: a pose laid over what lies behind it, how far depth is from that,
+and how much of the brightness shading by normals leaves unexplained."""
 
 from __future__ import annotations
 
@@ -76,3 +77,89 @@ def uneven(smooth, counted, brightness, rounds, largest):
     for i in range(len(bright)):
         total += min(left[i] ** 2, largest**2)
     return np.sqrt(total / len(bright))
+
+
+@kernel
+@no_type_check
+def laid_over(z, bare, depth, hidden_by):
+    """Depth of the part and of what is there without it elsewhere, where something measured hides that,
+    where the part shows, and in how many pixels.
+
+    Args:
+        z: h w, depth of the part, inf where it is not.
+        bare: h w, what is there without it.
+        depth: h w, measured, 0 = none.
+        hidden_by: what is measured nearer than by this hides, metres.
+    """
+    height, width = z.shape
+    surface, hidden = np.empty((height, width)), np.zeros((height, width), np.bool_)
+    seen, count = np.zeros((height, width), np.bool_), 0
+    for row in range(height):
+        for column in range(width):
+            is_part = np.isfinite(z[row, column])
+            behind = z[row, column] if is_part else bare[row, column]
+            measured = depth[row, column]
+            surface[row, column] = behind
+            hidden[row, column] = measured > 0.0 and measured < behind - hidden_by
+            seen[row, column] = is_part and not hidden[row, column]
+            count += seen[row, column]
+    return surface, hidden, seen, count
+
+
+@kernel
+@no_type_check
+def mean_gap(smeared, depth, rim, hidden, most, if_hidden):
+    """Mean distance between smeared depth and the measured one over the rim's readings, metres, and how
+    many of them nothing hides.
+
+    Args:
+        smeared: h w, drawn.
+        depth: h w, measured, 0 = none.
+        rim: h w, pixels that count.
+        hidden: h w, where something nearer is measured,
+        most: what is farther off counts for this, metres,
+        if_hidden: and what is hidden for this.
+    """
+    total, count, clear = 0.0, 0, 0
+    for row in range(depth.shape[0]):
+        for column in range(depth.shape[1]):
+            if not rim[row, column] or depth[row, column] <= 0.0:
+                continue
+            count += 1
+            if hidden[row, column]:
+                total += if_hidden
+                continue
+            clear += 1
+            total += min(abs(smeared[row, column] - depth[row, column]), most)
+    return total / max(count, 1), clear
+
+
+@kernel
+@no_type_check
+def normals_shown(ids, seen, normals, offsets, T):
+    """Unit normals in camera axes, turned towards the camera, and ones; 0 where nothing is seen.
+
+    Args:
+        ids: h w, the face that shows.
+        seen: h w, where it does.
+        normals: f 3, of the faces, part axes.
+        offsets: f, of their planes from the part's origin along them.
+        T: T_camera_part.
+    """
+    shown = np.zeros((*seen.shape, 4), np.float32)
+    eye = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            eye[i] -= T[j, i] * T[j, 3]
+    for row in range(seen.shape[0]):
+        for column in range(seen.shape[1]):
+            if not seen[row, column]:
+                continue
+            n = normals[ids[row, column]]
+            towards = n[0] * eye[0] + n[1] * eye[1] + n[2] * eye[2] >= offsets[ids[row, column]]
+            sign = 1.0 if towards else -1.0
+            for i in range(3):
+                turned = T[i, 0] * n[0] + T[i, 1] * n[1] + T[i, 2] * n[2]
+                shown[row, column, i] = sign * turned
+            shown[row, column, 3] = 1.0
+    return shown

@@ -19,9 +19,9 @@ from jaxtyping import Float32, Float64, Int32
 
 from asdfviz.datatypes import Frame, Mesh
 from asdfviz.errors import MethodError
-from asdfviz.geometry.shapes import Intrinsics, Mask, Points, Transform, Transforms
+from asdfviz.geometry.shapes import Intrinsics, Mask, Transform, Transforms
 from asdfviz.methods.drawn_colors import divided_so
-from asdfviz.methods.drawn_kernels import uneven
+from asdfviz.methods.drawn_kernels import laid_over, mean_gap, normals_shown, uneven
 from asdfviz.methods.drawn_smear import Plane, Smear
 from asdfviz.methods.group_views import grown
 from asdfviz.methods.registration import projected_box, window
@@ -29,7 +29,7 @@ from asdfviz.methods.seen_colors import log_colors
 from asdfviz.pose.table import Table
 from asdfviz.track import raster
 from asdfviz.track.confidence import HIDDEN_BY
-from asdfviz.track.viewpoint_model import face_normals
+from asdfviz.track.viewpoint_model import face_planes
 
 Placed: TypeAlias = tuple[Mesh, Transform]
 """A part's mesh and its pose T_camera_part."""
@@ -137,13 +137,12 @@ def drawn_looks(
     shown = _shown(frame, pixels, K, [z for z, _ in planes], table, smear, before)
     values = config.outline * _outlined(frame, pixels, shown, [z for z, _ in planes])
     for k, (z, ids) in enumerate(planes):
-        is_part = np.isfinite(z)
-        surface = np.where(is_part, z, shown.bare)
-        is_hidden = shown.hides(surface)
-        seen = is_part & ~is_hidden
-        if np.count_nonzero(seen) < LEAST:
+        surface, is_hidden, seen, count = laid_over(z, shown.bare, shown.depth, HIDDEN_BY)
+        if count < LEAST:
             return None
-        normals = face_normals(mesh, ids[seen], T_camera_parts[k]) @ T_camera_parts[k, :3, :3].T
+        normals = normals_shown(
+            ids, seen, *face_planes(mesh), np.ascontiguousarray(T_camera_parts[k])
+        )
         rest = _uneven(shown, seen, normals)
         gap = _gap(shown, surface, is_hidden, smear=smear, focal=float(K[0, 0]))
         if gap is None:
@@ -273,24 +272,20 @@ def _gap(
     """
     if not np.isfinite(shown.bare).all() or not (shown.depth[shown.rim] > 0).any():
         return 0.0
-    counted = shown.rim & (shown.depth > 0)
-    if np.count_nonzero(counted & ~is_hidden) < LEAST:
-        return None
-    gaps = np.minimum(np.abs(smear.applied(surface, focal=focal) - shown.depth), LARGEST_GAP)
-    return float(np.where(is_hidden, HIDDEN, gaps)[counted].mean())
+    smeared = smear.applied(surface, focal=focal)
+    gap, clear = mean_gap(smeared, shown.depth, shown.rim, is_hidden, LARGEST_GAP, HIDDEN)
+    return float(gap) if clear >= LEAST else None
 
 
-def _uneven(shown: _Shown, seen: Mask, normals: Points) -> float:
+def _uneven(shown: _Shown, seen: Mask, normals: Float32[np.ndarray, "h w 4"]) -> float:
     """What a linear function of the normal leaves of the brightness' logarithm, root mean square.
 
     Args:
         shown: the picture.
         seen: where the part is.
-        normals: of its surface there, camera axes.
+        normals: of its surface there, camera axes, and ones.
     """
-    smooth = np.zeros((*seen.shape, 4), np.float32)
-    smooth[seen, :3], smooth[seen, 3] = normals, 1.0
-    smooth = cv2.GaussianBlur(smooth, (0, 0), 0.8)
+    smooth = cv2.GaussianBlur(normals, (0, 0), 0.8)
     inside = cv2.erode(seen.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     counted = inside if np.count_nonzero(inside) >= LEAST else seen
     return float(uneven(smooth, counted, shown.brightness, ROUNDS, LARGEST_UNEVEN))

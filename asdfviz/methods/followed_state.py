@@ -14,6 +14,7 @@ from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.loose_parts import LooseParts
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.place_looks import PlaceLooks, PlaceLooksConfig, agreed
+from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.half_done import HalfDone
@@ -66,6 +67,8 @@ class FollowedState:
         shapes: Mapping[str, PartShape],
         looker: object | None,
         config: FollowsState,
+        *,
+        smear: SeenSmear | None = None,
     ) -> None:
         """Begin a sequence.
 
@@ -74,6 +77,7 @@ class FollowedState:
             shapes: of the parts.
             looker: the crop network, or None.
             config: the options of the method.
+            smear: what others see of the depth camera's.
         """
         relative_pose = config.relative_pose
         self._ways = (
@@ -84,7 +88,7 @@ class FollowedState:
         self._turns = BaseTurns(self._unfolded, config=self._relative_pose)
         half_done = self._ways.indices
         self._states = StateFilter(self._unfolded, config=config.smoothing, half_done=half_done)
-        self._fits = GroupFits(self._unfolded, shapes, config=config.group_fit)
+        self._fits = GroupFits(self._unfolded, shapes, config=config.group_fit, smear=smear)
         self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=config.place_looks)
         self._loose = LooseParts(self._unfolded, shapes, config=config.loose, half_done=half_done)
         self._lately = LatelyLoose(self._unfolded, config=config.lately_loose)

@@ -22,6 +22,7 @@ from asdfviz.methods.group_trials import Trial
 from asdfviz.methods.group_views import GroupView, learn_colors, measured_in, view_of
 from asdfviz.methods.one_place import are_near
 from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.state.colors import Look, Looks, is_black
 from asdfviz.state.group_fit import (
     STILL,
@@ -57,8 +58,15 @@ class GroupFits:
     """Compares states with the picture; one for each sequence."""
 
     def __init__(
-        self, assembly: Assembly, shapes: Mapping[str, PartShape], *, config: GroupFitConfig
+        self,
+        assembly: Assembly,
+        shapes: Mapping[str, PartShape],
+        *,
+        config: GroupFitConfig,
+        smear: SeenSmear | None = None,
     ) -> None:
+        """Begin a sequence; `smear` is what others see of the depth camera's."""
+        self._smear = smear if config.smeared else None
         self._assembly, self._shapes, self._config = assembly, shapes, config
         self._places = JointPlaces(assembly)
         self.near = NearPlaces(
@@ -257,6 +265,7 @@ class GroupFits:
             measured,
             self._config,
             Ts_base_loose=self.near.loose(T_camera_base, poses),
+            smear=self._smear and self._smear.now,
         )
 
     def _best(self, trials: Sequence[Trial], likely: Sequence[State], weight: float) -> Trial:

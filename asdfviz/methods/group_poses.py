@@ -14,22 +14,20 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State, StateEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.loose_twins import by_count
 from asdfviz.methods.part_poses import PartShape, shape_fit
-from asdfviz.pose.depth_fit import DepthFit
+from asdfviz.methods.pooled_keypoints import PooledBase
+from asdfviz.pose.depth_fit import DepthFit, share_of_all, share_shown
 from asdfviz.state.joint_places import JointPlaces, JointPlacesConfig
 from asdfviz.state.joints import Deviation, off_place
 from asdfviz.state.place_odds import JoinedOdds
 from asdfviz.state.twins import renamed_poses, twin_groups, twins_by_name
-
-LEAST_SHOWN = 0.05
-"""Less of a surface says nothing."""
-_NOTHING = 0.5
-"""Agreement with depth where that says nothing."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,8 @@ class GroupConfig:
 
     enabled: bool = True
     """State helps pose, on or off."""
+    pooled: bool = True
+    """Whether the keypoints of all joined parts together say where the base is, where they give first poses."""
     certain: float = 0.6
     """Least probability of all states together that have the part where it is put."""
     distance: float = 0.02
@@ -102,6 +102,7 @@ class GroupPoses:
         *,
         base: PoseEstimate | None = None,
         may_be: Callable[[Transform], bool] | None = None,
+        pooled: PooledBase | None = None,
     ) -> dict[str, PoseEstimate]:
         """Return the poses, those of joined parts by the group where it knows better.
 
@@ -111,6 +112,7 @@ class GroupPoses:
             frame: with depth, or no pose is judged by it.
             base: where the base is by all that is seen of the group, if that is known.
             may_be: whether it may be there at all, if that is known.
+            pooled: where it is by the keypoints of given parts, if those give first poses.
         """
         result, self._held = dict(poses), ()
         if state is None:
@@ -119,7 +121,7 @@ class GroupPoses:
         if not joined:
             return result
         named = self.assembly.states[state.index]
-        found = self._base(poses, joined, named, frame, base, may_be)
+        found = self._base(poses, joined, named, frame, base, may_be, pooled)
         if found is None:
             return result
         T_camera_base, trust = found
@@ -133,9 +135,9 @@ class GroupPoses:
             own = poses.get(name)
             certain = sure.get(name, 1.0)
             found = self._seen(name, placed, frame)
-            fit = _share(found)
+            fit = share_of_all(found)
             if certain >= self._config.settled and name in free:
-                fit = max(fit, _shown_share(found, self._config.hidden))
+                fit = max(fit, share_shown(found, self._config.hidden))
             if fit < self._config.least_fit:
                 continue
             if own is None or fit > self._least_to_replace(
@@ -179,6 +181,17 @@ class GroupPoses:
         ]
         return joined, sure
 
+    def _surely_placed(self, joined: list[str], state: State) -> dict[str, Transform]:
+        """T_base_part of the base and of parts that tell where it is; those that look the same in several
+        turns do not, nor those whose loose twins may bear their names while they are hidden."""
+        base, parts = self.assembly.base, self.assembly.parts
+        told = {
+            name: self.places.last(name, state)
+            for name in joined
+            if set(self._twins[name]).issubset(joined) and not parts[name].symmetries.is_symmetric
+        }
+        return {base: np.eye(4), **told}
+
     def _base(
         self,
         poses: Mapping[str, PoseEstimate],
@@ -187,24 +200,24 @@ class GroupPoses:
         frame: Frame,
         seen: PoseEstimate | None,
         may_be: Callable[[Transform], bool] | None,
+        pooled: PooledBase | None,
     ) -> tuple[Transform, float] | None:
         """Where the base is by most accounts, and the score of the pose that says so."""
         members = [name for name in (self.assembly.base, *joined) if name in poses]
         accounts: list[tuple[Transform, float]] = []
         doubtful: list[tuple[Transform, float]] = []
+        surely = self._surely_placed(joined, state)
         for name in members:
             if self.assembly.parts[name].symmetries.is_symmetric and name != self.assembly.base:
                 continue  # it may be turned, and the base with it
             T_base_part = self.places.last(name, state)
             account = poses[name].T_camera_part @ inverse(T_base_part), poses[name].score
-            # A loose twin goes by the name of the joined one while that is hidden.
-            is_one = set(self._twins[name]).issubset(joined) or name == self.assembly.base
             if may_be is None:
-                (accounts if is_one else doubtful).append(account)
+                (accounts if name in surely else doubtful).append(account)
             elif may_be(account[0]):
                 accounts.append(account)
-        if seen is not None:
-            accounts.append((seen.T_camera_part, seen.score))
+        by_all = pooled(surely) if pooled is not None and self._config.pooled else None
+        accounts += [(told.T_camera_part, told.score) for told in (seen, by_all) if told]
         best: tuple[float, Transform, float] | None = None
         for T_camera_base, score in accounts or doubtful:
             support = sum(
@@ -274,19 +287,7 @@ class GroupPoses:
         return math.exp(-0.5 * ((off.distance / self._config.distance) ** 2 + angle**2))
 
     def _fit(self, name: str, T_camera_part: Transform, frame: Frame) -> float:
-        return _share(self._seen(name, T_camera_part, frame))
+        return share_of_all(self._seen(name, T_camera_part, frame))
 
     def _seen(self, name: str, T_camera_part: Transform, frame: Frame) -> DepthFit | None:
         return shape_fit(T_camera_part, self.shapes[name], frame, margin=self._config.margin)
-
-
-def _share(found: DepthFit | None) -> float:
-    """Agreement with depth, 0 to 1; a half where depth says nothing."""
-    return _NOTHING if found is None else found.share
-
-
-def _shown_share(found: DepthFit | None, hidden: float) -> float:
-    """Agreement of what nothing hides, at most as if depth said nothing; 0 where more than `hidden` shows."""
-    if found is None or found.visible >= hidden:
-        return 0.0
-    return _NOTHING if found.visible < LEAST_SHOWN else min(found.agreeing, _NOTHING)

@@ -10,6 +10,7 @@ from asdfviz.datatypes import Assembly, State
 from asdfviz.geometry.camera import back_project
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import orthonormalized, rotation_about, transform_from
+from asdfviz.methods.drawn_smear import Smear
 from asdfviz.methods.group_views import GroupView
 from asdfviz.state.group_fit import (
     Drawn,
@@ -47,6 +48,7 @@ class Trial:
         config: GroupFitConfig,
         *,
         Ts_base_loose: Mapping[str, Transform] | None = None,
+        smear: Smear | None = None,
     ) -> None:
         """Draw nothing yet.
 
@@ -59,9 +61,10 @@ class Trial:
             config: how scenes are compared.
             Ts_base_loose: where parts are near by that are not in their places; they belong to the
                 scene of every state that does not join them.
+            smear: the depth camera's; None: scenes have sharp edges.
         """
         self.T_camera_base, self.places = T_camera_base, places
-        self._loose = Ts_base_loose or {}
+        self._loose, self._smear = Ts_base_loose or {}, smear
         self._assembly, self._view, self._measured, self._config = assembly, view, measured, config
         self._numbers = {name: i for i, name in enumerate(assembly.parts)}
         self._placements: dict[tuple[object, ...], Drawn] = {}
@@ -132,6 +135,7 @@ class Trial:
             self._measured,
             self._config,
             Ts_base_loose=self._loose,
+            smear=self._smear,
         )
 
     def _best(
@@ -157,8 +161,19 @@ class Trial:
             for name in (n for n in self._loose if n not in state.T_base_part):
                 one = self._apart(name)
                 cover(inverse_depth, ids, one.inverse_depth, one.ids)
-            self._scenes[state.index] = Drawn(inverse_depth, ids)
+            self._scenes[state.index] = self._as_seen(Drawn(inverse_depth, ids))
         return self._scenes[state.index]
+
+    def _as_seen(self, scene: Drawn) -> Drawn:
+        """With its edges as the camera smears them, where it is known what lies around."""
+        ground = self._measured.ground
+        if self._smear is None or not (ground > 0).all():
+            return scene
+        depth = 1.0 / np.where(scene.ids >= 0, scene.inverse_depth, ground)
+        smeared = 1.0 / self._smear.applied(
+            depth.astype(np.float64), focal=float(self._view.K[0, 0])
+        )
+        return Drawn(np.where(scene.ids >= 0, smeared, 0), scene.ids, smeared)
 
     def _spoken(self, scene: Drawn, nearer: float) -> Said:
         return spoken(scene, self._measured, nearer=nearer, config=self._config)

@@ -87,12 +87,8 @@ class Proposal:
     """Whether depth has turned it already; others are registered."""
 
 
-def proposals_of(own: PoseEstimate | None, look: LookedAt | None) -> list[Proposal]:
-    """ASDF's pose, then the runners-up of its first pose; nothing where ASDF ruled all out."""
-    if own is None:
-        return []
-    if look is None:
-        return [Proposal(own.T_camera_part, 1.0)]
+def proposals_of(own: PoseEstimate, look: LookedAt) -> list[Proposal]:
+    """ASDF's pose, then the runners-up of its first pose."""
     first, *others = look.settled
     return [
         Proposal(own.T_camera_part, first.likely, is_fitted=first.refined),

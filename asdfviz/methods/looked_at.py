@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
-from asdfviz.datatypes import Detection
+from asdfviz.datatypes import Detection, PoseEstimate
 from asdfviz.detector.crop_answer import REACH, CropAnswer
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import Symmetries, symmetric_angle
@@ -73,3 +73,28 @@ class Before:
         if symmetric_angle(T_camera_part, self.T_camera_part, symmetries) > REACH:
             return Before(T_camera_part)
         return Before(T_camera_part, self.liked + memory * (likely - self.liked))
+
+
+def remembered(
+    pose: PoseEstimate,
+    before: Before | None,
+    look: LookedAt | None,
+    symmetries: Symmetries,
+    *,
+    memory: float,
+) -> Before:
+    """A part's pose, with what the network thought of its rotation so far.
+
+    Args:
+        pose: in this frame.
+        before: what was remembered in the one before, if anything.
+        look: what a crop tells in this frame; without, the rotation is no more nor less believed.
+        symmetries: of the part.
+        memory: weight of this frame, 0 to 1.
+    """
+    T = pose.T_camera_part
+    if before is None:
+        return Before(T)
+    if look is None:
+        return before.followed_by(T, before.liked, symmetries, memory=0.0)
+    return before.followed_by(T, look.likely(T), symmetries, memory=memory)

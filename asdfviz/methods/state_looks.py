@@ -256,3 +256,27 @@ class StateLooks:
         if told is not None:
             return told
         return appearance_probabilities(detections, self.assembly, config=self.config)
+
+
+class KeptLooks:
+    """A state's looks in one sequence, asked in some of its frames."""
+
+    def __init__(self, looks: StateLooks, *, every: int) -> None:
+        """Begin a sequence; in one of `every` frames the network is asked."""
+        self._looks, self._every = looks, every
+        self._frames = 0
+        self._told: Scores | None = None
+
+    def step(
+        self,
+        detections: Sequence[Detection],
+        poses: Mapping[str, PoseEstimate],
+        frame: Frame,
+    ) -> Scores | None:
+        """As `StateLooks.probabilities`, or as it said last."""
+        is_due = self._frames % self._every == 0
+        self._frames += 1
+        group = self._looks.group
+        if is_due or group is None or self._told is None or group.assembly.base not in poses:
+            self._told = self._looks.probabilities(detections, poses, frame)
+        return self._told

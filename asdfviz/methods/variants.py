@@ -220,6 +220,7 @@ def _beyond_asdf_plus() -> list[Variant]:
         "one pose kept a part": replace(plus, hypotheses=replace(kept, kept=1)),
         "parts arrive at once": replace(plus, smoothing=replace(plus.smoothing, arrival=False)),
         "parts near by not drawn": replace(plus, group_fit=replace(plus.group_fit, near=0.0)),
+        "looks in every frame": replace(plus, looks_every=1),
         "depth alone over time": replace(plus, hypotheses=replace(kept, network=0.0)),
         "what rests looked at too": replace(plus, hypotheses=replace(kept, looked_every=1)),
         "held parts believed": replace(plus, confidence=replace(plus.confidence, elsewhere=0.0)),

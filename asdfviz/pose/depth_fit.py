@@ -16,6 +16,10 @@ HIDDEN_WEIGHT = 0.3
 """A point behind something nearer counts this much: a hand may hide it, or the pose may be wrong."""
 LEAST_READINGS = 12
 """Fewer say nothing."""
+LEAST_SHOWN = 0.05
+"""Less of a surface says nothing."""
+UNKNOWN = 0.5
+"""Agreement with depth where that says nothing."""
 
 
 class DepthFit(NamedTuple):
@@ -58,3 +62,15 @@ def depth_fit(
     counted = count - hidden + HIDDEN_WEIGHT * hidden
     clear = count - hidden
     return DepthFit(on / counted, clear / count, on / max(clear, 1))
+
+
+def share_of_all(found: DepthFit | None) -> float:
+    """Agreement with depth, 0 to 1; a half where depth says nothing."""
+    return UNKNOWN if found is None else found.share
+
+
+def share_shown(found: DepthFit | None, hidden: float) -> float:
+    """Agreement of what nothing hides, at most as if depth said nothing; 0 where more than `hidden` shows."""
+    if found is None or found.visible >= hidden:
+        return 0.0
+    return UNKNOWN if found.visible < LEAST_SHOWN else min(found.agreeing, UNKNOWN)

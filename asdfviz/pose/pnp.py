@@ -39,6 +39,9 @@ class PnpConfig:
     """Scale of the robust refit's Cauchy loss, share of the box diagonal ("robust" only)."""
     iterations: int = 100
     """RANSAC iterations (OpenCV's default, as the authors use)."""
+    mirrored: bool = True
+    """Whether methods that keep several poses of a part also keep the one that is mirrored at a flat
+    part's plane, from which its keypoints look nearly the same."""
     min_inliers: int = 6
     """Fewer keypoints that agree mean: not found."""
     min_spread: float = 0.5

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from asdfviz.geometry.shapes import Scores
+from asdfviz.state.color_kernels import ratio_of
 
 DARK = 30.0
 """Added to the sum of the channels, so that the hue of what is nearly black counts little."""
@@ -135,7 +136,5 @@ def color_ratio(
 ) -> Float32[np.ndarray, "h w"]:
     """How much likelier each pixel's colour is on that surface than anywhere: natural logarithm."""
     deviation = np.sqrt(look.spread**2 + config.least_spread**2)
-    off = (features - look.middle.astype(np.float32)) / deviation.astype(np.float32)
-    highest = np.log(VOLUME / ((2 * np.pi) ** 1.5 * deviation.prod()))
-    found = highest - 0.5 * np.einsum("hwc,hwc->hw", off, off)
-    return np.clip(found, -config.limit, config.limit).astype(np.float32)
+    highest = math.log(VOLUME / ((2 * math.pi) ** 1.5 * float(deviation.prod())))
+    return ratio_of(features, look.middle, deviation, highest, float(config.limit))

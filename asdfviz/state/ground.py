@@ -8,6 +8,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float32
 
+from asdfviz.geometry.median import median
 from asdfviz.geometry.shapes import Depth, Mask
 from asdfviz.state.colors import Look, look_of
 
@@ -19,6 +20,8 @@ LEAST_READINGS = 60
 """Fewer give no plane."""
 RELIEF = 0.05
 """Readings farther than this from the middle one are left out from the start, metres."""
+_ALMOST_ZERO = 1e-9 * np.eye(3)
+"""Cells in one row give a plane, too."""
 ROUNDS = 5
 """Of fitting, each without what lies off the plane of the one before."""
 
@@ -57,14 +60,17 @@ def ground_around(
         return None
     w = 1.0 / depth[rows, columns].astype(np.float64)  # linear over the image for a plane
     design = np.stack([columns, rows, np.ones(len(rows))], axis=1).astype(np.float64)
-    on = np.abs(1 / w - np.median(1 / w)) < RELIEF
+    on = np.abs(1 / w - median(1 / w)) < RELIEF
     slope, off = np.zeros(3), np.full(len(w), np.inf)
     for _ in range(ROUNDS):
         if np.count_nonzero(on) < LEAST_READINGS // 2:
             return None
-        slope = np.linalg.lstsq(design[on], w[on], rcond=None)[0]
+        fitted, kept = design[on], on
+        slope = np.linalg.solve(fitted.T @ fitted + _ALMOST_ZERO, fitted.T @ w[on])
         off = np.abs(1 / w - 1 / np.maximum(design @ slope, 1e-3))
-        on = off < max(config.margin, 2 * float(np.median(off)))
+        on = off < max(config.margin, 2 * median(off))
+        if np.array_equal(on, kept):
+            break
     on = off < config.margin
     if np.mean(on) < config.least_share:
         return None

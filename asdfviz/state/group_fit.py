@@ -96,6 +96,9 @@ class GroupFitConfig:
     """Parts that are no brighter, 0 to 255, may swallow the light of the depth camera,"""
     black_seen: float = 60.0
     """where the picture is no brighter than this either."""
+    smeared: bool = True
+    """Whether scenes are drawn with edges as the depth camera smears them: walls that it hardly sees would
+    speak against a part in its place, and for one that was tilted until they fit."""
     ground: GroundConfig = field(default_factory=GroundConfig)
     """What lies around the group."""
     colors: ColorConfig = field(default_factory=ColorConfig)
@@ -128,6 +131,8 @@ class Drawn:
     inverse_depth: InverseDepth
     ids: Int32[np.ndarray, "h w"]
     """Number of the part, -1 where there is none."""
+    ground: InverseDepth | None = None
+    """What lies around it as the camera would see it; None: as it is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,7 +244,8 @@ def best_spoken(
 def _cells(scene: Drawn, measured: Measured) -> tuple[object, ...]:
     """As `sum_spoken` takes them."""
     drawn = (scene.inverse_depth, scene.ids)
-    seen = measured.depth, measured.ratios, measured.ground, measured.swallowed
+    ground = measured.ground if scene.ground is None else scene.ground
+    seen = measured.depth, measured.ratios, ground, measured.swallowed
     return (*drawn, measured.base, *seen)
 
 

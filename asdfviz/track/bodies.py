@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -14,9 +15,9 @@ from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.track.viewpoint_model import ViewpointModel
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Body:
-    """What a tracker needs to know of one part."""
+    """What a tracker needs to know of one part; no slots, so that what follows from it is kept."""
 
     mesh: Mesh
     model: ViewpointModel
@@ -34,10 +35,15 @@ class Body:
         symmetries = part.symmetries.about(model.centre)
         return Body(part.mesh, model, part.color, centre_of_mass(part.mesh), symmetries)
 
-    @property
+    @cached_property
     def centred(self) -> Mesh:
         """The mesh about the middle of the part, which is where poses are optimised."""
         return Mesh(np.ascontiguousarray(self.mesh.vertices - self.model.centre), self.mesh.faces)
+
+    @cached_property
+    def reach(self) -> float:
+        """How far it reaches from its middle, metres."""
+        return float(np.linalg.norm(self.centred.vertices, axis=1).max())
 
 
 def centre_of_mass(mesh: Mesh) -> Vector:

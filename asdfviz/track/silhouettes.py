@@ -26,7 +26,7 @@ class DrawnParts:
         self._Ts_drawn: Transforms = np.zeros((0, 4, 4))
         self.regions = like_regions([b.color for b in bodies], nearer_than=config.like_colors)
         """A number a body; those of like colour share theirs."""
-        self.reaches = np.array([np.linalg.norm(m.vertices, axis=1).max() for m in self._meshes])
+        self.reaches = np.array([body.reach for body in bodies])
         """How far each body reaches from its centre, metres."""
         self.silhouettes = NO_SILHOUETTES
         """Drawn last; empty where the config wants none."""

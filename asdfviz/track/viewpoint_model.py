@@ -240,7 +240,7 @@ def spread_order(available: int, wanted: int, start: float) -> Indices:
 
 def face_normals(mesh: Mesh, faces: FaceIndices, T_camera_part: Transform) -> Points:
     """Unit normals of the faces in part axes, turned towards the camera whatever their winding."""
-    unit, offsets = _planes(mesh)
+    unit, offsets = face_planes(mesh)
     normals = unit[faces]
     t_part_camera = -T_camera_part[:3, :3].T @ T_camera_part[:3, 3]
     away = normals @ t_part_camera < offsets[faces]
@@ -249,7 +249,7 @@ def face_normals(mesh: Mesh, faces: FaceIndices, T_camera_part: Transform) -> Po
 
 
 @lru_cache(maxsize=128)
-def _planes(mesh: Mesh) -> tuple[Points, Float64[np.ndarray, "n"]]:
+def face_planes(mesh: Mesh) -> tuple[Points, Float64[np.ndarray, "n"]]:
     """Unit normals of all faces, and how far each one's plane is from the origin along its own."""
     a, b, c = (mesh.vertices[mesh.faces[:, i]] for i in range(3))
     normals = np.cross(b - a, c - a)

@@ -46,13 +46,12 @@ NO_SILHOUETTES = Silhouettes(_NO_IDS, _NO_IDS, np.array([0.0, 0.0, 1.0]))
 
 def like_regions(colors: Sequence[UInt8[np.ndarray, 3]], *, nearer_than: float) -> list[int]:
     """Number the parts so that those of like colours (sRGB distance) share a number."""
-    regions = list(range(len(colors)))
-    for i, a in enumerate(colors):
-        for j, b in enumerate(colors[:i]):
-            if np.linalg.norm(a.astype(np.float64) - b) < nearer_than:
-                old, new = regions[i], regions[j]
-                regions = [new if r == old else r for r in regions]
-    return regions
+    regions = np.arange(len(colors))
+    known = np.array(colors, np.float64).reshape(-1, 3)
+    apart = np.linalg.norm(known[:, None] - known, axis=2)
+    for i, j in np.argwhere(np.tril(apart < nearer_than, -1)):
+        regions[regions == regions[i]] = regions[j]
+    return [int(region) for region in regions]
 
 
 def render_silhouettes(

@@ -12,6 +12,7 @@ from exits import exit_code
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.data.resources import sample_folder
+from asdfviz.methods.keypoint_variants import keypoint_variants
 from asdfviz.methods.registry import find_method
 from asdfviz.methods.variants import (
     beyond_variants,
@@ -84,6 +85,15 @@ def test_every_variant_is_a_config_of_its_method() -> None:
     assert kinds == {"gaussian", "huber", "cauchy", "nearest", "uniform"}
     papers = {v.paper for v in refinement_variants(assembly)}
     assert papers == {"none", "icp", "segmentation", "translation", ""}
+
+
+def test_every_piece_made_of_keypoints_is_off_once() -> None:
+    rows = keypoint_variants()
+    configs = [row.config for row in rows]
+    assert all(row.config.first_pose == "keypoints" for row in rows)
+    for row in rows:
+        assert isinstance(row.config, find_method(row.method).config)
+        assert configs.count(row.config) == 1
 
 
 def test_every_piece_beyond_the_paper_is_off_once(tmp_path: Path) -> None:

@@ -13,10 +13,12 @@ from asdfviz.datatypes import Frame, Mesh
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.methods.drawn_kernels import laid_over, mean_gap, normals_shown
 from asdfviz.methods.drawn_looks import DrawnConfig, drawn_looks
 from asdfviz.methods.drawn_smear import Smear
 from asdfviz.pose.table import Table
 from asdfviz.track import raster
+from asdfviz.track.viewpoint_model import face_normals, face_planes
 
 
 def lead(shot: Frame, *, table: Table | None = TABLE, **options: Any) -> float:
@@ -121,3 +123,37 @@ def test_what_a_pose_leaves_to_something_nearer_costs_it() -> None:
 def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match=r"turns\.drawn"):
         DrawnConfig(**wrong)
+
+
+def test_normals_are_those_of_the_faces_in_camera_axes() -> None:
+    mesh, T = roof(), np.ascontiguousarray(BOTH[0])
+    inverse, ids = raster.new_buffers(CAMERA.width, CAMERA.height)
+    raster.draw(mesh, T, K=CAMERA.K, inverse_depth=inverse, ids=ids)
+    seen = ids >= 0
+    shown = normals_shown(ids, seen, *face_planes(mesh), T)
+    expected = face_normals(mesh, ids[seen], T) @ T[:3, :3].T
+    assert seen.any()
+    assert np.allclose(shown[seen, :3], expected, atol=1e-6)
+    assert np.array_equal(shown[..., 3] > 0, seen)
+    assert not shown[~seen].any()
+
+
+def test_a_pose_lies_over_what_is_behind_it_and_under_what_hides_it() -> None:
+    z = np.array([[0.5, 0.5, np.inf, np.inf]])
+    bare = np.full((1, 4), 0.6)
+    depth = np.array([[0.3, 0.5, 0.3, 0.6]])
+    surface, hidden, seen, count = laid_over(z, bare, depth, 0.01)
+    assert surface.tolist() == [[0.5, 0.5, 0.6, 0.6]]
+    assert hidden.tolist() == [[True, False, True, False]]
+    assert seen.tolist() == [[False, True, False, False]]
+    assert count == 1
+
+
+def test_the_gap_is_a_mean_over_readings_of_the_rim() -> None:
+    depth = np.array([[0.5, 0.0, 0.5, 0.5, 0.5]])
+    smeared = np.array([[0.503, 0.6, 0.8, 0.5, 0.9]], np.float32)
+    rim = np.array([[True, True, True, True, False]])
+    hidden = np.array([[False, False, False, True, False]])
+    gap, clear = mean_gap(smeared, depth, rim, hidden, 0.01, 0.008)
+    assert gap == pytest.approx((0.003 + 0.01 + 0.008) / 3, abs=1e-6)
+    assert clear == 2

@@ -18,7 +18,7 @@ from asdfviz.detector.network import Network
 from asdfviz.detector.state_network import StateNetwork
 from asdfviz.detector.state_weights import save_state_network
 from asdfviz.detector.weights import save_network
-from asdfviz.errors import WeightsError
+from asdfviz.errors import MethodError, WeightsError
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.rotation_grid import even_rotations
 from asdfviz.geometry.transforms import apply, transform_from
@@ -26,7 +26,7 @@ from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.first_pose import CropPoseConfig, CropPoses
 from asdfviz.methods.network import NetworkConfig
-from asdfviz.methods.state_looks import CropStates, GroupLooker, StateLooks
+from asdfviz.methods.state_looks import CropStates, GroupLooker, KeptLooks, StateLooks
 from asdfviz.pose.hypotheses import HypothesisConfig
 from asdfviz.state.appearance import AppearanceConfig
 
@@ -250,3 +250,26 @@ def test_groups_have_names_that_no_part_has(toy) -> None:
     names = [c.name for c in crop_classes([toy.assembly])]
     assert names[-1] == group_name(toy.assembly) == GROUP
     assert len(set(names)) == len(names) == 4
+
+
+def test_looks_are_kept_for_the_frames_between(toy) -> None:
+    looker = FakeLooker()
+    kept = KeptLooks(looks(toy, looker), every=2)
+    told = [kept.step((), base_pose(toy), toy.frame(1))]
+    looker.told = (0.2, 0.1, 0.7)
+    told += [kept.step((), base_pose(toy), toy.frame(index)) for index in (2, 3)]
+    assert len(looker.boxes) == 2
+    assert told[0] is not None
+    assert np.array_equal(told[0], told[1])
+    assert not np.allclose(told[1], told[2])
+
+
+def test_looks_are_not_kept_without_the_base(toy) -> None:
+    kept = KeptLooks(looks(toy, FakeLooker()), every=2)
+    assert kept.step((), base_pose(toy), toy.frame(1)) is not None
+    assert kept.step((), {}, toy.frame(2)) is None
+
+
+def test_every_has_to_be_a_number_of_frames() -> None:
+    with pytest.raises(MethodError, match="looks_every is 0"):
+        AsdfConfig(looks_every=0)
