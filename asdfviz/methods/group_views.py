@@ -129,7 +129,8 @@ def learn_colors(
     """Take in the colours of parts whose own poses are sure, where depth shows their surface."""
     height, width = depth.shape
     for name, pose in poses.items():
-        if pose.score < SURE or pose.stage == "group" or not looks.is_wanted(name):
+        R_camera_part = pose.T_camera_part[:3, :3]
+        if pose.score < SURE or pose.stage == "group" or not looks.is_wanted(name, R_camera_part):
             continue
         shape = shapes[name]
         points = apply(pose.T_camera_part, shape.surface[::3])
@@ -143,7 +144,8 @@ def learn_colors(
         seen = np.stack([u[on], v[on]], axis=1)
         outside = np.rint(seen.mean(axis=0) + OUTSIDE * (seen - seen.mean(axis=0)))
         x, y = np.clip(outside, 0, [width - 1, height - 1]).astype(np.intp).T
-        looks.learn(name, frame.rgb[v[on], u[on]], around=frame.rgb[y, x])
+        rgb, around = frame.rgb[v[on], u[on]], frame.rgb[y, x]
+        looks.learn(name, rgb, around=around, R_camera_part=R_camera_part)
 
 
 def grown(group: np.ndarray, cells: int) -> Mask:

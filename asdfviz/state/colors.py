@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from asdfviz.geometry.shapes import Scores
+from asdfviz.geometry.shapes import Rotation, Scores
 from asdfviz.state.color_kernels import ratio_of
 
 DARK = 30.0
@@ -38,7 +38,11 @@ class ColorConfig:
     """A part's colours are learnt where they differ from those beside it by so many of these
     standard deviations."""
     frames: int = 40
-    """A part's colours are learnt from so many frames."""
+    """A part's colours are learnt from so many frames,"""
+    alike: int = 10
+    """of those in which it lies alike no more than so many: turned otherwise, what shines looks otherwise."""
+    alike_deg: float = 25.0
+    """It lies alike that is turned by less than this against the camera, degrees."""
     least_frames: int = 2
     """And used after so many."""
 
@@ -62,15 +66,30 @@ class Looks:
     def __init__(self, *, config: ColorConfig) -> None:
         self._config = config
         self._learnt: dict[str, list[Look]] = {}
+        self._turned: dict[str, list[Rotation]] = {}
+        """How each part lay each time."""
         self._known: dict[str, Look] = {}
         """What `of` says of parts of which nothing was learnt since."""
 
-    def is_wanted(self, name: str) -> bool:
-        """Whether more is to be learnt of a part."""
-        return len(self._learnt.get(name, ())) < self._config.frames
+    def is_wanted(self, name: str, R_camera_part: Rotation) -> bool:
+        """Whether more is to be learnt of a part that lies so."""
+        if len(self._learnt.get(name, ())) >= self._config.frames:
+            return False
+        return self._times(name, R_camera_part) < self._config.alike
+
+    def _times(self, name: str, R_camera_part: Rotation) -> int:
+        """How often it was learnt while it lay alike."""
+        least = 1 + 2 * math.cos(math.radians(self._config.alike_deg))
+        lain = self._turned.get(name, ())
+        return sum(float((R * R_camera_part).sum()) > least for R in lain)
 
     def learn(
-        self, name: str, rgb: UInt8[np.ndarray, "n 3"], *, around: UInt8[np.ndarray, "m 3"]
+        self,
+        name: str,
+        rgb: UInt8[np.ndarray, "n 3"],
+        *,
+        around: UInt8[np.ndarray, "m 3"],
+        R_camera_part: Rotation,
     ) -> None:
         """Take in pixels that show the part.
 
@@ -81,6 +100,7 @@ class Looks:
             name: of the part.
             rgb: its pixels.
             around: pixels beside it.
+            R_camera_part: how it lies.
         """
         look, beside = look_of(color_features(rgb)), look_of(color_features(around))
         if look is None or beside is None:
@@ -88,6 +108,7 @@ class Looks:
         off = (look.middle - beside.middle) / self._config.least_spread
         if float(np.linalg.norm(off)) > self._config.apart:
             self._learnt.setdefault(name, []).append(look)
+            self._turned.setdefault(name, []).append(R_camera_part)
             self._known.pop(name, None)
 
     def of(self, name: str) -> Look | None:
@@ -96,10 +117,12 @@ class Looks:
         if len(learnt) < self._config.least_frames:
             return None
         if name not in self._known:
-            self._known[name] = Look(
-                np.median([look.middle for look in learnt], axis=0),
-                np.median([look.spread for look in learnt], axis=0),
-            )
+            middles = np.array([look.middle for look in learnt])
+            middle = np.median(middles, axis=0)
+            # It may look otherwise the next time, as much as it did before.
+            between = 1.48 * np.median(np.abs(middles - middle), axis=0)
+            within = np.median([look.spread for look in learnt], axis=0)
+            self._known[name] = Look(middle, np.hypot(within, between))
         return self._known[name]
 
 
