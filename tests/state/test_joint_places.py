@@ -187,3 +187,21 @@ def test_a_part_that_another_state_has_elsewhere_reaches_as_far_from_there(
     places = JointPlaces(assembly)
     near, far = (places.reach("block", shift(x), joint) for x in (0.01, 0.1))
     assert (near, far) == pytest.approx((0.02, 0.2))
+
+
+def test_what_slides_and_is_seen_no_more_may_have_been_pushed_on(assembly: Assembly, place) -> None:
+    """A hand held it at the end of its range, then it went behind another part."""
+    places, state = JointPlaces(assembly), assembly.states[1]
+    nominal = state.T_base_part["block"]
+    poses = place({"base": np.eye(4), "block": shift(0.028) @ nominal})
+    T_camera_base = poses["base"].T_camera_part
+    places.see(T_camera_base, poses)
+    seen = [Ts[0] for Ts in places.possible(["block"], state)]
+    assert np.allclose(seen, [shift(0.028) @ nominal])
+    del poses["block"]
+    places.see(T_camera_base, poses)
+    first, *others = (Ts[0] for Ts in places.possible(["block"], state))
+    assert np.allclose(first, shift(0.028) @ nominal)
+    slides = [float(T[0, 3] - nominal[0, 3]) for T in others]
+    assert min(slides) < -0.01
+    assert any(abs(slide) < 0.005 for slide in slides)
