@@ -9,10 +9,12 @@ from asdfviz.datatypes import Assembly, Frame, Mesh, PoseEstimate
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Scores
 from asdfviz.geometry.transforms import apply, rotation_about, transform_from
+from asdfviz.methods.drawn_smear import Smear
 from asdfviz.methods.group_fits import LONG, GroupFits
 from asdfviz.methods.group_trials import Trial
 from asdfviz.methods.group_views import measured_in, view_of
 from asdfviz.methods.part_poses import part_shapes
+from asdfviz.methods.seen_smear import SeenSmear, SmearConfig
 from asdfviz.state.colors import Look
 from asdfviz.state.group_fit import GroupFitConfig, Move
 from asdfviz.state.joint_places import JointPlaces
@@ -352,3 +354,22 @@ def test_a_part_whose_own_pose_lags_behind_is_in_all_the_same(toy) -> None:
     said = fits_of(toy.assembly).step(poses, KNOWN, noisy(toy.frame(1, true)))
     assert said is not None
     assert said[1] > 0.95
+
+
+def test_more_of_a_scene_agrees_that_is_smeared_as_the_camera_smears(toy) -> None:
+    true, smear = toy.poses(joined=True), Smear(deviation=0.012)
+    sharp = toy.frame(1, true)
+    depth = smear.applied(sharp.depth.astype(np.float64), focal=float(sharp.camera.K[0, 0]))
+    frame = replace(sharp, depth=depth)
+    seen = SeenSmear(toy.assembly.parts, config=SmearConfig())
+    seen.now = smear
+    shapes = part_shapes(toy.assembly, surface_points=900)
+    shares: list[float] = []
+    for config in (GroupFitConfig(smeared=False), GroupFitConfig()):
+        fits = GroupFits(toy.assembly, shapes, config=config, smear=seen)
+        said = fits.step(found(true["base"]), KNOWN, frame)
+        assert said is not None
+        assert said[1] > 0.9
+        assert fits.base is not None
+        shares.append(fits.base.score)
+    assert shares[1] > shares[0] + 0.02
