@@ -259,9 +259,12 @@ def test_looks_are_kept_for_the_frames_between(toy) -> None:
     looker.told = (0.2, 0.1, 0.7)
     told += [kept.step((), base_pose(toy), toy.frame(index)) for index in (2, 3)]
     assert len(looker.boxes) == 2
-    assert told[0] is not None
-    assert np.array_equal(told[0], told[1])
-    assert not np.allclose(told[1], told[2])
+    first, kept_on, again = told
+    assert first is not None
+    assert kept_on is not None
+    assert again is not None
+    assert np.array_equal(first, kept_on)
+    assert not np.allclose(kept_on, again)
 
 
 def test_looks_are_not_kept_without_the_base(toy) -> None:
