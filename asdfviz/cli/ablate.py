@@ -51,9 +51,9 @@ class Ablate:
 
     refinement: Table 2, what depth does to first poses. weighting: the weight function W(d) of its
     shift, which the paper leaves open. backbone: Table 3, sizes of the network.
-    fusion: the weights of Pose2State. keypoints: what is made of them. group: state helps pose, on and off. states: the test of
-    every state's group against the picture, on and off. beyond: what asdf_plus and asdf_track
-    weigh besides, each piece off.
+    fusion: the weights of Pose2State. keypoints: what is made of them, each piece off. group:
+    state helps pose, on and off. states: the test of every state's group against the picture, on
+    and off. beyond: what asdf_plus and asdf_track weigh besides, each piece off.
 
     Example: asdfviz ablate refinement --data sample --out table2.md
     """
@@ -98,9 +98,9 @@ class Ablate:
             "weighting": self._weighting,
             "backbone": self._backbone,
             "fusion": self._fusion,
-            "keypoints": self._keypoints,
-            "group": self._group,
-            "states": self._states,
+            "keypoints": self._plain,
+            "group": self._plain,
+            "states": self._plain,
             "beyond": self._beyond,
         }
         give_table(make[self.what](scenes, layout), NOTES[self.what], self.out)
@@ -125,23 +125,17 @@ class Ablate:
         judged = _all_judged(scenes, weighting_variants)
         return plain_table(judged, states=False, layout=layout)
 
-    def _keypoints(self, scenes: list[FolderSequence], layout: Layout) -> str:
+    def _plain(self, scenes: list[FolderSequence], layout: Layout) -> str:
         from asdfviz.evaluate.paper_ablations import plain_table
         from asdfviz.methods.keypoint_variants import keypoint_variants
+        from asdfviz.methods.variants import group_variants, state_variants
 
-        return plain_table(_all_judged(scenes, lambda _: keypoint_variants()), layout=layout)
-
-    def _group(self, scenes: list[FolderSequence], layout: Layout) -> str:
-        from asdfviz.evaluate.paper_ablations import plain_table
-        from asdfviz.methods.variants import group_variants
-
-        return plain_table(_all_judged(scenes, group_variants), layout=layout)
-
-    def _states(self, scenes: list[FolderSequence], layout: Layout) -> str:
-        from asdfviz.evaluate.paper_ablations import plain_table
-        from asdfviz.methods.variants import state_variants
-
-        return plain_table(_all_judged(scenes, state_variants), layout=layout)
+        variants_of: dict[str, Callable[[Assembly], Sequence[Variant]]] = {
+            "keypoints": lambda _: keypoint_variants(),
+            "group": group_variants,
+            "states": state_variants,
+        }
+        return plain_table(_all_judged(scenes, variants_of[self.what]), layout=layout)
 
     def _beyond(self, scenes: list[FolderSequence], layout: Layout) -> str:
         from asdfviz.evaluate.paper_ablations import plain_table

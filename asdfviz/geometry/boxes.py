@@ -72,3 +72,8 @@ def share_inside(a: Box, b: Box) -> float:
     """Share of box a that lies within box b, 0 to 1."""
     extent = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
     return float(np.maximum(extent, 0).prod() / (a[2:] - a[:2]).prod())
+
+
+def diagonal(box_xyxy: Box) -> float:
+    """Its length, in the unit of the box."""
+    return float(np.linalg.norm(box_xyxy[2:] - box_xyxy[:2]))

@@ -113,15 +113,10 @@ class Asdf:
         look, box = self.looked_at.get(own.part), self.assigned.get(own.part)
         if look is not None:
             return proposals_of(own, look)
-        scene, first = self._started(), Proposal(own.T_camera_part, 1.0)
-        if (
-            not self._config.pnp.mirrored
-            or scene.crop_poses is not None
-            or box is None
-            or own.stage == "group"
-        ):
+        scene, first, pnp = self._started(), Proposal(own.T_camera_part, 1.0), self._config.pnp
+        if not pnp.mirrored or scene.crop_poses is not None or box is None or own.stage == "group":
             return [first]
-        twin = flat_twin(own, scene.assembly.parts[own.part], box, frame)
+        twin = flat_twin(own, scene.assembly.parts[own.part], box, frame, config=pnp)
         return [first] if twin is None else [first, twin]
 
     def step(self, frame: Frame) -> FramePrediction:

@@ -19,6 +19,7 @@ from jaxtyping import Float32, Float64, Int32
 
 from asdfviz.datatypes import Frame, Mesh
 from asdfviz.errors import MethodError
+from asdfviz.geometry.boxes import box_around
 from asdfviz.geometry.shapes import Intrinsics, Mask, Transform, Transforms
 from asdfviz.methods.drawn_colors import divided_so
 from asdfviz.methods.drawn_kernels import laid_over, mean_gap, normals_shown, uneven
@@ -183,7 +184,7 @@ def _window_around(
     """x0 y0 x1 y1 around the poses, width and height, and K there; None where they are not in the
     picture."""
     boxes = np.stack([projected_box(T, mesh.vertices, frame) for T in T_camera_parts])
-    around = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])
+    around = box_around(boxes.reshape(-1, 2))
     pixels, K = window(around, frame, margin=EDGE)
     size_wh = pixels[2] - pixels[0], pixels[3] - pixels[1]
     return None if min(size_wh) <= 2 * EDGE else (pixels, size_wh, K)

@@ -9,20 +9,21 @@ from __future__ import annotations
 import numpy as np
 
 from asdfviz.datatypes import Detection, Frame, Part, PoseEstimate
+from asdfviz.geometry.boxes import diagonal
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply, apply_to_point, transform_from
 from asdfviz.methods.kept_poses import Proposal
-from asdfviz.pose.pnp import mirrored_twin
+from asdfviz.pose.pnp import PnpConfig, flattest_plane, mirrored_twin, robust_scale
 from asdfviz.pose.reprojection import minimize_reprojection
 
-SCALE = 0.03
-"""Of the robust refit, share of the box's diagonal."""
 LEAST_LIKELY = 0.3
 """A twin of which keypoints are farther off than this allows is no second minimum."""
 
 
-def flat_twin(own: PoseEstimate, part: Part, detection: Detection, frame: Frame) -> Proposal | None:
+def flat_twin(
+    own: PoseEstimate, part: Part, detection: Detection, frame: Frame, *, config: PnpConfig
+) -> Proposal | None:
     """The mirrored twin of a pose from keypoints; None where they rule it out.
 
     It is as likely as keypoints are nearer to the pose than to its twin, 0 to 1.
@@ -32,10 +33,10 @@ def flat_twin(own: PoseEstimate, part: Part, detection: Detection, frame: Frame)
         part: whose.
         detection: whose keypoints gave it.
         frame: it was found in.
+        config: how keypoints become a pose.
     """
     points, K = part.keypoints, frame.camera.K
-    center = points.mean(axis=0)
-    normal = np.linalg.svd(points - center, full_matrices=False)[2][2]
+    center, normal = flattest_plane(points)
     start = mirrored_twin(own.T_camera_part, center, normal)
     seen = np.isfinite(detection.keypoints_px).all(axis=1)
     twin = minimize_reprojection(
@@ -43,7 +44,7 @@ def flat_twin(own: PoseEstimate, part: Part, detection: Detection, frame: Frame)
         points[seen],
         detection.keypoints_px[seen],
         K,
-        scale_px=max(SCALE * _diagonal(detection), 1.0),
+        scale_px=robust_scale(config, diagonal(detection.box_xyxy)),
         scores=detection.keypoint_scores[seen],
     )
     if twin is None:
@@ -54,10 +55,6 @@ def flat_twin(own: PoseEstimate, part: Part, detection: Detection, frame: Frame)
     off, twin_off = (_off(T, part, detection, frame) for T in (own.T_camera_part, T_twin))
     likely = 1.0 if twin_off <= off else off / twin_off
     return Proposal(T_twin, likely) if likely >= LEAST_LIKELY else None
-
-
-def _diagonal(detection: Detection) -> float:
-    return float(np.linalg.norm(detection.box_xyxy[2:] - detection.box_xyxy[:2]))
 
 
 def _off(T_camera_part: Transform, part: Part, detection: Detection, frame: Frame) -> float:

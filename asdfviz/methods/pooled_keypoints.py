@@ -14,7 +14,8 @@ from typing import TypeAlias
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Detection, Frame, PoseEstimate
-from asdfviz.geometry.shapes import Box, Transform
+from asdfviz.geometry.boxes import box_around, diagonal
+from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply, transform_from
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.pose.pnp import PnpConfig, PnpSolution, solve_pnp
@@ -72,7 +73,14 @@ class PooledKeypoints:
         T_base, factors = solution.T_camera_part, list[float]()
         for name in names:
             T_camera_part = T_base @ T_base_parts[name]
-            T_moved = self._moved(name, T_camera_part, found[name].box_xyxy, frame)
+            T_moved = refine_translation(
+                T_camera_part,
+                self._shapes[name].surface,
+                box_xyxy=found[name].box_xyxy,
+                depth=frame.depth,
+                K=frame.camera.K,
+                config=self._translation,
+            )
             if T_moved is not None:
                 factors.append(float(T_moved[2, 3] / T_camera_part[2, 3]))
         farther = float(np.median(factors)) if factors else 1.0
@@ -92,10 +100,10 @@ class PooledKeypoints:
     ) -> PnpSolution | None:
         """PnP of the parts' keypoints, all in the base's frame."""
         parts, pnp = self._assembly.parts, self._pnp
-        boxes = np.stack([found[name].box_xyxy for name in names])
-        around = np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])
+        boxes = [found[name].box_xyxy for name in names]
+        around = box_around(np.concatenate(boxes).reshape(-1, 2))
         # Keypoints are off by a share of their own part's box, however large the group is.
-        share = float(np.mean([_diagonal(box) for box in boxes])) / _diagonal(around)
+        share = float(np.mean([diagonal(box) for box in boxes])) / diagonal(around)
         return solve_pnp(
             np.concatenate([apply(T_base_parts[n], parts[n].keypoints) for n in names]),
             np.concatenate([found[name].keypoints_px for name in names]),
@@ -109,22 +117,3 @@ class PooledKeypoints:
             box_xyxy=around,
             image_width=frame.camera.width,
         )
-
-    def _moved(
-        self, name: str, T_camera_part: Transform, box_xyxy: Box, frame: Frame
-    ) -> Transform | None:
-        """One of the parts, as depth moves it along its ray; None where that says nothing."""
-        if frame.depth is None or not self._translation.enabled:
-            return None
-        return refine_translation(
-            T_camera_part,
-            self._shapes[name].surface,
-            box_xyxy=box_xyxy,
-            depth=frame.depth,
-            K=frame.camera.K,
-            config=self._translation,
-        )
-
-
-def _diagonal(box_xyxy: Box) -> float:
-    return float(np.linalg.norm(box_xyxy[2:] - box_xyxy[:2]))

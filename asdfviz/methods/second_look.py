@@ -16,7 +16,7 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.errors import MethodError
-from asdfviz.geometry.boxes import box_middle, share_inside
+from asdfviz.geometry.boxes import box_middle, diagonal, share_inside
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.network import Detects
 from asdfviz.methods.seen_table import heights_in
@@ -113,7 +113,7 @@ class SecondLook:
             if any(share_inside(blob, box) > config.explained for box in boxes):
                 continue
             at = box_middle(blob)
-            near = float(np.linalg.norm(blob[2:] - blob[:2])) / 2
+            near = diagonal(blob) / 2
             if all(float(np.linalg.norm(at - old)) > near for _, old in self._looked):
                 self._looked.append((now, at))
                 return at

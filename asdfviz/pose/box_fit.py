@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from asdfviz.geometry.boxes import diagonal
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.shapes import Box, Intrinsics, Points, Transform
 from asdfviz.geometry.transforms import apply
@@ -88,5 +89,5 @@ def _size_ratio(
     if not np.isfinite(pixels).all():
         return None
     projected = float(np.linalg.norm(np.ptp(pixels, axis=0)))
-    boxed = float(np.linalg.norm(box_xyxy[2:] - box_xyxy[:2]))
+    boxed = diagonal(box_xyxy)
     return projected / boxed if projected > 0 and boxed > 0 else None

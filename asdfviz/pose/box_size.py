@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from asdfviz.geometry.boxes import box_middle
+from asdfviz.geometry.boxes import box_middle, diagonal
 from asdfviz.geometry.median import median
 from asdfviz.geometry.rotation_grid import even_rotations, rotations_of
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points
@@ -49,11 +49,9 @@ class BoxSizes:
         distance = None if depth is None else box_distance(box_xyxy, depth)
         if distance is None:
             return frozenset(self.largest)
-        diagonal = float(np.linalg.norm(box_xyxy[2:] - box_xyxy[:2]))
+        seen_px = diagonal(box_xyxy) - MARGIN_PX
         pixels = MARGIN / distance * float(K[0, 0])
-        return frozenset(
-            n for n, size in self.largest.items() if diagonal - MARGIN_PX <= size * pixels
-        )
+        return frozenset(n for n, size in self.largest.items() if seen_px <= size * pixels)
 
 
 def _largest(points: Points, turns: np.ndarray) -> float:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from asdfviz.geometry.camera import project
-from asdfviz.geometry.shapes import Box, Intrinsics, Pixels, Points, Scores, Transform
+from asdfviz.geometry.shapes import Box, Intrinsics, Pixels, Points, Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply, apply_to_point, transform_from
 
 REFERENCE_WIDTH_PX = 1280
@@ -119,7 +119,7 @@ def solve_pnp(
             keypoints_part,
             keypoints_px,
             K,
-            scale_px=max(config.cauchy_share * diagonal, config.smallest_px / 2),
+            scale_px=robust_scale(config, diagonal),
             scores=None if scores is None else scores[seen],
         )
     if T_camera_part is None:
@@ -135,6 +135,11 @@ def _threshold(config: PnpConfig, diagonal: float, image_width: int) -> float:
     if config.reprojection_share > 0:
         return max(config.reprojection_share * diagonal, config.smallest_px)
     return max(config.reprojection_px * image_width / REFERENCE_WIDTH_PX, config.smallest_px)
+
+
+def robust_scale(config: PnpConfig, diagonal: float) -> float:
+    """Of the refit's loss, pixels, for a box of that diagonal (pixels)."""
+    return max(config.cauchy_share * diagonal, config.smallest_px / 2)
 
 
 def _ransac(
@@ -176,12 +181,17 @@ def _starts(
         ),
         _global_least_squares(keypoints_part, keypoints_px, K),
     ]
-    centered = keypoints_part - keypoints_part.mean(axis=0)
-    flat_normal = np.linalg.svd(centered, full_matrices=False)[2][2]
+    center, normal = flattest_plane(keypoints_part)
     for T_camera_part in candidates:
         if T_camera_part is not None:
             yield T_camera_part
-            yield mirrored_twin(T_camera_part, keypoints_part.mean(axis=0), flat_normal)
+            yield mirrored_twin(T_camera_part, center, normal)
+
+
+def flattest_plane(keypoints_part: Points) -> tuple[Vector, Vector]:
+    """The middle of a part's keypoints and the normal of the plane to which they are nearest, part frame."""
+    center = keypoints_part.mean(axis=0)
+    return center, np.linalg.svd(keypoints_part - center, full_matrices=False)[2][2]
 
 
 def mirrored_twin(

@@ -27,7 +27,7 @@ from asdfviz.geometry.transforms import (
     turn_about,
     turns_freely,
 )
-from asdfviz.state.joints import deviation, nearest_in_joint, spread_of
+from asdfviz.state.joints import nearest_in_joint, off_nominal, spread_of
 
 _Key: TypeAlias = tuple[object, ...]
 TURNS = 12
@@ -119,14 +119,7 @@ class JointPlaces:
         reach = self.reach(name, T_nominal, joint) + self._config.distance
         if point_distance(T_base_part, T_nominal, part.middle) > reach:
             return None
-        off = deviation(
-            T_base_part,
-            T_nominal,
-            center_part=part.middle,
-            symmetries=part.symmetries,
-            joint=joint,
-            spread=spread_of(part),
-        )
+        off = off_nominal(T_base_part, part, T_nominal, joint)
         if not off.within(self._config.distance, self._config.angle_deg):
             return None
         known = self._seen.get(_key(joint))

@@ -78,12 +78,19 @@ def deviation(
 
 def off_place(T_base_part: Transform, part: Part, state: State) -> Deviation:
     """Return how far a part in the base part's frame is from where a state that places it has it."""
+    return off_nominal(T_base_part, part, state.T_base_part[part.name], state.joints.get(part.name))
+
+
+def off_nominal(
+    T_base_part: Transform, part: Part, T_nominal: Transform, joint: Joint | None
+) -> Deviation:
+    """Return how far a part in the base part's frame is from a nominal pose, its joint's freedom left out."""
     return deviation(
         T_base_part,
-        state.T_base_part[part.name],
+        T_nominal,
         center_part=part.middle,
         symmetries=part.symmetries,
-        joint=state.joints.get(part.name),
+        joint=joint,
         spread=spread_of(part),
     )
 

@@ -54,7 +54,7 @@ from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.half_done import ways_half_done
-from asdfviz.state.joints import deviation, spread_of
+from asdfviz.state.joints import off_nominal
 from asdfviz.state.twin_places import Place, twin_places
 
 
@@ -250,14 +250,7 @@ def _fits(
     fit_of_state = np.full(len(assembly.states), np.nan)
     best = 0.0
     for place in places:
-        distance, angle = deviation(
-            T_base_part,
-            place.T_base_part,
-            center_part=center,
-            symmetries=part.symmetries,
-            joint=place.joint,
-            spread=spread_of(part),
-        )
+        distance, angle = off_nominal(T_base_part, part, place.T_base_part, place.joint)
         there = _moved(place.T_base_part, center) - center_base
         near = _bell((reach - np.linalg.norm(there)) / config.sigma_translation)
         fit = _bell(distance / config.sigma_translation) * _bell(angle / config.sigma_rotation)

@@ -14,7 +14,7 @@ from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.registration import RegistrationConfig
-from asdfviz.pose.pnp import PnpConfig, mirrored_twin
+from asdfviz.pose.pnp import ROBUST_PNP, PnpConfig, mirrored_twin
 
 FAR = np.array([0.0, 0.0, 1.4])
 TILTED = transform_from(rotation_about(np.array([1.0, 0.3, 0]), 0.5), FAR)
@@ -35,7 +35,7 @@ def test_the_twin_of_a_plate_turns_back_to_the_plate(toy) -> None:
     wrong = mirrored(toy, TILTED)
     assert np.rad2deg(rotation_angle(wrong[:3, :3].T @ TILTED[:3, :3])) > 40
     detection = toy.detection("base", TILTED, noise_px=0.3)
-    twin = flat_twin(own(wrong), plate, detection, toy.frame(1))
+    twin = flat_twin(own(wrong), plate, detection, toy.frame(1), config=ROBUST_PNP)
     assert twin is not None
     turned = inverse(twin.T_camera_part)[:3, :3] @ TILTED[:3, :3]
     assert np.rad2deg(rotation_angle(turned)) < 6
@@ -45,7 +45,12 @@ def test_the_twin_of_a_plate_turns_back_to_the_plate(toy) -> None:
 def test_a_block_has_none(toy) -> None:
     T = transform_from(TILTED[:3, :3], FAR / 4)
     detection = toy.detection("block", T, noise_px=0.5)
-    assert flat_twin(own(T, "block"), toy.assembly.parts["block"], detection, toy.frame(1)) is None
+    assert (
+        flat_twin(
+            own(T, "block"), toy.assembly.parts["block"], detection, toy.frame(1), config=ROBUST_PNP
+        )
+        is None
+    )
 
 
 @pytest.mark.parametrize("kept", [True, False])
