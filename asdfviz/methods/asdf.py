@@ -8,8 +8,9 @@ are still ours, and `--published` is the paper to the letter.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from functools import partial
+from typing import TypeAlias
 
 from asdfviz.datatypes import Assembly, Camera, Detection, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
@@ -39,6 +40,13 @@ from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
 from asdfviz.state.relative_pose import relative_pose_probabilities
 from asdfviz.state.twins import renamed, renamed_poses
+
+Mends: TypeAlias = Callable[[PoseEstimate], PoseEstimate]
+"""A part's pose, by what is known better."""
+
+
+def _as_it_is(pose: PoseEstimate) -> PoseEstimate:
+    return pose
 
 
 class Asdf:
@@ -160,7 +168,12 @@ class Asdf:
         self._before = {n: before for n, before in self._before.items() if n not in names}
 
     def propose(
-        self, frame: Frame, *, rests: Rests | None = None, belief: Scores | None = None
+        self,
+        frame: Frame,
+        *,
+        rests: Rests | None = None,
+        belief: Scores | None = None,
+        mended: Mends = _as_it_is,
     ) -> FramePrediction:
         """Poses of the next frame and `looks`, no state: for methods that find that otherwise.
 
@@ -168,15 +181,21 @@ class Asdf:
             frame: to look at.
             rests: asked of every detected part; those that rest are not looked at by the crop network.
             belief: in the states before this frame, by which the parts tell where the base is.
+            mended: the base's own pose by what is known better, before they do.
         """
-        proposed = self._propose(frame, StageTimer(), belief, rests)
+        proposed = self._propose(frame, StageTimer(), belief, rests, mended)
         self.votes.keep(None)
         if self.votes.overruled:
             self.disown({self._started().assembly.base})
         return proposed
 
     def _propose(
-        self, frame: Frame, timed: StageTimer, belief: Scores | None, rests: Rests | None = None
+        self,
+        frame: Frame,
+        timed: StageTimer,
+        belief: Scores | None,
+        rests: Rests | None = None,
+        mended: Mends = _as_it_is,
     ) -> FramePrediction:
         config, scene, self.looked_at = self._config, self._started(), {}
         with timed("detect"):
@@ -209,6 +228,9 @@ class Asdf:
                 )
                 for name, pose in poses.items()
             }
+            base = scene.assembly.base
+            if base in poses:
+                poses = {**poses, base: mended(poses[base])}
             told = scene.votes.told(poses, belief, frame)
             at = poses if config.own_looks else told
         with timed("state"):

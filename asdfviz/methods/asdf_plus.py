@@ -12,57 +12,28 @@ are withheld.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
-from asdfviz.methods.contour_fits import ContourFit, ContourFits
+from asdfviz.methods.asdf_plus_scene import PlusScene, plus_scene
+from asdfviz.methods.contour_fits import ContourFit
 from asdfviz.methods.doubts import contested
 from asdfviz.methods.first_pose import LooksAtParts
-from asdfviz.methods.followed_state import FollowedState
-from asdfviz.methods.group_contours import GroupContours
-from asdfviz.methods.group_poses import GroupPoses
 from asdfviz.methods.kept_poses import Decision, pose_confidence
-from asdfviz.methods.looked_at import LastLooks
-from asdfviz.methods.mistaken import Mistaken
 from asdfviz.methods.network import Detects
-from asdfviz.methods.one_place import OnePlace
-from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.second_thoughts import settled_by_contours
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
-from asdfviz.methods.told_poses import ToldPoses
-from asdfviz.methods.tracking import load_bodies
 from asdfviz.pose.confidence import confidence_held
-from asdfviz.state.part_names import PartNames
-from asdfviz.state.place_odds import JoinedOdds
 from asdfviz.state.twins import renamed, renamed_poses
 
 JOINED = 0.6
 """Probability from which a part moves with the base."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Scene:
-    """What stays the same through a sequence."""
-
-    assembly: Assembly
-    hypotheses: dict[str, PartHypotheses]
-    followed: FollowedState
-    group: GroupPoses
-    odds: JoinedOdds
-    twins: PartNames
-    one_place: OnePlace
-    told: ToldPoses
-    looks: LastLooks
-    mistaken: Mistaken
-    contours: ContourFits | None
-    together: GroupContours | None
-    """None where contours are not asked."""
 
 
 class AsdfPlus:
@@ -84,7 +55,7 @@ class AsdfPlus:
         """
         self._config = config
         self._asdf = Asdf(config, detector=detector, looker=looker)
-        self._scene: _Scene | None = None
+        self._scene: PlusScene | None = None
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the networks and forget the sequence before.
@@ -92,35 +63,9 @@ class AsdfPlus:
         Raises:
             WeightsError: there are no weights for this assembly.
         """
-        config = self._config
         self._asdf.reset(assembly, camera, None)
-        shapes, contours = self._asdf.shapes, config.contours
-        kept, registration = config.hypotheses, config.registration
-        bodies = load_bodies(assembly) if contours.enabled else None
-        told = ToldPoses(assembly, shapes, config)
-        followed = FollowedState(assembly, shapes, self._asdf.looker, config, smear=told.smear)
-        self._scene = _Scene(
-            assembly,
-            {
-                n: PartHypotheses(p, shapes[n], config=kept, registration=registration, phase=i)
-                for i, (n, p) in enumerate(assembly.parts.items())
-            },
-            followed,
-            GroupPoses(followed.assembly, shapes, config=config.joined),
-            JoinedOdds(followed.assembly),
-            PartNames(assembly, config=config.relative_pose),
-            OnePlace(assembly),
-            told,
-            LastLooks(),
-            Mistaken(
-                assembly, config=config.still_there, own=config.own_colors, leaps=config.leaps
-            ),
-            None
-            if bodies is None
-            else ContourFits(assembly.parts, bodies, camera, config=contours, smear=told.smear),
-            None
-            if bodies is None or not contours.together
-            else GroupContours(bodies, camera, base=assembly.base, config=contours),
+        self._scene = plus_scene(
+            assembly, camera, self._asdf.shapes, self._asdf.looker, config=self._config
         )
 
     def step(self, frame: Frame) -> FramePrediction:
@@ -133,6 +78,7 @@ class AsdfPlus:
             frame,
             rests=lambda name, box, now: scene.hypotheses[name].rests(box, now),
             belief=scene.followed.said,
+            mended=lambda own: scene.known.mended(own, scene.T_camera_base, frame),
         )
         proposed = self._without_others(proposed, frame, scene)
         with timed("register"):
@@ -149,6 +95,9 @@ class AsdfPlus:
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
             told = proposed.poses.get(assembly.base)
+            if told is not None:
+                told = scene.known.mended(told, scene.T_camera_base, frame)
+                votes.mended(told.T_camera_part)
             followed = votes.preferred(followed, told, least=config.least_score)
             poses = self._named_by_place(scene.followed.turned(followed), scene)
             self._see_what_rests(poses, frame, scene)
@@ -179,7 +128,7 @@ class AsdfPlus:
         return FramePrediction(frame.index, poses, state, proposed.detections, runtime)
 
     def _see_what_rests(
-        self, poses: Mapping[str, PoseEstimate], frame: Frame, scene: _Scene
+        self, poses: Mapping[str, PoseEstimate], frame: Frame, scene: PlusScene
     ) -> None:
         """What is probably joined moves with the base; without depth poses are too rough."""
         told = scene.followed.unfolded
@@ -188,7 +137,7 @@ class AsdfPlus:
         scene.told.rest.see({} if frame.depth is None else poses, joined=joined)
 
     def _without_others(
-        self, proposed: FramePrediction, frame: Frame, scene: _Scene
+        self, proposed: FramePrediction, frame: Frame, scene: PlusScene
     ) -> FramePrediction:
         """The first poses but those of things that stood there while the part was elsewhere."""
         others = _others(proposed.poses, proposed, frame, scene)
@@ -197,7 +146,7 @@ class AsdfPlus:
         return replace(proposed, poses=kept)
 
     def _named_by_place(
-        self, poses: Mapping[str, PoseEstimate], scene: _Scene
+        self, poses: Mapping[str, PoseEstimate], scene: PlusScene
     ) -> dict[str, PoseEstimate]:
         """Give twins the names that belong to their places, now and from now on."""
         names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
@@ -211,7 +160,7 @@ class AsdfPlus:
         return renamed_poses(poses, names)
 
     def _decided(
-        self, proposed: FramePrediction, frame: Frame, scene: _Scene
+        self, proposed: FramePrediction, frame: Frame, scene: PlusScene
     ) -> dict[str, Decision]:
         """The most trusted pose of every part, this frame's first poses among them.
 
@@ -239,7 +188,7 @@ class AsdfPlus:
         return decided
 
     def _settled_together(
-        self, poses: dict[str, PoseEstimate], frame: Frame, scene: _Scene
+        self, poses: dict[str, PoseEstimate], frame: Frame, scene: PlusScene
     ) -> dict[str, PoseEstimate]:
         """The poses, those of the parts that the state holds together settled as one."""
         held, state = scene.group.held, scene.followed.joins
@@ -263,7 +212,7 @@ class AsdfPlus:
         decided: Mapping[str, Decision],
         fits: Mapping[str, ContourFit],
         frame: Frame,
-        scene: _Scene,
+        scene: PlusScene,
     ) -> dict[str, PoseEstimate]:
         """The decided poses and how sure they are; of two parts in one place, the surer one."""
         found, poses = self._asdf.assigned, dict[str, PoseEstimate]()
@@ -283,7 +232,7 @@ class AsdfPlus:
 
 
 def _others(
-    poses: Mapping[str, PoseEstimate], proposed: FramePrediction, frame: Frame, scene: _Scene
+    poses: Mapping[str, PoseEstimate], proposed: FramePrediction, frame: Frame, scene: PlusScene
 ) -> frozenset[str]:
     """The parts whose poses are those of things that stood there while the part was elsewhere."""
     base = scene.followed.base or proposed.poses.get(scene.assembly.base)

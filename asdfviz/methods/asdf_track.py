@@ -10,7 +10,7 @@ that the state joins are tracked as one, with the freedoms of their joints. The 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,52 +21,24 @@ from asdfviz.datatypes import (
     FramePrediction,
     PoseEstimate,
     State,
-    StateEstimate,
 )
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import inverse
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
+from asdfviz.methods.asdf_track_scene import TrackScene, track_scene
 from asdfviz.methods.doubts import contested, doubted
-from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.found_elsewhere import against_held, names_of_loose
 from asdfviz.methods.hidden_parts import sure_as_it_lay, sure_as_the_base
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
-from asdfviz.methods.own_colors import OwnColors
 from asdfviz.methods.part_poses import sure_enough
-from asdfviz.methods.part_tracks import PartTracks
 from asdfviz.methods.spec import MethodSpec
-from asdfviz.methods.still_there import StillThere
 from asdfviz.methods.timing import StageTimer
-from asdfviz.methods.told_poses import ToldPoses
 from asdfviz.methods.track_memory import surely_placed, with_turned_axes
-from asdfviz.methods.tracked_base import TrackedBase
-from asdfviz.methods.unlike_twins import UnlikeTwins
-from asdfviz.state.joint_places import JointPlaces
 from asdfviz.state.joints import deviation, spread_of
-from asdfviz.state.part_names import PartNames
-from asdfviz.state.place_odds import JoinedOdds
 from asdfviz.state.twins import names_after, renamed, renamed_poses
-
-
-@dataclass(slots=True, eq=False)
-class _Scene:
-    """What a sequence was started with, and the state that was said last."""
-
-    assembly: Assembly
-    parts: PartTracks
-    followed: FollowedState
-    odds: JoinedOdds
-    twins: PartNames
-    places: JointPlaces
-    still: StillThere
-    unlike: UnlikeTwins
-    own: OwnColors
-    told: ToldPoses
-    base: TrackedBase
-    state: StateEstimate | None = None
 
 
 class AsdfTrack:
@@ -81,7 +53,7 @@ class AsdfTrack:
         """
         self._config = config
         self._asdf = Asdf(config, detector=detector)
-        self._scene: _Scene | None = None
+        self._scene: TrackScene | None = None
 
     def reset(self, assembly: Assembly, camera: Camera, initial: FramePrediction | None) -> None:
         """Load the network and the parts' viewpoint models; forget the sequence before.
@@ -89,35 +61,8 @@ class AsdfTrack:
         Raises:
             WeightsError: there are no weights for this assembly.
         """
-        config = self._config
         self._asdf.reset(assembly, camera, None)
-        shapes, looker = self._asdf.shapes, self._asdf.looker
-        told = ToldPoses(assembly, shapes, config)
-        followed = FollowedState(assembly, shapes, looker, config, smear=told.smear)
-        own = OwnColors(assembly, config=config.own_colors)
-        base = TrackedBase(assembly.base, self._asdf.votes)
-        self._scene = _Scene(
-            assembly=assembly,
-            parts=PartTracks(
-                assembly,
-                camera,
-                tracker=config.tracker,
-                refind=config.refind,
-                turns=config.turns,
-                own=own,
-                smear=told.smear,
-                base=base,
-            ),
-            followed=followed,
-            odds=JoinedOdds(followed.assembly),
-            twins=PartNames(assembly, config=config.relative_pose),
-            places=JointPlaces(assembly),
-            still=StillThere(assembly, config=config.still_there),
-            unlike=UnlikeTwins(assembly, config=config.unlike_twins),
-            own=own,
-            told=told,
-            base=base,
-        )
+        self._scene = track_scene(assembly, camera, self._asdf, config=self._config)
 
     def step(self, frame: Frame) -> FramePrediction:
         """Poses and state of the next frame."""
@@ -125,7 +70,7 @@ class AsdfTrack:
             raise MethodError("asdf_track: reset() must come before step()")
         scene, timed = self._scene, StageTimer()
         assembly, parts = scene.assembly, scene.parts
-        proposed, shown = self._asdf.propose(frame, belief=scene.followed.said), frame
+        proposed, shown = self._proposed(frame, scene), frame
         if frame.depth is None:  # to the tracker, depth that measured nothing
             frame = replace(frame, depth=np.zeros(frame.rgb.shape[:2], np.float32))
         with timed("refind"):
@@ -134,6 +79,10 @@ class AsdfTrack:
             for name, track in parts.tracks.items():
                 track.T_expected = expected.get(name)
             parts.refind(frame, mine, looks, scene.state)
+            first = proposed.poses.get(assembly.base)
+            if first is not None:
+                first = scene.known.mended(first, scene.T_camera_base, frame)
+                self._asdf.votes.mended(first.T_camera_part)
             names = scene.twins.changes(parts.tracker.poses, held=parts.joined)
             parts.rename(frame, names)
             for one in (self._asdf, scene.still, scene.unlike, scene.own, scene.told):
@@ -160,7 +109,7 @@ class AsdfTrack:
                 self._asdf.looks,
                 poses,
                 shown,
-                first=proposed.poses.get(assembly.base),
+                first=first,
                 free=free,
                 rest=scene.told.rest,
             )
@@ -170,8 +119,16 @@ class AsdfTrack:
         said = self._said(frame, poses, scene)
         return FramePrediction(frame.index, said, scene.state, proposed.detections, runtime)
 
+    def _proposed(self, frame: Frame, scene: TrackScene) -> FramePrediction:
+        """The detector's poses, the base's turned as it is known to be."""
+        return self._asdf.propose(
+            frame,
+            belief=scene.followed.said,
+            mended=lambda own: scene.known.mended(own, scene.T_camera_base, frame),
+        )
+
     def _said(
-        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene
+        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: TrackScene
     ) -> dict[str, PoseEstimate]:
         """The poses as sure as they are, also of what is hidden, without those that are too unsure."""
         config, assembly, tracks = self._config, scene.assembly, scene.parts.tracks
@@ -190,7 +147,7 @@ class AsdfTrack:
         return contested(told, scene.parts.checks.contested(), config=config.turns)
 
     def _proposals(
-        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene
+        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: TrackScene
     ) -> tuple[dict[str, PoseEstimate], dict[str, LookedAt]]:
         """The detector's poses, and what they came from, without those of things that lay there while
         the part was elsewhere.
@@ -217,7 +174,7 @@ class AsdfTrack:
         )
 
     def _without_strangers(
-        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: _Scene
+        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: TrackScene
     ) -> dict[str, PoseEstimate]:
         """The poses without those on things that only have a part's shape, which are tracked no longer.
 
@@ -232,7 +189,7 @@ class AsdfTrack:
         return {n: pose for n, pose in poses.items() if n not in strangers}
 
     def _turned(
-        self, frame: Frame, poses: dict[str, PoseEstimate], scene: _Scene
+        self, frame: Frame, poses: dict[str, PoseEstimate], scene: TrackScene
     ) -> dict[str, PoseEstimate]:
         """The poses, those of a base that looks the same turned as the others tell it.
 
@@ -248,7 +205,7 @@ class AsdfTrack:
                 tracker.replace(frame, {base: tracker.poses[base] @ T_base_turned})
         return told
 
-    def _join(self, frame: Frame, scene: _Scene) -> frozenset[str]:
+    def _join(self, frame: Frame, scene: TrackScene) -> frozenset[str]:
         """Hold the parts together that the state joins; return their names without the base.
 
         Those that are not tracked, as nobody found them, begin where a settled state has them. What
@@ -275,7 +232,7 @@ class AsdfTrack:
         return frozenset(near)
 
     def _joins(
-        self, name: str, poses: Mapping[str, Transform], state: State, scene: _Scene
+        self, name: str, poses: Mapping[str, Transform], state: State, scene: TrackScene
     ) -> bool:
         """Whether a part is where the state has it, or was not seen for long."""
         config, base = self._config.join, scene.assembly.base

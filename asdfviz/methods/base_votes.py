@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from asdfviz.datatypes import Frame, PoseEstimate
+from asdfviz.datatypes import Frame, PoseEstimate, State
 from asdfviz.geometry.camera import depth_gaps
 from asdfviz.geometry.shapes import Scores, Transform
 from asdfviz.geometry.transforms import apply, inverse
@@ -159,6 +159,11 @@ class BaseVotes:
             result[name] = told
         return result
 
+    def mended(self, T_camera_base: Transform) -> None:
+        """What was told of this frame is the base, but in this pose: it was taken for turned otherwise."""
+        if self._told is not None:
+            self._told = replace(self._told, T_camera_part=T_camera_base)
+
     def _is_at_last(self, base: PoseEstimate) -> bool:
         return self._last is not None and self._are_near(base, self._last)
 
@@ -212,7 +217,7 @@ class BaseVotes:
             alike = self._assembly.parts[part].symmetries
             if part not in state.T_base_part or alike.is_symmetric:
                 continue
-            T_base_part = self._joints.last(part, state)
+            T_base_part = self._place(part, pose, state)
             if (part, T_base_part.tobytes()) in told:
                 continue
             told.add((part, T_base_part.tobytes()))
@@ -222,6 +227,18 @@ class BaseVotes:
             rest = {n: p for n, p in others.items() if n != part}
             joins = np.array([part in s.T_base_part for s in self._assembly.states])
             yield base, math.log(right), rest, np.where(joins, odds, 0.0)
+
+    def _place(self, part: str, pose: PoseEstimate, state: State) -> Transform:
+        """T_base_part where a state holds a part.
+
+        Along its joint it tells nothing of the base: where it agrees with where that was, it lies in
+        its joint as it lies there, not as it was seen last.
+        """
+        joint, near = state.joints.get(part), None
+        if joint is not None and self._last is not None:
+            T_base_part = inverse(self._last.T_camera_part) @ pose.T_camera_part
+            near = self._joints.nearest(part, T_base_part, state.T_base_part[part], joint)
+        return self._joints.last(part, state) if near is None else near
 
     def _claim(
         self, base: PoseEstimate, others: Mapping[str, PoseEstimate], odds: Scores, prior: float

@@ -140,6 +140,11 @@ class PartHypotheses:
         self._kept = [best, *(h for h in rest if allowed(h.T_camera_part))]
         return [p for p in proposals if allowed(p.T_camera_part)]
 
+    @property
+    def best(self) -> Transform | None:
+        """The most trusted pose so far, T_camera_part."""
+        return self._kept[0].T_camera_part if self._kept else None
+
     def move(self, T_camera_part: Transform) -> None:
         """The most trusted pose is known better than it was."""
         self._kept[0] = replace(self._kept[0], T_camera_part=T_camera_part)

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Assembly, PoseEstimate
+from asdfviz.datatypes import Assembly, Joint, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import rotation_about, transform_from
+from asdfviz.geometry.transforms import inverse, rotation_about, transform_from
 from asdfviz.methods.base_votes import BaseVotes
 from asdfviz.methods.base_votes_config import BaseVotesConfig
 from asdfviz.methods.group_poses import GroupConfig, GroupPoses
@@ -118,6 +118,39 @@ def test_a_joined_part_tells_where_a_base_is_that_moved_with_it(toy) -> None:
     told = votes.told(both, JOINED, toy.frame(3, moved))["base"]
     assert np.allclose(told.T_camera_part, moved["base"])
     assert told.stage == "group"
+
+
+def test_a_part_tells_nothing_of_the_base_along_its_joint(toy) -> None:
+    """It was pushed on: that the base, which is hidden, went with it is not to be said."""
+    along = np.array([0.0, 1.0, 0.0])
+    slide = Joint("prismatic", along, np.zeros(3), slide=(-0.03, 0.03))
+    joined = replace(toy.assembly.states[1], joints={"block": slide})
+    assembly = replace(toy.assembly, states=(toy.assembly.states[0], joined))
+    true = toy.poses(joined=True)
+    votes = votes_of(assembly)
+    follow(votes, toy, true, JOINED)
+    T_pushed = transform_from(np.eye(3), 0.025 * along)
+    block = true["base"] @ T_pushed @ inverse(true["base"]) @ true["block"]
+    found = {"block": estimate("block", block, 0.95)}
+    told = votes.told(found, JOINED, hidden(toy, true))["base"]
+    assert np.allclose(told.T_camera_part, true["base"])
+
+
+def test_a_base_that_was_told_turned_otherwise_is_kept_as_it_is(toy) -> None:
+    true = toy.poses(joined=True)
+    over = transform_from(rotation_about(np.array([0.0, 0, 1]), np.pi), np.zeros(3))
+    wrong = {**true, "base": true["base"] @ over}
+    votes = votes_of(toy.assembly)
+    votes.mended(true["base"])  # nothing was told yet
+    assert votes.place is None
+    follow(votes, toy, wrong, LOOSE)
+    votes.told({"base": estimate("base", wrong["base"])}, LOOSE, toy.frame(3, true))
+    votes.mended(true["base"])
+    right = estimate("base", true["base"], 0.3)
+    assert votes.preferred({"base": right}, None, least=0.2) == {"base": right}
+    votes.keep(right)
+    told = votes.told({}, LOOSE, toy.frame(4, true))["base"]
+    assert np.allclose(told.T_camera_part, true["base"])
 
 
 def test_two_parts_in_one_place_are_not_both_believed(toy) -> None:
