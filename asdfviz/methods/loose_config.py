@@ -44,13 +44,27 @@ class LooseConfig:
     """What is nearer than where it lay by this hides it, metres: then it is not gone,"""
     empty: int = 5
     """unless it was seen to be gone in so many frames before."""
+    about: float = 0.03
+    """Something comes to a place where a part is joined if depth shows it about there, so much farther than
+    half the part's size, metres,"""
+    nearer: float = 0.012
+    """nearer to the camera than what was there by more than this, metres,"""
+    came: float = 0.12
+    """in this share of what is looked at, 0 to 1."""
+    steady: int = 3
+    """A part that surely lies loose in so many frames one after another is not joined: from then on
+    something has to come there."""
+    untouched: float = 1.0
+    """Log odds of not being joined as long as nothing did."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        least = min(self.gain, self.most, self.there, self.carried, self.small_px, self.blurred_px)
-        if min(self.enough, self.wait, self.empty) < 1 or least < 0:
-            raise MethodError(
-                f"loose.enough is {self.enough}, wait {self.wait}, empty {self.empty}, gain {self.gain:g}, most "
-                f"{self.most:g}, carried {self.carried:g}, there {self.there:g}, small_px {self.small_px:g} "
-                f"and blurred_px {self.blurred_px:g}: enough, wait and empty must be 1 or more, the others 0 or more"
-            )
+        for option in ("enough", "wait", "empty", "steady"):
+            if getattr(self, option) < 1:
+                raise MethodError(f"loose.{option} is {getattr(self, option)}, use 1 or more")
+        for option in ("gain", "most", "there", "carried", "small_px", "blurred_px", "untouched"):
+            if not getattr(self, option) >= 0:
+                raise MethodError(f"loose.{option} is {getattr(self, option):g}, use 0 or more")
+        for option in ("about", "nearer", "came"):
+            if not getattr(self, option) > 0:
+                raise MethodError(f"loose.{option} is {getattr(self, option):g}, use more than 0")

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 
 import numpy as np
@@ -22,50 +21,11 @@ from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply_to_point, inverse
 from asdfviz.methods.at_rest import AtRest
 from asdfviz.methods.loose_config import LooseConfig
+from asdfviz.methods.loose_kinds import Kind, Spot, kind_of
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import projected_box
 from asdfviz.state.joined_spots import JoinedSpots
-from asdfviz.state.twins import loose_in_states, twin_groups
-
-
-@dataclass(slots=True, eq=False)
-class _Spot:
-    """Where a part of some kind was found loose."""
-
-    middle: Vector
-    """In the frame of what lies still, metres."""
-    frames: int = 0
-    """In which one was there."""
-    is_seen: bool = False
-    """In the last frame."""
-    last: int = 0
-    """The last of them, by number."""
-    empty: int = 0
-    """In how many frames since it was seen to be gone from there."""
-
-
-@dataclass(slots=True, eq=False)
-class _Kind:
-    """The twins of one part, or a part that has none."""
-
-    names: tuple[str, ...]
-    loose: tuple[int, ...]
-    """How many of them are loose in each state."""
-    places: tuple[Transform, ...]
-    """T_base_part of all of them in all states."""
-    found: list[int]
-    """In how many frames one or more, two or more, ... were found loose,"""
-    gone: list[int]
-    """for how many they have not been since,"""
-    last: list[int]
-    """in which they were last, by number,"""
-    left: list[float]
-    """and what share of the way to a place what is missing since then had left."""
-    ways: list[float] = field(default_factory=list[float])
-    """Of those that were found loose in the last frame, how far they were from any place, metres,"""
-    far: float = 0.0
-    """and how far one ever was."""
-    spots: list[_Spot] = field(default_factory=list[_Spot])
+from asdfviz.state.twins import twin_groups
 
 
 class LooseParts:
@@ -93,7 +53,9 @@ class LooseParts:
         self._spots = JoinedSpots(assembly)
         self._T_stage_base: Transform | None = None
         self._frames, self._step_frames = 0, 0.0
-        self._kinds = [_kind(assembly, names, self._spots) for names in groups if names]
+        self._kinds = [
+            kind_of(assembly, names, self._spots, config=config) for names in groups if names
+        ]
 
     def step(
         self,
@@ -133,7 +95,7 @@ class LooseParts:
         scores = np.exp(against.min() - against)
         return scores / scores.sum()
 
-    def _is_small(self, kind: _Kind, T_camera_base: Transform, frame: Frame, rest: AtRest) -> bool:
+    def _is_small(self, kind: Kind, T_camera_base: Transform, frame: Frame, rest: AtRest) -> bool:
         """Whether none of them shows where it is joined."""
         small_px = self._config.blurred_px if rest.is_shaken else self._config.small_px
         corners = self._corners[kind.names[0]]
@@ -142,7 +104,7 @@ class LooseParts:
 
     def _count(
         self,
-        kind: _Kind,
+        kind: Kind,
         T_camera_base: Transform,
         poses: Mapping[str, PoseEstimate],
         frame: Frame,
@@ -160,6 +122,7 @@ class LooseParts:
             for pose, _ in sure
         ]
         there = self._lying(kind, loose)
+        kind.approaches.step(T_camera_base, frame, loose=there, unsure=rest.is_shaken)
         self._note_ways(kind, [way for _, way in sure])
         hidden = self._hidden(kind, frame, rest)
         for k in range(len(kind.names)):
@@ -176,7 +139,7 @@ class LooseParts:
             return 0.0
         return self._spots.distance(pose.part, pose.T_camera_part, T_camera_base)
 
-    def _note_ways(self, kind: _Kind, ways: list[float]) -> None:
+    def _note_ways(self, kind: Kind, ways: list[float]) -> None:
         """Note how far those are that were found loose, and how far one was that no longer is."""
         if len(ways) < len(kind.ways):
             lay = any(not s.is_seen and s.last == self._frames - 1 for s in kind.spots)
@@ -186,7 +149,7 @@ class LooseParts:
             kind.left[len(ways) : len(kind.ways)] = [left] * (len(kind.ways) - len(ways))
         kind.ways, kind.far = ways, max(kind.far, *ways, 0.0)
 
-    def _lying(self, kind: _Kind, loose: Sequence[tuple[Vector, float]]) -> int:
+    def _lying(self, kind: Kind, loose: Sequence[tuple[Vector, float]]) -> int:
         """How many surely lie where they lay, each in a spot of its own; notes where all of them are."""
         config, there, apart = self._config, 0, np.zeros((len(loose), len(kind.spots)))
         for j, spot in enumerate(kind.spots):
@@ -196,7 +159,7 @@ class LooseParts:
         known = {i: kind.spots[j] for i, j in pairs if apart[i, j] <= config.away}
         for i, (point, score) in enumerate(loose):
             if i not in known:
-                known[i] = _Spot(point)
+                known[i] = Spot(point)
                 kind.spots.append(known[i])
             spot = known[i]
             spot.is_seen, spot.frames, spot.empty = True, spot.frames + 1, 0
@@ -208,7 +171,7 @@ class LooseParts:
 
     def _against(
         self,
-        kind: _Kind,
+        kind: Kind,
         there: int,
         is_small: Callable[[], bool],
         shown_px: Callable[[str, State], float],
@@ -229,14 +192,24 @@ class LooseParts:
                 told = min(config.gain * frames, config.most)
             # Where not even one is found, two are not either.
             most.append(max(told, most[-1]))
-        return np.array(
-            [most[loose] + config.there * max(there - loose, 0) for loose in kind.loose]
-        )
+        lying = [config.there * max(there - loose, 0) for loose in kind.loose]
+        untouched = [self._untouched(kind, loose) for loose in kind.loose]
+        return np.array([most[n] for n in kind.loose]) + np.maximum(lying, untouched)
 
-    def _waited(self, kind: _Kind, k: int) -> float:
+    def _untouched(self, kind: Kind, loose: int) -> float:
+        """What speaks against so few being loose: nothing came near where the next one is joined."""
+        enough = self._config.enough
+        missing = range(loose, len(kind.names))
+        is_untouched = any(
+            kind.found[k] >= enough and kind.approaches.frames(k) is None for k in missing
+        )
+        return self._config.untouched * is_untouched
+
+    def _waited(self, kind: Kind, k: int) -> float:
         """For how many frames the part of number k has been gone for longer than a hand carries it.
 
         A hand carries one after the other: what was gone before another one was taken is in its place.
+        Until something came to that place it is in the hand.
         """
         gone, last, config = kind.gone[k], kind.last[k], self._config
         later = [
@@ -247,13 +220,15 @@ class LooseParts:
         ]
         least = gone - config.wait
         carried = config.carried * self._step_frames * kind.left[k]
-        return min(float(least), max(gone - carried, float(max(later, default=0))))
+        waited = min(float(least), max(gone - carried, float(max(later, default=0))))
+        near = kind.approaches.frames(k)
+        return 0.0 if near is None else min(waited, float(near))
 
-    def _hides(self, kind: _Kind, loose: int, shown_px: Callable[[str, State], float]) -> bool:
+    def _hides(self, kind: Kind, loose: int, shown_px: Callable[[str, State], float]) -> bool:
         """Whether the joined ones show nowhere in the states that leave so many loose."""
         states = [s for s in self._assembly.states if kind.loose[s.index] == loose]
-        # What is half done may show what is hidden in the end.
-        whole = [s for s in states if s.index not in self._half_done]
+        # What is half done, or wrong, may show what is hidden in the end.
+        whole = [s for s in states if s.index not in self._half_done and not s.is_error]
         return all(
             shown_px(name, state) < self._config.small_px**2
             for state in whole or states
@@ -261,7 +236,7 @@ class LooseParts:
             if name in state.T_base_part
         )
 
-    def _hidden(self, kind: _Kind, frame: Frame, rest: AtRest) -> int:
+    def _hidden(self, kind: Kind, frame: Frame, rest: AtRest) -> int:
         """How many may lie where they lay, but for what hides the place; notes which are gone from there."""
         count = 0
         for spot in kind.spots:
@@ -281,10 +256,3 @@ class LooseParts:
         if not inside[0]:
             return True
         return 0 < frame.depth[row[0], column[0]].item() < point[2].item() - self._config.in_front
-
-
-def _kind(assembly: Assembly, names: tuple[str, ...], spots: JoinedSpots) -> _Kind:
-    places = tuple(T for name in names for T in spots.places.get(name, ()))
-    loose, none = loose_in_states(assembly, names), [0] * len(names)
-    left = [1.0] * len(names)
-    return _Kind(names, loose, places, none.copy(), none.copy(), none.copy(), left)

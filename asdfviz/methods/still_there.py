@@ -17,12 +17,14 @@ from jaxtyping import UInt8
 from asdfviz.datatypes import Assembly, Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.camera import project
-from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import apply, point_distance
-from asdfviz.state.twins import renamed, twins_by_name
+from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.transforms import apply, apply_to_point, point_distance
+from asdfviz.state.twins import renamed, twin_groups
 
 AWAY = 0.015
 """Poses nearer to each other than this are in one place, metres."""
+SPOTS = 4
+"""Of so many places for each part those are remembered where one lay longest."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +59,36 @@ class StillThereConfig:
             raise MethodError(f"still_there.share is {self.share:g}, use more than 0, at most 1")
 
 
+class _Spots:
+    """Where parts that cannot be told apart lay."""
+
+    def __init__(self, parts: int) -> None:
+        """Begin without any; so many parts lay there."""
+        self._most = SPOTS * parts
+        self._spots: list[tuple[Vector, int]] = []
+        """And in how many frames one was there; the last one first."""
+
+    def see(self, place: Vector) -> None:
+        """One lies at a place, in the camera's frame, metres."""
+        known = [(spot, frames) for spot, frames in self._spots if _apart(spot, place) <= AWAY]
+        others = [one for one in self._spots if _apart(one[0], place) > AWAY]
+        kept = sorted(others, key=lambda one: -one[1])[: self._most - 1]
+        self._spots = [(place, 1 + max((frames for _, frames in known), default=0)), *kept]
+
+    def are_near(self, place: Vector) -> bool:
+        """Whether one ever lay there."""
+        return any(_apart(spot, place) <= AWAY for spot, _ in self._spots)
+
+
 class StillThere:
     """Frames in which parts were last surely where they were tracked."""
 
     def __init__(self, assembly: Assembly, *, config: StillThereConfig) -> None:
         """Start without frames."""
         self._parts = assembly.parts
-        self._twins = {n: set(names) - {n} for n, names in twins_by_name(assembly).items()}
+        kinds = {names: _Spots(len(names)) for names in twin_groups(assembly) if len(names) > 1}
+        self._spots = {name: spots for names, spots in kinds.items() for name in names}
+        """Of every part that has twins, where any of them lay."""
         self._config = config
         self._then: dict[str, tuple[Frame, int]] = {}
         """And the number of each."""
@@ -84,7 +109,10 @@ class StillThere:
         """
         self._frames += 1
         self._then |= dict.fromkeys(sure, (frame, self._frames))
-        self.lay |= {name: T for name, T in sure.items() if name not in held}
+        lying = {name: T for name, T in sure.items() if name not in held}
+        self.lay |= lying
+        for name in lying.keys() & self._spots.keys():
+            self._spots[name].see(apply_to_point(lying[name], self._parts[name].middle))
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
@@ -99,8 +127,8 @@ class StillThere:
     ) -> frozenset[str]:
         """Parts out of sight that are proposed where something else stands.
 
-        Where a twin of the part lay it may be the part: which is which does not show, and the twin may
-        have gone on under either name.
+        Where the part or a twin of it ever lay it may be the part: which is which does not show, and may
+        have been taken for otherwise before.
 
         Args:
             frame: the new frame.
@@ -119,9 +147,9 @@ class StillThere:
         return hidden(frame, frozenset(suspect)) if suspect else frozenset()
 
     def _is_a_twin(self, name: str, T_camera_part: Transform) -> bool:
-        middle = self._parts[name].middle
-        lay = [self.lay[other] for other in self._twins[name] if other in self.lay]
-        return any(point_distance(T, T_camera_part, middle) <= AWAY for T in lay)
+        spots = self._spots.get(name)
+        place = apply_to_point(T_camera_part, self._parts[name].middle)
+        return spots is not None and spots.are_near(place)
 
     def _is_other(self, name: str, frame: Frame, T_new: Transform, T_last: Transform) -> bool:
         config, part = self._config, self._parts[name]
@@ -150,6 +178,10 @@ class StillThere:
             measured = (z_before > 0) & (z_after > 0)
             same = (measured & rests & (change < self._config.color)) | (~measured & same)
         return bool(same.mean() >= self._config.share)
+
+
+def _apart(a: Vector, b: Vector) -> float:
+    return float(np.linalg.norm(a - b))
 
 
 def _smooth(rgb: UInt8[np.ndarray, "h w 3"]) -> UInt8[np.ndarray, "h w 3"]:

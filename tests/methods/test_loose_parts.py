@@ -41,6 +41,15 @@ class Shaken(AtRest):
         return name in self.lying
 
 
+def with_hand(frame: Frame) -> Frame:
+    """With something over the base, not over where pins lie."""
+    assert frame.depth is not None
+    depth, K = frame.depth.copy(), frame.camera.K
+    u, v, half = int(K[0, 2]), int(K[1, 2]), int(0.09 * K[0, 0])
+    depth[v - half : v + half, u - half : u + half] = 0.45
+    return replace(frame, depth=depth)
+
+
 def everything(name: str, state: State) -> float:
     """As if nothing hid a part."""
     return math.inf
@@ -67,6 +76,7 @@ def counted(pinned: Assembly, toy):
         *shown: tuple[Sequence[Transform], int],
         score: float = 0.9,
         hand: bool = False,
+        came: bool = True,
         rest: AtRest | None = None,
         shows: Callable[[str, State], float] = everything,
         loses_base: bool = False,
@@ -86,6 +96,8 @@ def counted(pinned: Assembly, toy):
             frame: Frame = toy.frame(0, {})
             if hand and len(pins) < 2 and frame.depth is not None:
                 frame = replace(frame, depth=np.full_like(frame.depth, 0.4))
+            elif came and len(pins) < 2:
+                frame = with_hand(frame)
             for _ in range(frames):
                 known = None if loses_base and number else base
                 told = loose.step(
@@ -123,6 +135,17 @@ def test_a_pin_that_is_gone_for_longer_than_a_hand_takes_is_joined(counted) -> N
     assert np.log(long[2] / long) == pytest.approx([4.0, 4.0, 0.0])
 
 
+def test_what_is_gone_is_not_joined_before_something_came_to_its_place(
+    counted, pinned: Assembly
+) -> None:
+    told = counted((SPOTS, 8), ([], 100), came=False, there=0.0, untouched=1.5)
+    assert np.log(told[0] / told) == pytest.approx([0.0, 1.5, 1.5])
+    # A camera that moves shows nearer things everywhere.
+    shaken = Shaken(pinned, frozenset(PINS))
+    told = counted((SPOTS, 8), ([], 100), came=False, rest=shaken, there=0.0)
+    assert told[2] > told[1]
+
+
 def test_a_hand_carries_for_a_part_of_the_time_of_a_step(counted) -> None:
     def gone(frames: int, step_frames: float) -> np.ndarray | None:
         taken = (SPOTS, 5), ([], frames)
@@ -158,11 +181,12 @@ def test_a_twin_that_no_state_joins_has_no_way_to_go(pinned: Assembly, toy) -> N
     config = LooseConfig(small_px=50.0, enough=4, wait=3, carried=1.0, gain=0.5, there=0.0)
     loose = LooseParts(spare, part_shapes(spare, surface_points=200), config=config)
     base, frame, rest = PoseEstimate("base", BASE, 1.0, "refined"), toy.frame(0, {}), rest_of(spare)
+    hand = with_hand(frame)
     found = {n: PoseEstimate(n, T, 0.9, "refined") for n, T in zip(PINS, SPOTS, strict=True)}
     told: list[np.ndarray | None] = []
-    for poses in [found] * 5 + [{PINS[1]: found[PINS[1]]}] * 12:
+    for poses, shown in [(found, frame)] * 5 + [({PINS[1]: found[PINS[1]]}, hand)] * 12:
         told.append(
-            loose.step(base, poses, frame, rest=rest, shown_px=everything, step_frames=10.0)
+            loose.step(base, poses, shown, rest=rest, shown_px=everything, step_frames=10.0)
         )
     assert told[14] is None
     assert told[16] is not None
@@ -296,7 +320,8 @@ def test_what_is_half_done_may_show_what_is_hidden_in_the_end(toy, pinned: Assem
         scores = None
         for k in range(32):
             lying = {"pin": PoseEstimate("pin", SPOTS[0], 0.9, "refined")} if k < 12 else {}
-            scores = loose.step(base, lying, frame, rest=rest_of(assembly), shown_px=hidden)
+            shot = frame if k < 12 else with_hand(frame)
+            scores = loose.step(base, lying, shot, rest=rest_of(assembly), shown_px=hidden)
         return scores
 
     assert scores_after((), hidden=shown) is None

@@ -12,7 +12,7 @@ from asdfviz.datatypes import Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.methods.still_there import StillThere, StillThereConfig
+from asdfviz.methods.still_there import SPOTS, StillThere, StillThereConfig
 from asdfviz.methods.track_memory import FOUND, YOUNG, Track, surely_placed
 
 
@@ -94,11 +94,28 @@ def test_where_a_twin_lay_a_part_may_be(toy) -> None:
     still.see(both, {"pin": RIGHT, "pin-copy": LEFT})
     gone, last = toy.photo(3, [LEFT]), {"pin": RIGHT, "pin-copy": BELOW}
     assert still.others(gone, {"pin": LEFT}, last, all_hidden) == frozenset()
-    assert still.others(gone, {"pin-copy": LEFT}, last, all_hidden) == {"pin-copy"}
+    # Nor one that lay there itself: it may only have been called so.
+    assert still.others(gone, {"pin-copy": LEFT}, last, all_hidden) == frozenset()
+    still.see(toy.photo(1, [BELOW, LEFT]), {"pin": BELOW, "pin-copy": BELOW})
+    assert still.others(gone, {"pin": LEFT}, last | {"pin": RIGHT}, all_hidden) == frozenset()
     # A place that holds it is none where it lay.
     held = StillThere(toy.assembly, config=StillThereConfig())
     held.see(both, {"pin": RIGHT, "pin-copy": LEFT}, held={"pin-copy"})
     assert held.others(gone, {"pin": LEFT}, last, all_hidden) == {"pin"}
+
+
+def test_of_places_where_twins_lay_those_of_a_moment_are_forgotten_first(toy) -> None:
+    still = StillThere(toy.assembly, config=StillThereConfig())
+    both = toy.photo(0, [RIGHT, LEFT])
+    for _ in range(2):
+        still.see(both, {"pin": RIGHT, "pin-copy": LEFT})
+    for step in range(2 * SPOTS + 3):  # carried by
+        still.see(both, {"pin": at(0.02 * step - 0.05, 0.1)})
+    still.see(both, {"pin": BELOW})
+    gone = toy.photo(3, [LEFT])
+    assert still.others(gone, {"pin": LEFT}, {"pin": BELOW}, all_hidden) == frozenset()
+    first = at(-0.05, 0.1)
+    assert still.others(both, {"pin": first}, {"pin": BELOW}, all_hidden) == {"pin"}
 
 
 def test_a_place_outside_the_image_shows_nothing(toy) -> None:

@@ -22,7 +22,7 @@ T_CAMERA_BASE = transform_from(
         ("pin", (0.0, 0.1, 0.02), 0.02),
         ("block", (0.1, 0.0, 0.0), 0.0),
         ("block", (0.125, 0.0, 0.0), 0.0),  # it slides by 0.03
-        ("block", (0.1, 0.05, 0.0), 0.02),
+        ("block", (0.1, 0.05, 0.0), 0.05),
         ("base", (0.0, 0.0, 0.0), np.inf),  # nothing joins it to itself
     ],
 )

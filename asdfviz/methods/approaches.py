@@ -1,0 +1,118 @@
+"""Whether anything came near the places where a part is joined, since it was last seen loose.
+
+Not in the paper. A part that is seen nowhere may be in a hand, and for how long it is none can say. But a
+hand that joins it has to come to its place, which depth shows: as long as nothing did, it is not joined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+from asdfviz.datatypes import Assembly, Frame, State
+from asdfviz.geometry.camera import nearest_pixels
+from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.geometry.transforms import apply, apply_to_point
+from asdfviz.methods.loose_config import LooseConfig
+from asdfviz.state.twins import loose_in_states
+
+READINGS = 12
+"""Of depth in so many rows and columns about a place."""
+FADES = 0.005
+"""What stays where it came to is part of what was there before, by so much a frame, metres."""
+
+
+@dataclass(slots=True, eq=False)
+class _Watch:
+    """The places of the part that is joined next."""
+
+    middles: Points
+    """Of the part there, the base's frame, metres."""
+    before: Float64[np.ndarray, "places readings"] | None = None
+    """How much farther than each place depth was, metres, when the part was seen loose."""
+    row: int = 0
+    """In how many frames one after another it was,"""
+    since: int | None = 0
+    """and for how many something came near it since; None: nothing did."""
+
+
+class Approaches:
+    """To the places of one kind of part in one sequence."""
+
+    def __init__(self, assembly: Assembly, names: Sequence[str], *, config: LooseConfig) -> None:
+        """Begin a sequence; `names` are of the twins."""
+        self._config, part = config, assembly.parts[names[0]]
+        self._reach = part.diameter / 2 + config.about
+        counts = loose_in_states(assembly, names)
+        states = list(zip(assembly.states, counts, strict=True))
+        self._watches: list[_Watch] = []
+        for k in range(len(names)):
+            now, then = ([s for s, n in states if n == loose] for loose in (k + 1, k))
+            known = _places(now, names)
+            places = _places(then, names)
+            new = [T for key, T in places.items() if key not in known] or list(places.values())
+            middles = np.array([apply_to_point(T, part.middle) for T in new]).reshape(-1, 3)
+            self._watches.append(_Watch(middles))
+
+    def step(self, T_camera_base: Transform, frame: Frame, *, loose: int, unsure: bool) -> None:
+        """Look at the places.
+
+        Args:
+            T_camera_base: where the base is.
+            frame: with depth.
+            loose: how many of the parts surely lie loose in it.
+            unsure: whether places are known too roughly: then something may always have come there.
+        """
+        for k, watch in enumerate(self._watches):
+            if not len(watch.middles):
+                continue
+            seen = self._readings(watch.middles, T_camera_base, frame)
+            before = seen if watch.before is None else watch.before
+            watch.row = watch.row + 1 if loose > k else 0
+            if watch.row >= self._config.steady:
+                watch.since = None
+            if watch.since is not None:
+                watch.since += 1
+            elif unsure or self._came(seen, before):
+                watch.since = 0
+            faded = before - FADES if watch.row else before
+            watch.before = np.fmax(seen, faded)
+
+    def frames(self, k: int) -> int | None:
+        """For how many frames something came near where the part of number k is joined; None: nothing did."""
+        return self._watches[k].since
+
+    def _came(
+        self,
+        seen: Float64[np.ndarray, "places readings"],
+        before: Float64[np.ndarray, "places readings"],
+    ) -> bool:
+        known = np.isfinite(seen) & np.isfinite(before)
+        nearer = np.where(known, before - seen, 0.0) > self._config.nearer
+        share = nearer.sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+        is_blind = known.sum(axis=1) * 2 < known.shape[1]
+        return bool(np.any(is_blind | (share >= self._config.came)))
+
+    def _readings(
+        self, middles: Points, T_camera_base: Transform, frame: Frame
+    ) -> Float64[np.ndarray, "places readings"]:
+        """How much farther than each place depth is about it, metres; NaN where it is blind."""
+        assert frame.depth is not None
+        ticks = np.linspace(-self._reach, self._reach, READINGS)
+        about = np.zeros((READINGS**2, 3))
+        about[:, 0], about[:, 1] = np.tile(ticks, READINGS), np.repeat(ticks, READINGS)
+        points = (apply(T_camera_base, middles)[:, None] + about).reshape(-1, 3)
+        inside, rows, columns = nearest_pixels(points, frame.camera.K, frame.depth.shape)
+        depth = frame.depth[rows, columns].astype(np.float64)
+        gaps = np.full(len(points), np.nan)
+        gaps[inside] = np.where(depth > 0, depth - points[inside, 2], np.nan)
+        return gaps.reshape(len(middles), -1)
+
+
+def _places(states: Sequence[State], names: Sequence[str]) -> dict[bytes, Transform]:
+    """The different T_base_part of these parts."""
+    Ts = (s.T_base_part[n] for s in states for n in names if n in s.T_base_part)
+    return {T.tobytes(): T for T in Ts}

@@ -1,0 +1,70 @@
+"""What is noted of the loose parts of one kind: the nouns of `loose_parts`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from asdfviz.datatypes import Assembly
+from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.methods.approaches import Approaches
+from asdfviz.methods.loose_config import LooseConfig
+from asdfviz.state.joined_spots import JoinedSpots
+from asdfviz.state.twins import loose_in_states
+
+
+@dataclass(slots=True, eq=False)
+class Spot:
+    """Where a part of some kind was found loose."""
+
+    middle: Vector
+    """In the frame of what lies still, metres."""
+    frames: int = 0
+    """In which one was there."""
+    is_seen: bool = False
+    """In the last frame."""
+    last: int = 0
+    """The last of them, by number."""
+    empty: int = 0
+    """In how many frames since it was seen to be gone from there."""
+
+
+@dataclass(slots=True, eq=False)
+class Kind:
+    """The twins of one part, or a part that has none."""
+
+    names: tuple[str, ...]
+    loose: tuple[int, ...]
+    """How many of them are loose in each state."""
+    places: tuple[Transform, ...]
+    """T_base_part of all of them in all states."""
+    approaches: Approaches
+    """Of anything to those."""
+    found: list[int]
+    """In how many frames one or more, two or more, ... were found loose,"""
+    gone: list[int]
+    """for how many they have not been since,"""
+    last: list[int]
+    """in which they were last, by number,"""
+    left: list[float]
+    """and what share of the way to a place what is missing since then had left."""
+    ways: list[float] = field(default_factory=list[float])
+    """Of those that were found loose in the last frame, how far they were from any place, metres,"""
+    far: float = 0.0
+    """and how far one ever was."""
+    spots: list[Spot] = field(default_factory=list[Spot])
+
+
+def kind_of(
+    assembly: Assembly, names: tuple[str, ...], spots: JoinedSpots, *, config: LooseConfig
+) -> Kind:
+    """Nothing is known yet of the twins that have these names."""
+    return Kind(
+        names=names,
+        loose=loose_in_states(assembly, names),
+        places=tuple(T for name in names for T in spots.places.get(name, ())),
+        approaches=Approaches(assembly, names, config=config),
+        found=[0] * len(names),
+        gone=[0] * len(names),
+        last=[0] * len(names),
+        left=[1.0] * len(names),
+    )

@@ -1,0 +1,87 @@
+"""What comes near to where the toy's two pins are joined."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from asdfviz.datatypes import Assembly, Frame, State
+from asdfviz.geometry.camera import project
+from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.approaches import Approaches
+from asdfviz.methods.loose_config import LooseConfig
+
+BASE = transform_from(np.eye(3), np.array([0.0, 0.0, 0.55]))
+HOLES = [transform_from(np.eye(3), np.array([x, 0.0, 0.03])) for x in (-0.07, 0.07)]
+PINS = ("pin", "pin-copy")
+
+
+@pytest.fixture
+def approaches(assembly: Assembly) -> Approaches:
+    """States: no pin is in, one is, both are; nothing is known but that both were seen to lie."""
+    joined = [dict(zip(PINS[:k], HOLES, strict=False)) for k in range(3)]
+    states = tuple(State(k, f"s{k}", {"base": np.eye(4), **pins}) for k, pins in enumerate(joined))
+    return Approaches(replace(assembly, states=states), PINS, config=LooseConfig(steady=3))
+
+
+def over(frame: Frame, hole: int, depth: float, *, half: float = 0.05) -> Frame:
+    """With something of that depth over a hole."""
+    assert frame.depth is not None
+    place = (BASE @ HOLES[hole])[:3, 3]
+    u, v = project(place[None], frame.camera.K)[0].round().astype(int)
+    readings, size = frame.depth.copy(), round(half * frame.camera.K[0, 0] / place[2])
+    readings[v - size : v + size, u - size : u + size] = depth
+    return replace(frame, depth=readings)
+
+
+def step(approaches: Approaches, frame: Frame, *, loose: int, unsure: bool = False) -> list[object]:
+    approaches.step(BASE, frame, loose=loose, unsure=unsure)
+    return [approaches.frames(0), approaches.frames(1)]
+
+
+def test_what_lay_loose_is_not_joined_until_something_comes_to_its_place(approaches, toy) -> None:
+    table = toy.frame(0, {})
+    assert step(approaches, table, loose=2) == [1, 1]
+    step(approaches, table, loose=2)
+    assert step(approaches, table, loose=2) == [None, None]
+    assert step(approaches, table, loose=1) == [None, None]
+    # The first pin is the last that is joined, in the second hole.
+    assert step(approaches, over(table, 1, 0.5), loose=1) == [0, None]
+    # But it goes on lying there.
+    assert step(approaches, over(table, 0, 0.5), loose=1) == [None, 0]
+    assert step(approaches, table, loose=1) == [None, 1]
+    assert step(approaches, over(table, 1, 0.5), loose=0) == [0, 2]
+    assert step(approaches, table, loose=0) == [1, 3]
+
+
+@pytest.mark.parametrize(("depth", "came"), [(0.74, False), (0.8, False), (0.73, True)])
+def test_only_what_is_nearer_by_more_than_depth_errs_has_come(
+    approaches, toy, *, depth: float, came: bool
+) -> None:
+    table = toy.frame(0, {})
+    for _ in range(3):
+        step(approaches, table, loose=2)
+    assert (step(approaches, over(table, 0, depth), loose=1)[1] is not None) is came
+
+
+def test_what_stays_there_belongs_to_the_place(approaches, toy) -> None:
+    """A jaw that was put over it: what comes next has to be nearer than that."""
+    table = toy.frame(0, {})
+    jaw = over(table, 0, 0.7)
+    for frame in [table] * 3 + [jaw] * 20:
+        step(approaches, frame, loose=2)
+    assert step(approaches, jaw, loose=1)[1] is None
+    assert step(approaches, over(table, 0, 0.6), loose=1)[1] == 0
+
+
+def test_where_depth_or_places_are_not_known_something_may_have_come(approaches, toy) -> None:
+    table = toy.frame(0, {})
+    for _ in range(3):
+        step(approaches, table, loose=2)
+    assert step(approaches, table, loose=2, unsure=True) == [0, 0]
+    for _ in range(3):
+        step(approaches, table, loose=2)
+    blind = over(table, 1, 0.0, half=0.12)
+    assert step(approaches, blind, loose=0) == [0, None]
