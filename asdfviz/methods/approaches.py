@@ -33,10 +33,16 @@ class _Watch:
     """Of the part there, the base's frame, metres."""
     before: Float64[np.ndarray, "places readings"] | None = None
     """How much farther than each place depth was, metres, when the part was seen loose."""
+    shares: Float64[np.ndarray, "places"] | None = None
+    """How much of what is about each place something was nearer at least since then, 0 to 1."""
     row: int = 0
     """In how many frames one after another it was,"""
+    gone: int = 0
+    """for how many it has not been,"""
+    arrives: float = 0.0
+    """and when one that was taken then may be in its place at the earliest, seconds,"""
     since: int | None = 0
-    """and for how many something came near it since; None: nothing did."""
+    """and for how many something may have come near it since; None: nothing did."""
 
 
 class Approaches:
@@ -57,13 +63,16 @@ class Approaches:
             middles = np.array([apply_to_point(T, part.middle) for T in new]).reshape(-1, 3)
             self._watches.append(_Watch(middles))
 
-    def step(self, T_camera_base: Transform, frame: Frame, *, loose: int, unsure: bool) -> None:
+    def step(
+        self, T_camera_base: Transform, frame: Frame, *, loose: int, way: float, unsure: bool
+    ) -> None:
         """Look at the places.
 
         Args:
             T_camera_base: where the base is.
             frame: with depth.
             loose: how many of the parts surely lie loose in it.
+            way: how far the nearest loose one is from any place, metres: so far one has to be carried.
             unsure: whether places are known too roughly: then something may always have come there.
         """
         for k, watch in enumerate(self._watches):
@@ -72,29 +81,38 @@ class Approaches:
             seen = self._readings(watch.middles, T_camera_base, frame)
             before = seen if watch.before is None else watch.before
             watch.row = watch.row + 1 if loose > k else 0
+            shares = self._shares(seen, before)
+            least = shares if watch.shares is None or watch.row else watch.shares
+            watch.shares = np.minimum(shares, least)
             if watch.row >= self._config.steady:
                 watch.since = None
+                watch.arrives = frame.time + way / self._config.speed
+            watch.gone = watch.gone + 1 if watch.row == 0 else 0
+            came = np.any(shares - watch.shares >= self._config.came)
+            may_have = unsure or watch.gone > self._config.patience
             if watch.since is not None:
                 watch.since += 1
-            elif unsure or self._came(seen, before):
+            elif may_have or (frame.time >= watch.arrives and came):
                 watch.since = 0
             faded = before - FADES if watch.row else before
             watch.before = np.fmax(seen, faded)
 
     def frames(self, k: int) -> int | None:
-        """For how many frames something came near where the part of number k is joined; None: nothing did."""
+        """For how many frames something may have come near where the part of number k is joined; None:
+        nothing did."""
         return self._watches[k].since
 
-    def _came(
+    def _shares(
         self,
         seen: Float64[np.ndarray, "places readings"],
         before: Float64[np.ndarray, "places readings"],
-    ) -> bool:
+    ) -> Float64[np.ndarray, "places"]:
+        """Of what is about each place, how much something is nearer at than what was there; 1 where that is
+        not known."""
         known = np.isfinite(seen) & np.isfinite(before)
         nearer = np.where(known, before - seen, 0.0) > self._config.nearer
-        share = nearer.sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-        is_blind = known.sum(axis=1) * 2 < known.shape[1]
-        return bool(np.any(is_blind | (share >= self._config.came)))
+        count = known.sum(axis=1)
+        return np.where(2 * count < known.shape[1], 1.0, nearer.sum(axis=1) / np.maximum(count, 1))
 
     def _readings(
         self, middles: Points, T_camera_base: Transform, frame: Frame

@@ -53,18 +53,22 @@ class LooseConfig:
     """in this share of what is looked at, 0 to 1."""
     steady: int = 3
     """A part that surely lies loose in so many frames one after another is not joined: from then on
-    something has to come there."""
+    something has to come there,"""
+    speed: float = 0.75
+    """not sooner than a hand brings it, metres a second."""
     untouched: float = 1.0
-    """Log odds of not being joined as long as nothing did."""
+    """Log odds of not being joined as long as nothing did,"""
+    patience: int = 60
+    """in so many frames at most: it may not have been seen to come."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        for option in ("enough", "wait", "empty", "steady"):
+        for option in ("enough", "wait", "empty", "steady", "patience"):
             if getattr(self, option) < 1:
                 raise MethodError(f"loose.{option} is {getattr(self, option)}, use 1 or more")
         for option in ("gain", "most", "there", "carried", "small_px", "blurred_px", "untouched"):
             if not getattr(self, option) >= 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use 0 or more")
-        for option in ("about", "nearer", "came"):
+        for option in ("about", "nearer", "came", "speed"):
             if not getattr(self, option) > 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use more than 0")

@@ -122,8 +122,15 @@ class LooseParts:
             for pose, _ in sure
         ]
         there = self._lying(kind, loose)
-        kind.approaches.step(T_camera_base, frame, loose=there, unsure=rest.is_shaken)
-        self._note_ways(kind, [way for _, way in sure])
+        away_by = [way for _, way in sure]
+        kind.approaches.step(
+            T_camera_base,
+            frame,
+            loose=there,
+            way=min(away_by, default=0.0),
+            unsure=rest.is_shaken,
+        )
+        self._note_ways(kind, away_by)
         hidden = self._hidden(kind, frame, rest)
         for k in range(len(kind.names)):
             if len(loose) > k:
@@ -218,7 +225,7 @@ class LooseParts:
             for spot in other.spots
             if spot.empty >= config.empty and spot.last > last + config.empty
         ]
-        least = gone - config.wait
+        least = gone - config.wait * kind.left[k]
         carried = config.carried * self._step_frames * kind.left[k]
         waited = min(float(least), max(gone - carried, float(max(later, default=0))))
         near = kind.approaches.frames(k)

@@ -36,8 +36,10 @@ def over(frame: Frame, hole: int, depth: float, *, half: float = 0.05) -> Frame:
     return replace(frame, depth=readings)
 
 
-def step(approaches: Approaches, frame: Frame, *, loose: int, unsure: bool = False) -> list[object]:
-    approaches.step(BASE, frame, loose=loose, unsure=unsure)
+def step(
+    approaches: Approaches, frame: Frame, *, loose: int, way: float = 0.0, unsure: bool = False
+) -> list[object]:
+    approaches.step(BASE, frame, loose=loose, way=way, unsure=unsure)
     return [approaches.frames(0), approaches.frames(1)]
 
 
@@ -48,12 +50,34 @@ def test_what_lay_loose_is_not_joined_until_something_comes_to_its_place(approac
     assert step(approaches, table, loose=2) == [None, None]
     assert step(approaches, table, loose=1) == [None, None]
     # The first pin is the last that is joined, in the second hole.
-    assert step(approaches, over(table, 1, 0.5), loose=1) == [0, None]
-    # But it goes on lying there.
+    # But it goes on lying there, whatever comes.
+    assert step(approaches, over(table, 1, 0.5), loose=1) == [None, None]
     assert step(approaches, over(table, 0, 0.5), loose=1) == [None, 0]
     assert step(approaches, table, loose=1) == [None, 1]
     assert step(approaches, over(table, 1, 0.5), loose=0) == [0, 2]
     assert step(approaches, table, loose=0) == [1, 3]
+
+
+def test_nothing_is_waited_for_longer_than_it_may_have_been_missed(approaches, toy) -> None:
+    table = toy.frame(0, {})
+    for _ in range(3):
+        step(approaches, table, loose=2)
+    told = [step(approaches, table, loose=1)[1] for _ in range(LooseConfig().patience + 2)]
+    assert told == [None] * LooseConfig().patience + [0, 1]
+
+
+def test_a_hand_that_was_there_when_the_part_was_taken_brought_something_else(
+    approaches, toy
+) -> None:
+    """It has to be gone from there before one comes that may have brought the part."""
+    table = toy.frame(0, {})
+    hand = over(table, 0, 0.5)
+    for frame in [table] * 3 + [hand] * 2:
+        step(approaches, frame, loose=2)
+    assert step(approaches, hand, loose=1)[1] is None
+    assert step(approaches, over(table, 0, 0.45), loose=1)[1] is None
+    assert step(approaches, table, loose=1)[1] is None
+    assert step(approaches, hand, loose=1)[1] == 0
 
 
 @pytest.mark.parametrize(("depth", "came"), [(0.74, False), (0.8, False), (0.73, True)])
@@ -64,6 +88,15 @@ def test_only_what_is_nearer_by_more_than_depth_errs_has_come(
     for _ in range(3):
         step(approaches, table, loose=2)
     assert (step(approaches, over(table, 0, depth), loose=1)[1] is not None) is came
+
+
+def test_what_came_sooner_than_a_hand_brings_the_part_did_not_bring_it(approaches, toy) -> None:
+    table = replace(toy.frame(0, {}), time=10.0)
+    for _ in range(3):
+        step(approaches, table, loose=2, way=0.3)
+    for time, came in ((10.2, False), (10.39, False), (10.41, True)):
+        hand = replace(over(table, 0, 0.5), time=time)
+        assert (step(approaches, hand, loose=1)[1] is not None) is came
 
 
 def test_what_stays_there_belongs_to_the_place(approaches, toy) -> None:
@@ -81,6 +114,8 @@ def test_where_depth_or_places_are_not_known_something_may_have_come(approaches,
     for _ in range(3):
         step(approaches, table, loose=2)
     assert step(approaches, table, loose=2, unsure=True) == [0, 0]
+    for _ in range(3):
+        step(approaches, table, loose=2)
     for _ in range(3):
         step(approaches, table, loose=2)
     blind = over(table, 1, 0.0, half=0.12)

@@ -84,10 +84,13 @@ def counted(pinned: Assembly, toy):
         **options,
     ) -> np.ndarray | None:
         rest = rest or rest_of(pinned)
-        config = LooseConfig(**{"small_px": 50.0, "enough": 4, "wait": 3, **options})
+        config = LooseConfig(
+            **{"small_px": 50.0, "enough": 4, "wait": 3, "untouched": 0.0, **options}
+        )
         loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
         base = PoseEstimate("base", BASE, 1.0, "refined")
         told: np.ndarray | None = None
+        count = 0
         for number, (pins, frames) in enumerate(shown):
             poses = {
                 name: PoseEstimate(name, T, score, "refined")
@@ -100,8 +103,14 @@ def counted(pinned: Assembly, toy):
                 frame = with_hand(frame)
             for _ in range(frames):
                 known = None if loses_base and number else base
+                count += 1
                 told = loose.step(
-                    known, poses, frame, rest=rest, shown_px=shows, step_frames=step_frames
+                    known,
+                    poses,
+                    replace(frame, time=float(count)),
+                    rest=rest,
+                    shown_px=shows,
+                    step_frames=step_frames,
                 )
         return told
 
@@ -138,7 +147,7 @@ def test_a_pin_that_is_gone_for_longer_than_a_hand_takes_is_joined(counted) -> N
 def test_what_is_gone_is_not_joined_before_something_came_to_its_place(
     counted, pinned: Assembly
 ) -> None:
-    told = counted((SPOTS, 8), ([], 100), came=False, there=0.0, untouched=1.5)
+    told = counted((SPOTS, 8), ([], 50), came=False, there=0.0, untouched=1.5)
     assert np.log(told[0] / told) == pytest.approx([0.0, 1.5, 1.5])
     # A camera that moves shows nearer things everywhere.
     shaken = Shaken(pinned, frozenset(PINS))
@@ -184,7 +193,9 @@ def test_a_twin_that_no_state_joins_has_no_way_to_go(pinned: Assembly, toy) -> N
     hand = with_hand(frame)
     found = {n: PoseEstimate(n, T, 0.9, "refined") for n, T in zip(PINS, SPOTS, strict=True)}
     told: list[np.ndarray | None] = []
-    for poses, shown in [(found, frame)] * 5 + [({PINS[1]: found[PINS[1]]}, hand)] * 12:
+    shots = [(found, frame)] * 5 + [({PINS[1]: found[PINS[1]]}, hand)] * 12
+    for time, (poses, shot) in enumerate(shots):
+        shown = replace(shot, time=float(time))
         told.append(
             loose.step(base, poses, shown, rest=rest, shown_px=everything, step_frames=10.0)
         )
@@ -197,7 +208,8 @@ def test_a_twin_that_no_state_joins_has_no_way_to_go(pinned: Assembly, toy) -> N
 def test_what_was_gone_before_a_hand_took_another_one_is_in_its_place(counted) -> None:
     def taken(first: int, second: int) -> np.ndarray | None:
         frames = (SPOTS, 5), (SPOTS[:1], first), ([], second)
-        return counted(*frames, empty=4, gain=0.5, there=0.0, carried=1.0, step_frames=100.0)
+        options = {"empty": 4, "gain": 0.5, "there": 0.0, "carried": 1.0}
+        return counted(*frames, step_frames=100.0, **options)
 
     assert taken(50, 0) is None
     assert taken(50, 3) is None  # may be missed for a moment
@@ -320,7 +332,7 @@ def test_what_is_half_done_may_show_what_is_hidden_in_the_end(toy, pinned: Assem
         scores = None
         for k in range(32):
             lying = {"pin": PoseEstimate("pin", SPOTS[0], 0.9, "refined")} if k < 12 else {}
-            shot = frame if k < 12 else with_hand(frame)
+            shot = replace(frame if k < 12 else with_hand(frame), time=float(k))
             scores = loose.step(base, lying, shot, rest=rest_of(assembly), shown_px=hidden)
         return scores
 
