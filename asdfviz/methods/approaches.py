@@ -6,8 +6,9 @@ hand that joins it has to come to its place, which depth shows: as long as nothi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
@@ -15,9 +16,12 @@ from jaxtyping import Float64
 from asdfviz.datatypes import Assembly, Frame, State
 from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.shapes import Points, Transform
-from asdfviz.geometry.transforms import apply, apply_to_point
+from asdfviz.geometry.transforms import apply_to_point
 from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.state.twins import loose_in_states
+
+Place: TypeAlias = Callable[[str, State], Transform]
+"""T_base_part where a state joins a part."""
 
 READINGS = 12
 """Of depth in so many rows and columns about a place."""
@@ -29,8 +33,8 @@ FADES = 0.005
 class _Watch:
     """The places of the part that is joined next."""
 
-    middles: Points
-    """Of the part there, the base's frame, metres."""
+    places: list[tuple[str, State]]
+    """That is, parts and states that join them there."""
     before: Float64[np.ndarray, "places readings"] | None = None
     """How much farther than each place depth was, metres, when the part was seen loose."""
     shares: Float64[np.ndarray, "places"] | None = None
@@ -51,7 +55,7 @@ class Approaches:
     def __init__(self, assembly: Assembly, names: Sequence[str], *, config: LooseConfig) -> None:
         """Begin a sequence; `names` are of the twins."""
         self._config, part = config, assembly.parts[names[0]]
-        self._reach = part.diameter / 2 + config.about
+        self._middle, self._reach = part.middle, part.diameter / 2 + config.about
         counts = loose_in_states(assembly, names)
         states = list(zip(assembly.states, counts, strict=True))
         self._watches: list[_Watch] = []
@@ -59,43 +63,58 @@ class Approaches:
             now, then = ([s for s, n in states if n == loose] for loose in (k + 1, k))
             known = _places(now, names)
             places = _places(then, names)
-            new = [T for key, T in places.items() if key not in known] or list(places.values())
-            middles = np.array([apply_to_point(T, part.middle) for T in new]).reshape(-1, 3)
-            self._watches.append(_Watch(middles))
+            new = [place for key, place in places.items() if key not in known]
+            self._watches.append(_Watch(new or list(places.values())))
 
     def step(
-        self, T_camera_base: Transform, frame: Frame, *, loose: int, way: float, unsure: bool
+        self,
+        T_camera_base: Transform,
+        frame: Frame,
+        place: Place,
+        *,
+        lying: int,
+        moving: Points,
+        way: float,
+        unsure: bool,
     ) -> None:
         """Look at the places.
 
         Args:
             T_camera_base: where the base is.
             frame: with depth.
-            loose: how many of the parts surely lie loose in it.
+            place: T_base_part where a state joins a part, by what is known of its joint.
+            lying: how many of the parts surely lie loose in it.
+            moving: middles of those that are loose and do not, the camera's frame, metres.
             way: how far the nearest loose one is from any place, metres: so far one has to be carried.
             unsure: whether places are known too roughly: then something may always have come there.
         """
         for k, watch in enumerate(self._watches):
-            if not len(watch.middles):
+            if not watch.places:
                 continue
-            seen = self._readings(watch.middles, T_camera_base, frame)
-            before = seen if watch.before is None else watch.before
-            watch.row = watch.row + 1 if loose > k else 0
-            shares = self._shares(seen, before)
-            least = shares if watch.shares is None or watch.row else watch.shares
-            watch.shares = np.minimum(shares, least)
+            Ts = [T_camera_base @ place(name, state) for name, state in watch.places]
+            middles = np.array([apply_to_point(T, self._middle) for T in Ts])
+            came = self._look(watch, middles, frame, is_lying=lying > k)
             if watch.row >= self._config.steady:
                 watch.since = None
                 watch.arrives = frame.time + way / self._config.speed
+            near = np.linalg.norm(moving[:, None] - middles, axis=2) < self._config.close
             watch.gone = watch.gone + 1 if watch.row == 0 else 0
-            came = np.any(shares - watch.shares >= self._config.came)
-            may_have = unsure or watch.gone > self._config.patience
+            may_have = unsure or near.any() or watch.gone > self._config.patience
             if watch.since is not None:
                 watch.since += 1
             elif may_have or (frame.time >= watch.arrives and came):
                 watch.since = 0
-            faded = before - FADES if watch.row else before
-            watch.before = np.fmax(seen, faded)
+
+    def _look(self, watch: _Watch, middles: Points, frame: Frame, *, is_lying: bool) -> bool:
+        """Whether more is in front of a place than ever since the part was seen to lie."""
+        seen = self._readings(middles, frame)
+        before = seen if watch.before is None else watch.before
+        watch.row = watch.row + 1 if is_lying else 0
+        shares = self._shares(seen, before)
+        least = shares if watch.shares is None or watch.row else watch.shares
+        watch.shares = np.minimum(shares, least)
+        watch.before = np.fmax(seen, before - FADES if watch.row else before)
+        return bool(np.any(shares - watch.shares >= self._config.came))
 
     def frames(self, k: int) -> int | None:
         """For how many frames something may have come near where the part of number k is joined; None:
@@ -114,15 +133,13 @@ class Approaches:
         count = known.sum(axis=1)
         return np.where(2 * count < known.shape[1], 1.0, nearer.sum(axis=1) / np.maximum(count, 1))
 
-    def _readings(
-        self, middles: Points, T_camera_base: Transform, frame: Frame
-    ) -> Float64[np.ndarray, "places readings"]:
+    def _readings(self, middles: Points, frame: Frame) -> Float64[np.ndarray, "places readings"]:
         """How much farther than each place depth is about it, metres; NaN where it is blind."""
         assert frame.depth is not None
         ticks = np.linspace(-self._reach, self._reach, READINGS)
         about = np.zeros((READINGS**2, 3))
         about[:, 0], about[:, 1] = np.tile(ticks, READINGS), np.repeat(ticks, READINGS)
-        points = (apply(T_camera_base, middles)[:, None] + about).reshape(-1, 3)
+        points = (middles[:, None] + about).reshape(-1, 3)
         inside, rows, columns = nearest_pixels(points, frame.camera.K, frame.depth.shape)
         depth = frame.depth[rows, columns].astype(np.float64)
         gaps = np.full(len(points), np.nan)
@@ -130,7 +147,6 @@ class Approaches:
         return gaps.reshape(len(middles), -1)
 
 
-def _places(states: Sequence[State], names: Sequence[str]) -> dict[bytes, Transform]:
-    """The different T_base_part of these parts."""
-    Ts = (s.T_base_part[n] for s in states for n in names if n in s.T_base_part)
-    return {T.tobytes(): T for T in Ts}
+def _places(states: Sequence[State], names: Sequence[str]) -> dict[bytes, tuple[str, State]]:
+    """The different places of these parts."""
+    return {s.T_base_part[n].tobytes(): (n, s) for s in states for n in names if n in s.T_base_part}

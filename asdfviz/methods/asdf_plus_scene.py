@@ -92,7 +92,7 @@ def plus_scene(
         mistaken=Mistaken(
             assembly, config=config.still_there, own=config.own_colors, leaps=config.leaps
         ),
-        known=KnownTurns(assembly, fits),
+        known=KnownTurns(assembly, fits if config.base_votes.known_turns else None),
         contours=fits,
         together=together,
     )

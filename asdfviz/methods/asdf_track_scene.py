@@ -83,5 +83,5 @@ def track_scene(
         own=own,
         told=told,
         base=base,
-        known=KnownTurns(assembly, parts.checks),
+        known=KnownTurns(assembly, parts.checks if config.base_votes.known_turns else None),
     )

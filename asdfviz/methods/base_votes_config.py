@@ -13,6 +13,8 @@ class BaseVotesConfig:
 
     enabled: bool = True
     """On or off."""
+    known_turns: bool = True
+    """Whether a pose of its own is told turned otherwise, where its turn was found wrong before."""
     leap: float = 0.003
     """Probability that it is elsewhere in the next frame though depth does not say so,"""
     apart: float = 0.035

@@ -166,7 +166,13 @@ class FollowedState:
         lately = self._lately.step(seen, self._states.belief)
         shown_px, step_frames = self._fits.shown_px, self._lately.step_frames
         loose = self._loose.step(
-            base, witnesses, frame, rest=rest, shown_px=shown_px, step_frames=step_frames
+            base,
+            witnesses,
+            frame,
+            rest=rest,
+            shown_px=shown_px,
+            place=self._fits.place,
+            step_frames=step_frames,
         )
         stands = agreed(agreed(stands, loose), lately)
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)

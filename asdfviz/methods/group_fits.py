@@ -108,6 +108,10 @@ class GroupFits:
             return math.inf
         return self._best_trial.shown_px(name, state)
 
+    def place(self, name: str, state: State) -> Transform:
+        """T_base_part where a state joins a part, by what was seen of its joint."""
+        return self._places.last(name, state)
+
     def settle(self, T_camera_base: Transform) -> None:
         """Where the last frame's base turned out to be once its group was settled: from there on it is
         looked for, since what agreed best among a few accounts may be millimetres off for good."""

@@ -44,18 +44,20 @@ class LooseConfig:
     """What is nearer than where it lay by this hides it, metres: then it is not gone,"""
     empty: int = 5
     """unless it was seen to be gone in so many frames before."""
-    about: float = 0.03
+    about: float = 0.06
     """Something comes to a place where a part is joined if depth shows it about there, so much farther than
     half the part's size, metres,"""
     nearer: float = 0.012
     """nearer to the camera than what was there by more than this, metres,"""
-    came: float = 0.12
+    came: float = 0.08
     """in this share of what is looked at, 0 to 1."""
     steady: int = 3
     """A part that surely lies loose in so many frames one after another is not joined: from then on
     something has to come there,"""
     speed: float = 0.75
     """not sooner than a hand brings it, metres a second."""
+    close: float = 0.13
+    """A part that is seen on its way nearer to its place than this has come there itself, metres."""
     untouched: float = 1.0
     """Log odds of not being joined as long as nothing did,"""
     patience: int = 60
@@ -69,6 +71,6 @@ class LooseConfig:
         for option in ("gain", "most", "there", "carried", "small_px", "blurred_px", "untouched"):
             if not getattr(self, option) >= 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use 0 or more")
-        for option in ("about", "nearer", "came", "speed"):
+        for option in ("about", "nearer", "came", "speed", "close"):
             if not getattr(self, option) > 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use more than 0")

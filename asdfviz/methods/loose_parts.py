@@ -19,6 +19,7 @@ from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply_to_point, inverse
+from asdfviz.methods.approaches import Place
 from asdfviz.methods.at_rest import AtRest
 from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.loose_kinds import Kind, Spot, kind_of
@@ -53,6 +54,7 @@ class LooseParts:
         self._spots = JoinedSpots(assembly)
         self._T_stage_base: Transform | None = None
         self._frames, self._step_frames = 0, 0.0
+        self._place: Place = _nominal
         self._kinds = [
             kind_of(assembly, names, self._spots, config=config) for names in groups if names
         ]
@@ -65,6 +67,7 @@ class LooseParts:
         *,
         rest: AtRest,
         shown_px: Callable[[str, State], float],
+        place: Place | None = None,
         step_frames: float = 0.0,
     ) -> Scores | None:
         """Probability of every state by what lies loose; None where that says nothing.
@@ -75,9 +78,10 @@ class LooseParts:
             frame: with depth, or nothing is said.
             rest: what lies still, and how the camera moves; it has seen this frame.
             shown_px: in how many pixels a part shows where a state joins it.
+            place: T_base_part where a state joins a part, by what is known of its joint; None: the nominal.
             step_frames: how long a step takes, frames.
         """
-        self._step_frames = step_frames
+        self._step_frames, self._place = step_frames, place or _nominal
         if base is not None:
             self._T_stage_base = inverse(rest.T_camera_stage) @ base.T_camera_part
         if not self._config.enabled or self._T_stage_base is None or frame.depth is None:
@@ -121,12 +125,17 @@ class LooseParts:
             (apply_to_point(T_stage_camera @ pose.T_camera_part, middle), pose.score)
             for pose, _ in sure
         ]
-        there = self._lying(kind, loose)
-        away_by = [way for _, way in sure]
+        lie = self._lying(kind, loose)
+        there, away_by = sum(lie), [way for _, way in sure]
+        moving = [pose for (pose, _), lies in zip(sure, lie, strict=True) if not lies]
         kind.approaches.step(
             T_camera_base,
             frame,
-            loose=there,
+            self._place,
+            lying=there,
+            moving=np.array([apply_to_point(p.T_camera_part, middle) for p in moving]).reshape(
+                -1, 3
+            ),
             way=min(away_by, default=0.0),
             unsure=rest.is_shaken,
         )
@@ -156,9 +165,9 @@ class LooseParts:
             kind.left[len(ways) : len(kind.ways)] = [left] * (len(kind.ways) - len(ways))
         kind.ways, kind.far = ways, max(kind.far, *ways, 0.0)
 
-    def _lying(self, kind: Kind, loose: Sequence[tuple[Vector, float]]) -> int:
-        """How many surely lie where they lay, each in a spot of its own; notes where all of them are."""
-        config, there, apart = self._config, 0, np.zeros((len(loose), len(kind.spots)))
+    def _lying(self, kind: Kind, loose: Sequence[tuple[Vector, float]]) -> list[bool]:
+        """Which surely lie where they lay, each in a spot of its own; notes where all of them are."""
+        config, lie, apart = self._config, list[bool](), np.zeros((len(loose), len(kind.spots)))
         for j, spot in enumerate(kind.spots):
             spot.is_seen = False
             apart[:, j] = [np.linalg.norm(spot.middle - point) for point, _ in loose]
@@ -172,9 +181,9 @@ class LooseParts:
             spot.is_seen, spot.frames, spot.empty = True, spot.frames + 1, 0
             spot.middle = spot.middle + (point - spot.middle) / min(spot.frames, config.enough)
             spot.last = self._frames
-            there += score >= config.sure and spot.frames >= config.enough
+            lie.append(score >= config.sure and spot.frames >= config.enough)
         kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= config.enough]
-        return there
+        return lie
 
     def _against(
         self,
@@ -263,3 +272,7 @@ class LooseParts:
         if not inside[0]:
             return True
         return 0 < frame.depth[row[0], column[0]].item() < point[2].item() - self._config.in_front
+
+
+def _nominal(name: str, state: State) -> Transform:
+    return state.T_base_part[name]

@@ -11,31 +11,30 @@ from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
-from asdfviz.methods.at_rest_config import AtRestConfig
-from asdfviz.methods.base_votes_config import BaseVotesConfig
-from asdfviz.methods.contests import ContestsConfig
+from asdfviz.methods.common_variants import (
+    BEST_BOX,
+    BLIND,
+    BY_CROPS,
+    TRUSTING,
+    UNNAMED,
+    UNTOLD,
+    common,
+)
 from asdfviz.methods.contour_fits import BY_POINTS, ContourConfig
 from asdfviz.methods.disowned import DisownedConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.held_colors import HeldConfig
-from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.leaps import LeapsConfig
 from asdfviz.methods.loose_config import LooseConfig
-from asdfviz.methods.lying import LyingConfig
 from asdfviz.methods.network import masks_path
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
-from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.part_poses import PAPER_ICP
-from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
-from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.state_looks import has_state_network
 from asdfviz.methods.still_there import StillThereConfig
-from asdfviz.methods.strangers import StrangersConfig
-from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.turn_table import TurnTableConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
@@ -50,15 +49,8 @@ ONE_LOOK = SecondLookConfig(enabled=False)
 OWNED = DisownedConfig(enabled=False)
 STILL = TurnConfig(enabled=False)
 COLORLESS = DrawnConfig(outline=0.0)
-UNNAMED = NamesConfig(enabled=False)
-TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
-BLIND = PlaceLooksConfig(enabled=False)
-BY_CROPS = "looks from the crop network"
-UNTOLD = BaseVotesConfig(enabled=False)
 FORGOTTEN = LatelyLooseConfig(enabled=False)
 UNHIDDEN = GroupConfig(hidden=0.0)
-BEST_BOX = ContestsConfig(enabled=False)
-SETTLED = JointTurnsConfig(enabled=False)
 """Pieces of several methods, off."""
 
 
@@ -213,7 +205,7 @@ def _beyond_asdf_plus() -> list[Variant]:
     changed = {
         "unsure poses given": replace(plus, least_score=0.0),
         "first poses know the table": replace(plus, on_table=OnTableConfig()),
-        **_common(plus),
+        **common(plus),
         **{title: replace(plus, contours=config) for title, config in contours.items()},
         "one look": replace(plus, second_look=ONE_LOOK),
         "no registration": replace(plus, registration=replace(plus.registration, enabled=False)),
@@ -243,7 +235,7 @@ def _beyond_asdf_track() -> list[Variant]:
     whole = replace(PROPOSED, depth=FINE_DEPTH)
     persistent = replace(track.turns, liked_most=never, lead_seen=TurnConfig.lead_seen)
     changed = {
-        **_common(track),
+        **common(track),
         "nothing turned": replace(track, turns=STILL),
         "turns by single points": replace(track, turns=BY_POINTS),
         "turns without colours": replace(track, turns=replace(track.turns, drawn=COLORLESS)),
@@ -261,27 +253,6 @@ def _beyond_asdf_track() -> list[Variant]:
         "twins of any colour": replace(track, unlike_twins=UnlikeTwinsConfig(enabled=False)),
     }
     return _rows("asdf_track", track, changed)
-
-
-def _common(config: Any) -> dict[str, Any]:
-    """The pieces that `asdf_plus` and `asdf_track` share, each off."""
-    return {
-        "names by the detector alone": replace(config, names=UNNAMED),
-        "no look at places": replace(config, place_looks=BLIND),
-        "base where its pose says": replace(config, base_votes=UNTOLD),
-        BY_CROPS: replace(config, state_looks="crops"),
-        "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
-        "no contests": replace(config, contests=BEST_BOX),
-        "no strangers": replace(config, names=TRUSTING),
-        "camera not followed": replace(config, at_rest=AtRestConfig(enabled=False)),
-        "not told as lying": replace(config, lying=LyingConfig(enabled=False)),
-        "turned in joints as settled": replace(config, joint_turns=SETTLED),
-        "edges smeared alike": replace(config, smear=SmearConfig(enabled=False)),
-        "elsewhere of any tint": replace(config, own_colors=OwnColorsConfig(enabled=False)),
-        "told as settled": replace(
-            config, laid=NO_TABLE, lying=LyingConfig(enabled=False), joint_turns=SETTLED
-        ),
-    }
 
 
 def _rows(method: str, config: Any, changed: Mapping[str, Any]) -> list[Variant]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 
 from asdfviz.datatypes import Assembly, Frame, State
 from asdfviz.geometry.camera import project
+from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import transform_from
-from asdfviz.methods.approaches import Approaches
+from asdfviz.methods.approaches import Approaches, Place
 from asdfviz.methods.loose_config import LooseConfig
 
 BASE = transform_from(np.eye(3), np.array([0.0, 0.0, 0.55]))
@@ -36,10 +38,29 @@ def over(frame: Frame, hole: int, depth: float, *, half: float = 0.05) -> Frame:
     return replace(frame, depth=readings)
 
 
+def nominal(name: str, state: State) -> Transform:
+    return state.T_base_part[name]
+
+
 def step(
-    approaches: Approaches, frame: Frame, *, loose: int, way: float = 0.0, unsure: bool = False
+    approaches: Approaches,
+    frame: Frame,
+    *,
+    loose: int,
+    way: float = 0.0,
+    unsure: bool = False,
+    moving: Sequence[Vector] = (),
+    place: Place = nominal,
 ) -> list[object]:
-    approaches.step(BASE, frame, loose=loose, way=way, unsure=unsure)
+    approaches.step(
+        BASE,
+        frame,
+        place,
+        lying=loose,
+        moving=np.array(moving).reshape(-1, 3),
+        way=way,
+        unsure=unsure,
+    )
     return [approaches.frames(0), approaches.frames(1)]
 
 
@@ -56,6 +77,31 @@ def test_what_lay_loose_is_not_joined_until_something_comes_to_its_place(approac
     assert step(approaches, table, loose=1) == [None, 1]
     assert step(approaches, over(table, 1, 0.5), loose=0) == [0, 2]
     assert step(approaches, table, loose=0) == [1, 3]
+
+
+@pytest.mark.parametrize(("beside", "came"), [(0.12, True), (0.14, False)])
+def test_a_part_that_is_seen_near_its_place_has_come_there(
+    approaches, toy, *, beside: float, came: bool
+) -> None:
+    table, there = toy.frame(0, {}), (BASE @ HOLES[0])[:3, 3]
+    for _ in range(3):
+        step(approaches, table, loose=2)
+    seen = there - np.array([beside, 0.0, 0.0])
+    assert (step(approaches, table, loose=1, moving=[seen])[1] is not None) is came
+
+
+def test_places_are_where_joints_have_them(approaches, toy) -> None:
+    """A vise on its ball is turned: what comes to where it was meant to be comes to nothing."""
+    table = toy.frame(0, {})
+
+    def turned(name: str, state: State) -> Transform:
+        return transform_from(np.eye(3), np.array([0.0, 0.15, 0.0])) @ state.T_base_part[name]
+
+    for _ in range(3):
+        step(approaches, table, loose=2, place=turned)
+    assert step(approaches, over(table, 0, 0.5), loose=1, place=turned)[1] is None
+    hand = over(table, 0, 0.5, half=0.2)
+    assert step(approaches, hand, loose=1, place=turned)[1] == 0
 
 
 def test_nothing_is_waited_for_longer_than_it_may_have_been_missed(approaches, toy) -> None:

@@ -1,0 +1,53 @@
+"""The pieces that several of our methods share, each off: rows of their ablations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from asdfviz.methods.at_rest_config import AtRestConfig
+from asdfviz.methods.base_votes_config import BaseVotesConfig
+from asdfviz.methods.contests import ContestsConfig
+from asdfviz.methods.joint_turns import JointTurnsConfig
+from asdfviz.methods.loose_config import LooseConfig
+from asdfviz.methods.lying import LyingConfig
+from asdfviz.methods.on_table import NO_TABLE
+from asdfviz.methods.own_colors import OwnColorsConfig
+from asdfviz.methods.place_looks import PlaceLooksConfig
+from asdfviz.methods.seen_smear import SmearConfig
+from asdfviz.methods.strangers import StrangersConfig
+from asdfviz.methods.thing_names import NamesConfig
+
+UNNAMED = NamesConfig(enabled=False)
+TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
+BLIND = PlaceLooksConfig(enabled=False)
+BY_CROPS = "looks from the crop network"
+UNTOLD = BaseVotesConfig(enabled=False)
+BEST_BOX = ContestsConfig(enabled=False)
+SETTLED = JointTurnsConfig(enabled=False)
+UNWATCHED = LooseConfig(patience=1, untouched=0.0)
+
+
+def common(config: Any) -> dict[str, Any]:
+    """A config of `asdf_plus` or `asdf_track` with each of the pieces off that they share, by its title."""
+    return {
+        "names by the detector alone": replace(config, names=UNNAMED),
+        "no look at places": replace(config, place_looks=BLIND),
+        "base where its pose says": replace(config, base_votes=UNTOLD),
+        BY_CROPS: replace(config, state_looks="crops"),
+        "base turned as found": replace(
+            config, base_votes=replace(config.base_votes, known_turns=False)
+        ),
+        "joined though nothing came": replace(config, loose=UNWATCHED),
+        "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
+        "no contests": replace(config, contests=BEST_BOX),
+        "no strangers": replace(config, names=TRUSTING),
+        "camera not followed": replace(config, at_rest=AtRestConfig(enabled=False)),
+        "not told as lying": replace(config, lying=LyingConfig(enabled=False)),
+        "turned in joints as settled": replace(config, joint_turns=SETTLED),
+        "edges smeared alike": replace(config, smear=SmearConfig(enabled=False)),
+        "elsewhere of any tint": replace(config, own_colors=OwnColorsConfig(enabled=False)),
+        "told as settled": replace(
+            config, laid=NO_TABLE, lying=LyingConfig(enabled=False), joint_turns=SETTLED
+        ),
+    }
