@@ -31,6 +31,8 @@ class LooseConfig:
     """Frames in which it must have been found, or have lain in one place, before it says anything."""
     wait: int = 10
     """Frames for which it may be gone in a hand at least,"""
+    shortest: float = 0.5
+    """or such a share of them, if no more of its way was left when it was last seen,"""
     carried: float = 0.5
     """and for so much of the time of a step, as the sequence itself tells it, if it was taken from where
     it lay: what was last seen on its way has only the rest of that before it."""
@@ -68,7 +70,16 @@ class LooseConfig:
         for option in ("enough", "wait", "empty", "steady", "patience"):
             if getattr(self, option) < 1:
                 raise MethodError(f"loose.{option} is {getattr(self, option)}, use 1 or more")
-        for option in ("gain", "most", "there", "carried", "small_px", "blurred_px", "untouched"):
+        for option in (
+            "gain",
+            "most",
+            "there",
+            "carried",
+            "small_px",
+            "blurred_px",
+            "untouched",
+            "shortest",
+        ):
             if not getattr(self, option) >= 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use 0 or more")
         for option in ("about", "nearer", "came", "speed", "close"):

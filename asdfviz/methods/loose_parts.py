@@ -234,7 +234,7 @@ class LooseParts:
             for spot in other.spots
             if spot.empty >= config.empty and spot.last > last + config.empty
         ]
-        least = gone - config.wait * kind.left[k]
+        least = gone - config.wait * max(kind.left[k], config.shortest)
         carried = config.carried * self._step_frames * kind.left[k]
         waited = min(float(least), max(gone - carried, float(max(later, default=0))))
         near = kind.approaches.frames(k)

@@ -181,6 +181,23 @@ def test_what_was_last_seen_on_its_way_has_only_the_rest_of_it_before_it(counted
     assert np.log(told[1] / told) == pytest.approx([1.0, 0.0, 0.0])
 
 
+@pytest.mark.parametrize(("shortest", "frames"), [(0.5, 5), (0.8, 8)])
+def test_what_was_last_seen_near_its_place_is_waited_for_less_long(
+    counted, *, shortest: float, frames: int
+) -> None:
+    hole, taken = BASE @ HOLES[1], SPOTS[1]
+    on_its_way = [([SPOTS[0], taken + share * (hole - taken)], 1) for share in (0.25, 0.5, 0.75)]
+
+    def gone(frames: int) -> np.ndarray | None:
+        shown = (SPOTS, 5), *on_its_way, (SPOTS[:1], frames)
+        return counted(*shown, wait=10, shortest=shortest, carried=0.0, gain=0.5, there=0.0)
+
+    assert gone(frames) is None
+    told = gone(frames + 1)
+    assert told is not None
+    assert np.log(told[1] / told) == pytest.approx([0.5, 0.0, 0.0])
+
+
 def test_a_twin_that_no_state_joins_has_no_way_to_go(pinned: Assembly, toy) -> None:
     states = tuple(
         replace(s, T_base_part={n: T for n, T in s.T_base_part.items() if n != PINS[1]})
