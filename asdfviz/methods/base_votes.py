@@ -217,7 +217,7 @@ class BaseVotes:
             alike = self._assembly.parts[part].symmetries
             if part not in state.T_base_part or alike.is_symmetric:
                 continue
-            T_base_part = self._place(part, pose, state)
+            T_base_part = self._joined_at(part, pose, state)
             if (part, T_base_part.tobytes()) in told:
                 continue
             told.add((part, T_base_part.tobytes()))
@@ -228,7 +228,7 @@ class BaseVotes:
             joins = np.array([part in s.T_base_part for s in self._assembly.states])
             yield base, math.log(right), rest, np.where(joins, odds, 0.0)
 
-    def _place(self, part: str, pose: PoseEstimate, state: State) -> Transform:
+    def _joined_at(self, part: str, pose: PoseEstimate, state: State) -> Transform:
         """T_base_part where a state holds a part.
 
         Along its joint it tells nothing of the base: where it agrees with where that was, it lies in
