@@ -136,7 +136,7 @@ class LooseParts:
             moving=np.array([apply_to_point(p.T_camera_part, middle) for p in moving]).reshape(
                 -1, 3
             ),
-            way=min(away_by, default=0.0),
+            way=min(filter(math.isfinite, away_by), default=0.0),
             unsure=rest.is_shaken,
         )
         self._note_ways(kind, away_by)
