@@ -24,9 +24,7 @@ from asdfviz.state.twins import renamed, twin_groups
 AWAY = 0.015
 """Poses nearer to each other than this are in one place, metres."""
 SPOTS = 4
-"""Of so many places for each part those are remembered where one lay longest,"""
-LAIN = 3
-"""and count from so many frames on: what is carried is in one place for fewer."""
+"""Of so many places for each part those are remembered where one lay longest."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +77,7 @@ class _Spots:
 
     def are_near(self, place: Vector) -> bool:
         """Whether one ever lay there."""
-        lain = [spot for spot, frames in self._spots if frames >= LAIN]
-        return any(_apart(spot, place) <= AWAY for spot in lain)
+        return any(_apart(spot, place) <= AWAY for spot, _ in self._spots)
 
 
 class StillThere:
