@@ -55,7 +55,10 @@ class Approaches:
     def __init__(self, assembly: Assembly, names: Sequence[str], *, config: LooseConfig) -> None:
         """Begin a sequence; `names` are of the twins."""
         self._config, part = config, assembly.parts[names[0]]
-        self._middle, self._reach = part.middle, part.diameter / 2 + config.about
+        self._middle, reach = part.middle, part.diameter / 2 + config.about
+        ticks = np.linspace(-reach, reach, READINGS)
+        self._about = np.zeros((READINGS**2, 3))
+        self._about[:, 0], self._about[:, 1] = np.tile(ticks, READINGS), np.repeat(ticks, READINGS)
         counts = loose_in_states(assembly, names)
         states = list(zip(assembly.states, counts, strict=True))
         self._watches: list[_Watch] = []
@@ -136,10 +139,7 @@ class Approaches:
     def _readings(self, middles: Points, frame: Frame) -> Float64[np.ndarray, "places readings"]:
         """How much farther than each place depth is about it, metres; NaN where it is blind."""
         assert frame.depth is not None
-        ticks = np.linspace(-self._reach, self._reach, READINGS)
-        about = np.zeros((READINGS**2, 3))
-        about[:, 0], about[:, 1] = np.tile(ticks, READINGS), np.repeat(ticks, READINGS)
-        points = (middles[:, None] + about).reshape(-1, 3)
+        points = (middles[:, None] + self._about).reshape(-1, 3)
         inside, rows, columns = nearest_pixels(points, frame.camera.K, frame.depth.shape)
         depth = frame.depth[rows, columns].astype(np.float64)
         gaps = np.full(len(points), np.nan)

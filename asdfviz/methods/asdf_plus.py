@@ -95,9 +95,7 @@ class AsdfPlus:
         with timed("follow"):
             followed = self._followed(proposed, decided, fits, frame, scene)
             told = proposed.poses.get(assembly.base)
-            if told is not None:
-                told = scene.known.mended(told, scene.T_camera_base, frame)
-                votes.mended(told.T_camera_part)
+            told = scene.known.told(told, scene.T_camera_base, frame, votes)
             followed = votes.preferred(followed, told, least=config.least_score)
             poses = self._named_by_place(scene.followed.turned(followed), scene)
             self._see_what_rests(poses, frame, scene)

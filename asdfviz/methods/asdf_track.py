@@ -80,9 +80,7 @@ class AsdfTrack:
                 track.T_expected = expected.get(name)
             parts.refind(frame, mine, looks, scene.state)
             first = proposed.poses.get(assembly.base)
-            if first is not None:
-                first = scene.known.mended(first, scene.T_camera_base, frame)
-                self._asdf.votes.mended(first.T_camera_part)
+            first = scene.known.told(first, scene.T_camera_base, frame, self._asdf.votes)
             names = scene.twins.changes(parts.tracker.poses, held=parts.joined)
             parts.rename(frame, names)
             for one in (self._asdf, scene.still, scene.unlike, scene.own, scene.told):

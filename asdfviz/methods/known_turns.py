@@ -13,6 +13,7 @@ from typing import Protocol, runtime_checkable
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point, transform_from
+from asdfviz.methods.base_votes import BaseVotes
 
 
 @runtime_checkable
@@ -46,3 +47,13 @@ class KnownTurns:
         R, middle = T_known[:3, :3], self._base.middle
         there = apply_to_point(own.T_camera_part, middle)
         return replace(own, T_camera_part=transform_from(R, there - R @ middle))
+
+    def told(
+        self, own: PoseEstimate | None, T_known: Transform | None, frame: Frame, votes: BaseVotes
+    ) -> PoseEstimate | None:
+        """The same of what votes told of a frame, once more is known of it; they go by that."""
+        if own is None:
+            return None
+        right = self.mended(own, T_known, frame)
+        votes.mended(right.T_camera_part)
+        return right

@@ -29,6 +29,10 @@ from asdfviz.state.joined_spots import JoinedSpots
 from asdfviz.state.twins import twin_groups
 
 
+def _nominal(name: str, state: State) -> Transform:
+    return state.T_base_part[name]
+
+
 class LooseParts:
     """Counts the loose parts of one sequence."""
 
@@ -54,7 +58,6 @@ class LooseParts:
         self._spots = JoinedSpots(assembly)
         self._T_stage_base: Transform | None = None
         self._frames, self._step_frames = 0, 0.0
-        self._place: Place = _nominal
         self._kinds = [
             kind_of(assembly, names, self._spots, config=config) for names in groups if names
         ]
@@ -67,7 +70,7 @@ class LooseParts:
         *,
         rest: AtRest,
         shown_px: Callable[[str, State], float],
-        place: Place | None = None,
+        place: Place = _nominal,
         step_frames: float = 0.0,
     ) -> Scores | None:
         """Probability of every state by what lies loose; None where that says nothing.
@@ -78,10 +81,11 @@ class LooseParts:
             frame: with depth, or nothing is said.
             rest: what lies still, and how the camera moves; it has seen this frame.
             shown_px: in how many pixels a part shows where a state joins it.
-            place: T_base_part where a state joins a part, by what is known of its joint; None: the nominal.
+            place: T_base_part where a state joins a part, by what is known of its joint; left out, the
+                nominal one.
             step_frames: how long a step takes, frames.
         """
-        self._step_frames, self._place = step_frames, place or _nominal
+        self._step_frames = step_frames
         if base is not None:
             self._T_stage_base = inverse(rest.T_camera_stage) @ base.T_camera_part
         if not self._config.enabled or self._T_stage_base is None or frame.depth is None:
@@ -90,7 +94,7 @@ class LooseParts:
         T_camera_base = rest.T_camera_stage @ self._T_stage_base
         against = np.zeros(len(self._assembly.states))
         kinds = [kind for kind in self._kinds if kind.places]
-        lying = [self._count(kind, T_camera_base, poses, frame, rest) for kind in kinds]
+        lying = [self._count(kind, T_camera_base, poses, frame, rest, place) for kind in kinds]
         for kind, there in zip(kinds, lying, strict=True):
             is_small = partial(self._is_small, kind, T_camera_base, frame, rest)
             against += self._against(kind, there, is_small, shown_px)
@@ -113,6 +117,7 @@ class LooseParts:
         poses: Mapping[str, PoseEstimate],
         frame: Frame,
         rest: AtRest,
+        place: Place,
     ) -> int:
         """Note which are loose; returns how many surely lie where they lay."""
         middle = self._assembly.parts[kind.names[0]].middle
@@ -131,7 +136,7 @@ class LooseParts:
         kind.approaches.step(
             T_camera_base,
             frame,
-            self._place,
+            place,
             lying=there,
             moving=np.array([apply_to_point(p.T_camera_part, middle) for p in moving]).reshape(
                 -1, 3
@@ -272,7 +277,3 @@ class LooseParts:
         if not inside[0]:
             return True
         return 0 < frame.depth[row[0], column[0]].item() < point[2].item() - self._config.in_front
-
-
-def _nominal(name: str, state: State) -> Transform:
-    return state.T_base_part[name]

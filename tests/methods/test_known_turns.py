@@ -3,10 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from asdfviz.datatypes import Frame, PoseEstimate
+from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import apply_to_point, rotation_about, transform_from
+from asdfviz.methods.base_votes import BaseVotes
+from asdfviz.methods.base_votes_config import BaseVotesConfig
+from asdfviz.methods.group_poses import GroupConfig, GroupPoses
 from asdfviz.methods.known_turns import KnownTurns
+from asdfviz.methods.part_poses import part_shapes
+from asdfviz.state.relative_pose import RelativePoseConfig
 
 HALF_TURN = transform_from(rotation_about(np.array([0.0, 0, 1]), np.pi), np.zeros(3))
 
@@ -21,6 +26,19 @@ class Turns:
     def allows(self, frame: Frame, name: str, T_now: Transform, T_other: Transform) -> bool:
         self.asked.append((name, T_now, T_other))
         return self.allowed
+
+
+class Votes(BaseVotes):
+    """Remember how they were put right."""
+
+    def __init__(self, assembly: Assembly) -> None:
+        shapes = part_shapes(assembly, surface_points=100)
+        group = GroupPoses(assembly, shapes, config=GroupConfig())
+        super().__init__(group, places=RelativePoseConfig(), config=BaseVotesConfig())
+        self.heard: list[Transform] = []
+
+    def mended(self, T_camera_base: Transform) -> None:
+        self.heard.append(T_camera_base)
 
 
 def test_a_turn_that_was_ruled_out_is_put_right_where_the_part_is(toy) -> None:
@@ -47,3 +65,17 @@ def test_else_it_stays_as_it_is(toy, turns: Turns | None) -> None:
     is_known = turns is None or turns.allowed
     known = KnownTurns(toy.assembly, turns)
     assert known.mended(own, T if is_known else None, toy.frame(0)) is own
+
+
+def test_the_votes_go_by_what_was_put_right(toy) -> None:
+    T_known, frame = toy.poses(joined=False)["base"], toy.frame(0)
+    told = PoseEstimate("base", T_known @ HALF_TURN, 0.6, "group")
+    votes = Votes(toy.assembly)
+    known = KnownTurns(toy.assembly, Turns(allowed=False))
+    right = known.told(told, T_known, frame, votes)
+    assert right is not None
+    assert np.allclose(right.T_camera_part[:3, :3], T_known[:3, :3])
+    assert len(votes.heard) == 1
+    assert np.array_equal(votes.heard[0], right.T_camera_part)
+    assert known.told(None, T_known, frame, votes) is None
+    assert len(votes.heard) == 1
