@@ -6,8 +6,9 @@ hand that joins it has to come to its place, which depth shows: as long as nothi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -30,6 +31,40 @@ FADES = 0.005
 
 
 @dataclass(slots=True, eq=False)
+class _Visit:
+    """Of a hand to a place: who brings a part comes, stays for a while, and goes without it."""
+
+    peak: float = 0.0
+    """How much of what is about the place it hid most, 0 to 1,"""
+    stayed: int = 0
+    """in how many frames it was there,"""
+    left: int = 0
+    """and for how many it has been gone again."""
+    is_early: bool = False
+    """Whether what is there came before the part can have been brought."""
+
+    def see(self, there: float, before: float, *, may_bring: bool, config: LooseConfig) -> None:
+        """Take a frame; once the hand was surely seen to leave, who comes next matters no more.
+
+        Args:
+            there: how much of what is about the place something beside it hides,
+            before: and how much that or anything nearer to the camera, which only passes.
+            may_bring: whether the part can be there by now.
+            config: when that says something.
+        """
+        least = max(config.came, config.rest * self.peak)
+        if self.left >= config.steady:
+            self.left += 1
+        elif before < least:
+            self.is_early = False
+            self.left += self.stayed >= config.steady
+        elif self.is_early or not may_bring:
+            self.is_early = True
+        elif there >= least:
+            self.peak, self.stayed, self.left = max(self.peak, there), self.stayed + 1, 0
+
+
+@dataclass(slots=True, eq=False)
 class _Watch:
     """The places of the part that is joined next."""
 
@@ -47,6 +82,8 @@ class _Watch:
     """and when one that was taken then may be in its place at the earliest, seconds,"""
     since: int | None = 0
     """and for how many something may have come near it since; None: nothing did."""
+    visit: _Visit = field(default_factory=_Visit)
+    """And whether it left again."""
 
 
 class Approaches:
@@ -96,20 +133,26 @@ class Approaches:
                 continue
             Ts = [T_camera_base @ place(name, state) for name, state in watch.places]
             middles = np.array([apply_to_point(T, self._middle) for T in Ts])
-            came = self._look(watch, middles, frame, is_lying=lying > k)
+            before, beside = self._look(watch, middles, frame, is_lying=lying > k)
             if watch.row >= self._config.steady:
-                watch.since = None
+                watch.since, watch.visit = None, _Visit()
                 watch.arrives = frame.time + way / self._config.speed
+            came, may_bring = before >= self._config.came, frame.time >= watch.arrives
             near = np.linalg.norm(moving[:, None] - middles, axis=2) < self._config.close
             watch.gone = watch.gone + 1 if watch.row == 0 else 0
             may_have = unsure or near.any() or watch.gone > self._config.patience
             if watch.since is not None:
                 watch.since += 1
-            elif may_have or (frame.time >= watch.arrives and came):
+            elif watch.row == 0 and (may_have or (may_bring and came)):
                 watch.since = 0
+            if watch.row == 0 and not unsure:
+                watch.visit.see(beside, before, may_bring=may_bring, config=self._config)
 
-    def _look(self, watch: _Watch, middles: Points, frame: Frame, *, is_lying: bool) -> bool:
-        """Whether more is in front of a place than ever since the part was seen to lie."""
+    def _look(
+        self, watch: _Watch, middles: Points, frame: Frame, *, is_lying: bool
+    ) -> tuple[float, float]:
+        """How much more is in front of a place than at least since the part was seen to lie, 0 to 1; and
+        how much more of that is near it."""
         seen = self._readings(middles, frame)
         before = seen if watch.before is None else watch.before
         watch.row = watch.row + 1 if is_lying else 0
@@ -117,24 +160,40 @@ class Approaches:
         least = shares if watch.shares is None or watch.row else watch.shares
         watch.shares = np.minimum(shares, least)
         watch.before = np.fmax(seen, before - FADES if watch.row else before)
-        return bool(np.any(shares - watch.shares >= self._config.came))
+        beside = self._shares(seen, before, within=self._config.within, unknown=0.0)
+        return float(np.max(shares - watch.shares)), float(np.max(beside - watch.shares))
 
     def frames(self, k: int) -> int | None:
         """For how many frames something may have come near where the part of number k is joined; None:
         nothing did."""
         return self._watches[k].since
 
+    def left(self, k: int) -> int:
+        """For how many frames what came near where the part of number k is joined has been gone again."""
+        return self._watches[k].visit.left
+
     def _shares(
         self,
         seen: Float64[np.ndarray, "places readings"],
         before: Float64[np.ndarray, "places readings"],
+        *,
+        within: float = math.inf,
+        unknown: float = 1.0,
     ) -> Float64[np.ndarray, "places"]:
-        """Of what is about each place, how much something is nearer at than what was there; 1 where that is
-        not known."""
+        """Of what is about each place, how much something is nearer at than what was there.
+
+        Args:
+            seen: as `_readings` gives them,
+            before: and as it gave them then.
+            within: what is farther before the place than this does not count, metres.
+            unknown: told of a place about which depth is blind.
+        """
         known = np.isfinite(seen) & np.isfinite(before)
         nearer = np.where(known, before - seen, 0.0) > self._config.nearer
+        nearer &= np.where(known, seen, 0.0) > -within
         count = known.sum(axis=1)
-        return np.where(2 * count < known.shape[1], 1.0, nearer.sum(axis=1) / np.maximum(count, 1))
+        shares = nearer.sum(axis=1) / np.maximum(count, 1)
+        return np.where(2 * count < known.shape[1], unknown, shares)
 
     def _readings(self, middles: Points, frame: Frame) -> Float64[np.ndarray, "places readings"]:
         """How much farther than each place depth is about it, metres; NaN where it is blind."""

@@ -11,7 +11,7 @@ are withheld.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -119,6 +119,8 @@ class AsdfPlus:
         votes.keep(poses.get(assembly.base) if hidden is None else None)
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
+        if hidden is not None:
+            poses = self._sure_as_held(poses, scene.group.held)
         runtime = {**proposed.runtime, **timed.seconds}
         poses = sure_enough(poses, 0.0 if frame.depth is None else config.least_score)
         if scene.contours is not None:
@@ -203,6 +205,20 @@ class AsdfPlus:
         scene.group.see(settled[scene.assembly.base], fitted)
         scene.followed.settle(settled[scene.assembly.base])
         return {**poses, **fitted}
+
+    def _sure_as_held(
+        self, poses: Mapping[str, PoseEstimate], held: Collection[str]
+    ) -> dict[str, PoseEstimate]:
+        """The poses, held ones as sure as that makes them.
+
+        They are not settled as one while the base is hidden, so that they are no surer to what looks for
+        them in the next frame.
+        """
+        config, told = self._config.confidence, dict(poses)
+        for name in told.keys() & held:
+            sure = confidence_held(told[name].score, None, config=config)
+            told[name] = replace(told[name], score=sure)
+        return told
 
     def _followed(
         self,

@@ -25,11 +25,11 @@ BY_CROPS = "looks from the crop network"
 UNTOLD = BaseVotesConfig(enabled=False)
 BEST_BOX = ContestsConfig(enabled=False)
 SETTLED = JointTurnsConfig(enabled=False)
-UNWATCHED = LooseConfig(patience=1, untouched=0.0)
 
 
 def common(config: Any) -> dict[str, Any]:
     """A config of `asdf_plus` or `asdf_track` with each of the pieces off that they share, by its title."""
+    unwatched = replace(config.loose, patience=1, untouched=0.0)
     return {
         "names by the detector alone": replace(config, names=UNNAMED),
         "no look at places": replace(config, place_looks=BLIND),
@@ -38,7 +38,8 @@ def common(config: Any) -> dict[str, Any]:
         "base turned as found": replace(
             config, base_votes=replace(config.base_votes, known_turns=False)
         ),
-        "joined though nothing came": replace(config, loose=UNWATCHED),
+        "joined though nothing came": replace(config, loose=unwatched),
+        "left unwatched": replace(config, loose=replace(config.loose, left=0.0)),
         "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),

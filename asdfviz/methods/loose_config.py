@@ -60,6 +60,12 @@ class LooseConfig:
     """not sooner than a hand brings it, metres a second."""
     close: float = 0.13
     """A part that is seen on its way nearer to its place than this has come there itself, metres."""
+    within: float = 0.18
+    """Who brings a part there is no farther before it than this, metres; what is only passes,"""
+    rest: float = 0.25
+    """and has left when no more is hidden of what was hidden most, 0 to 1:"""
+    left: float = 3.0
+    """without the part, so that each frame since then counts as so many since it was gone."""
     untouched: float = 1.0
     """Log odds of not being joined as long as nothing did,"""
     patience: int = 60
@@ -79,9 +85,11 @@ class LooseConfig:
             "blurred_px",
             "untouched",
             "shortest",
+            "rest",
+            "left",
         ):
             if not getattr(self, option) >= 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use 0 or more")
-        for option in ("about", "nearer", "came", "speed", "close"):
+        for option in ("about", "nearer", "came", "speed", "close", "within"):
             if not getattr(self, option) > 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use more than 0")

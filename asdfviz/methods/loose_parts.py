@@ -243,7 +243,10 @@ class LooseParts:
         carried = config.carried * self._step_frames * kind.left[k]
         waited = min(float(least), max(gone - carried, float(max(later, default=0))))
         near = kind.approaches.frames(k)
-        return 0.0 if near is None else min(waited, float(near))
+        if near is None:
+            return 0.0
+        left = config.left * kind.approaches.left(k) if gone else 0.0
+        return max(min(waited, float(near)), left)
 
     def _hides(self, kind: Kind, loose: int, shown_px: Callable[[str, State], float]) -> bool:
         """Whether the joined ones show nowhere in the states that leave so many loose."""

@@ -159,10 +159,63 @@ def test_where_depth_or_places_are_not_known_something_may_have_come(approaches,
     table = toy.frame(0, {})
     for _ in range(3):
         step(approaches, table, loose=2)
-    assert step(approaches, table, loose=2, unsure=True) == [0, 0]
-    for _ in range(3):
-        step(approaches, table, loose=2)
+    assert step(approaches, table, loose=1, unsure=True) == [None, 0]
     for _ in range(3):
         step(approaches, table, loose=2)
     blind = over(table, 1, 0.0, half=0.12)
     assert step(approaches, blind, loose=0) == [0, None]
+
+
+def test_what_came_has_left_once_no_more_than_a_rest_of_it_is_there(approaches, toy) -> None:
+    table = toy.frame(0, {})
+    hand, other = over(table, 0, 0.5), over(table, 0, 0.5, half=0.03)
+
+    def left(frames: Sequence[Frame], *, loose: int = 1) -> list[int]:
+        told: list[int] = []
+        for frame in frames:
+            step(approaches, frame, loose=loose)
+            told.append(approaches.left(1))
+        return told
+
+    assert left([table] * 3, loose=2) == [0, 0, 0]
+    assert left([table, hand, hand, other, table]) == [0, 0, 0, 0, 1]
+    # It is back before it was surely gone; what comes after that brings something else.
+    assert left([hand, table, table, table, hand, hand]) == [0, 1, 2, 3, 4, 5]
+    assert left([table] * 3, loose=2)[-1] == 0
+    assert left([hand, hand, table, table]) == [0, 0, 0, 0]
+
+
+def test_of_a_camera_that_moves_nothing_is_seen_to_leave(approaches, toy) -> None:
+    table = toy.frame(0, {})
+    for _ in range(3):
+        step(approaches, table, loose=2)
+    for frame in [over(table, 0, 0.5)] * 4 + [table] * 3:
+        step(approaches, frame, loose=1, unsure=True)
+    assert approaches.left(1) == 0
+
+
+@pytest.mark.parametrize(("depth", "brings"), [(0.43, True), (0.35, False), (0.0, False)])
+def test_what_only_passes_far_before_a_place_brings_nothing_there(
+    approaches, toy, *, depth: float, brings: bool
+) -> None:
+    table = toy.frame(0, {})
+    arm = over(table, 0, depth, half=0.12)
+    for frame in [table] * 3:
+        step(approaches, frame, loose=2)
+    for frame in [arm] * 4 + [table] * 3:
+        step(approaches, frame, loose=1)
+    assert (approaches.left(1) == 3) is brings
+
+
+def test_what_came_before_the_part_could_be_there_did_not_bring_it(approaches, toy) -> None:
+    """Nor does it once the part could be: it has to leave, and come again."""
+    table = toy.frame(0, {})
+    hand = over(table, 0, 0.5)
+    for _ in range(3):
+        step(approaches, table, loose=2, way=0.3)
+    for frame, time in [(hand, 0.2), *[(hand, 1.0)] * 4, *[(table, 1.0)] * 3]:
+        step(approaches, replace(frame, time=time), loose=1)
+    assert approaches.left(1) == 0
+    for frame in [hand] * 3 + [table]:
+        step(approaches, replace(frame, time=2.0), loose=1)
+    assert approaches.left(1) == 1

@@ -155,6 +155,31 @@ def test_what_is_gone_is_not_joined_before_something_came_to_its_place(
     assert told[2] > told[1]
 
 
+def test_a_hand_that_came_and_left_has_brought_what_is_gone(toy, pinned: Assembly) -> None:
+    options = {"small_px": 50.0, "enough": 4, "wait": 40, "untouched": 0.0, "there": 0.0}
+
+    def after(away: int, **more: float) -> np.ndarray | None:
+        config = LooseConfig(**{**options, **more})
+        loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
+        base, table = PoseEstimate("base", BASE, 1.0, "refined"), toy.frame(0, {})
+        pins = [PoseEstimate(n, T, 0.9, "refined") for n, T in zip(PINS, SPOTS, strict=True)]
+        shown = (
+            [(pins, table)] * 8 + [(pins[:1], with_hand(table))] * 5 + [(pins[:1], table)] * away
+        )
+        told: np.ndarray | None = None
+        for number, (found, frame) in enumerate(shown):
+            poses = {pose.part: pose for pose in found}
+            frame = replace(frame, time=float(number))
+            told = loose.step(base, poses, frame, rest=rest_of(pinned), shown_px=everything)
+        return told
+
+    assert after(0) is None
+    told = after(2, left=3.0, gain=0.5)
+    assert told is not None
+    assert np.log(told[1] / told) == pytest.approx([2 * 3.0 * 0.5, 0.0, 0.0])
+    assert after(2, left=0.0) is None
+
+
 def test_a_hand_carries_for_a_part_of_the_time_of_a_step(counted) -> None:
     def gone(frames: int, step_frames: float) -> np.ndarray | None:
         taken = (SPOTS, 5), ([], frames)
