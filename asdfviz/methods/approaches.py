@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
@@ -26,8 +26,21 @@ Place: TypeAlias = Callable[[str, State], Transform]
 
 READINGS = 12
 """Of depth in so many rows and columns about a place."""
+PASSING = 0.5
+"""What hides more than this of it far before it only passes, 0 to 1."""
 FADES = 0.005
 """What stays where it came to is part of what was there before, by so much a frame, metres."""
+
+
+class _Sight(NamedTuple):
+    """Of the places of a part: how much of what is about one is hidden that was not, 0 to 1."""
+
+    beside: float
+    """By something near it,"""
+    may_be: float
+    """which may also be where depth is blind,"""
+    before: float
+    """and also by what is nearer to the camera, and only passes."""
 
 
 @dataclass(slots=True, eq=False)
@@ -43,19 +56,18 @@ class _Visit:
     is_early: bool = False
     """Whether what is there came before the part can have been brought."""
 
-    def see(self, there: float, before: float, *, may_bring: bool, config: LooseConfig) -> None:
+    def see(self, sight: _Sight, *, may_bring: bool, config: LooseConfig) -> None:
         """Take a frame; once the hand was surely seen to leave, who comes next matters no more.
 
         Args:
-            there: how much of what is about the place something beside it hides,
-            before: and how much that or anything nearer to the camera, which only passes.
+            sight: of the place.
             may_bring: whether the part can be there by now.
             config: when that says something.
         """
-        least = max(config.came, config.rest * self.peak)
+        there, least = sight.beside, max(config.came, config.rest * self.peak)
         if self.left >= config.steady:
             self.left += 1
-        elif before < least:
+        elif sight.before < least:
             self.is_early = False
             self.left += self.stayed >= config.steady
         elif self.is_early or not may_bring:
@@ -80,6 +92,8 @@ class _Watch:
     """for how many it has not been,"""
     arrives: float = 0.0
     """and when one that was taken then may be in its place at the earliest, seconds,"""
+    came: int = 0
+    """In how many frames one after another something was near it since then,"""
     since: int | None = 0
     """and for how many something may have come near it since; None: nothing did."""
     visit: _Visit = field(default_factory=_Visit)
@@ -133,35 +147,38 @@ class Approaches:
                 continue
             Ts = [T_camera_base @ place(name, state) for name, state in watch.places]
             middles = np.array([apply_to_point(T, self._middle) for T in Ts])
-            before, beside = self._look(watch, middles, frame, is_lying=lying > k)
+            sight = self._look(watch, middles, frame, is_lying=lying > k)
+            if watch.row > 0:
+                watch.visit = _Visit()
             if watch.row >= self._config.steady:
-                watch.since, watch.visit = None, _Visit()
+                watch.since = None
                 watch.arrives = frame.time + way / self._config.speed
-            came, may_bring = before >= self._config.came, frame.time >= watch.arrives
+            is_there = frame.time >= watch.arrives and sight.may_be >= self._config.came
+            watch.came = watch.came + 1 if is_there else 0
             near = np.linalg.norm(moving[:, None] - middles, axis=2) < self._config.close
             watch.gone = watch.gone + 1 if watch.row == 0 else 0
             may_have = unsure or near.any() or watch.gone > self._config.patience
             if watch.since is not None:
-                watch.since += 1
-            elif watch.row == 0 and (may_have or (may_bring and came)):
+                # What passes before a place tells nothing of it.
+                watch.since += sight.before - sight.may_be < PASSING
+            elif watch.row == 0 and (may_have or watch.came >= self._config.again):
                 watch.since = 0
             if watch.row == 0 and not unsure:
-                watch.visit.see(beside, before, may_bring=may_bring, config=self._config)
+                may_bring = frame.time >= watch.arrives
+                watch.visit.see(sight, may_bring=may_bring, config=self._config)
 
-    def _look(
-        self, watch: _Watch, middles: Points, frame: Frame, *, is_lying: bool
-    ) -> tuple[float, float]:
-        """How much more is in front of a place than at least since the part was seen to lie, 0 to 1; and
-        how much more of that is near it."""
+    def _look(self, watch: _Watch, middles: Points, frame: Frame, *, is_lying: bool) -> _Sight:
+        """What is in front of the places that was not since the part was seen to lie."""
         seen = self._readings(middles, frame)
         before = seen if watch.before is None else watch.before
         watch.row = watch.row + 1 if is_lying else 0
-        shares = self._shares(seen, before)
+        shares = np.nan_to_num(self._shares(seen, before), nan=1.0)
         least = shares if watch.shares is None or watch.row else watch.shares
         watch.shares = np.minimum(shares, least)
         watch.before = np.fmax(seen, before - FADES if watch.row else before)
-        beside = self._shares(seen, before, within=self._config.within, unknown=0.0)
-        return float(np.max(shares - watch.shares)), float(np.max(beside - watch.shares))
+        beside = self._shares(seen, before, within=self._config.within)
+        unseen, may_be = (np.nan_to_num(beside, nan=told) for told in (0.0, 1.0))
+        return _Sight(*(float(np.max(one - watch.shares)) for one in (unseen, may_be, shares)))
 
     def frames(self, k: int) -> int | None:
         """For how many frames something may have come near where the part of number k is joined; None:
@@ -178,22 +195,21 @@ class Approaches:
         before: Float64[np.ndarray, "places readings"],
         *,
         within: float = math.inf,
-        unknown: float = 1.0,
     ) -> Float64[np.ndarray, "places"]:
-        """Of what is about each place, how much something is nearer at than what was there.
+        """Of what is about each place, how much something is nearer at than what was there; NaN where that
+        is not known.
 
         Args:
             seen: as `_readings` gives them,
             before: and as it gave them then.
             within: what is farther before the place than this does not count, metres.
-            unknown: told of a place about which depth is blind.
         """
         known = np.isfinite(seen) & np.isfinite(before)
         nearer = np.where(known, before - seen, 0.0) > self._config.nearer
         nearer &= np.where(known, seen, 0.0) > -within
         count = known.sum(axis=1)
         shares = nearer.sum(axis=1) / np.maximum(count, 1)
-        return np.where(2 * count < known.shape[1], unknown, shares)
+        return np.where(2 * count < known.shape[1], np.nan, shares)
 
     def _readings(self, middles: Points, frame: Frame) -> Float64[np.ndarray, "places readings"]:
         """How much farther than each place depth is about it, metres; NaN where it is blind."""

@@ -77,9 +77,10 @@ class AsdfTrackConfig(AsdfConfig):
     """S_P: from part poses to probabilities; narrower than for detected poses."""
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
     """The hypothesis test over states."""
-    loose: LooseConfig = field(default_factory=lambda: LooseConfig(carried=0.0))
+    loose: LooseConfig = field(default_factory=lambda: LooseConfig(carried=0.0, found=0.65))
     """What lies loose, and what no longer does, as a witness for the state: the tracker sees a part in the
-    hand, so one that is gone is in its place soon;"""
+    hand, so one that is gone is in its place soon, but goes on tracking what is hidden in its place
+    beside it, with a score of about a half;"""
     lately_loose: LatelyLooseConfig = field(
         default_factory=lambda: LatelyLooseConfig(enabled=False)
     )

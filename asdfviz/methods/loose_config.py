@@ -52,7 +52,9 @@ class LooseConfig:
     nearer: float = 0.012
     """nearer to the camera than what was there by more than this, metres,"""
     came: float = 0.08
-    """in this share of what is looked at, 0 to 1."""
+    """in this share of what is looked at, 0 to 1,"""
+    again: int = 2
+    """in so many frames one after another."""
     steady: int = 3
     """A part that surely lies loose in so many frames one after another is not joined: from then on
     something has to come there,"""
@@ -73,7 +75,7 @@ class LooseConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        for option in ("enough", "wait", "empty", "steady", "patience"):
+        for option in ("enough", "wait", "empty", "steady", "patience", "again"):
             if getattr(self, option) < 1:
                 raise MethodError(f"loose.{option} is {getattr(self, option)}, use 1 or more")
         for option in (
