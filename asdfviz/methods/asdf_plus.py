@@ -32,6 +32,8 @@ from asdfviz.methods.timing import StageTimer
 from asdfviz.pose.confidence import confidence_held
 from asdfviz.state.twins import renamed, renamed_poses
 
+SURE = 0.8
+"""Score from which a part is surely where its pose has it;"""
 JOINED = 0.6
 """Probability from which a part moves with the base."""
 
@@ -116,6 +118,8 @@ class AsdfPlus:
                 # A loose twin of what is joined there.
                 poses = scene.one_place.alone(poses, joined=scene.group.held)
         scene.mistaken.see(frame, poses)
+        sure = {n: p for n, p in poses.items() if p.score >= SURE and p.stage != "group"}
+        scene.unlike.see(frame, {n: p.T_camera_part for n, p in sure.items()})
         votes.keep(poses.get(assembly.base) if hidden is None else None)
         with timed("lay"):
             poses = scene.told.step(poses, frame, scene.followed.joins)
@@ -153,6 +157,7 @@ class AsdfPlus:
         scene.hypotheses.update(renamed(scene.hypotheses, names))
         scene.told.rename(names)
         scene.mistaken.rename(names)
+        scene.unlike.rename(names)
         self._asdf.rename(names)
         scene.looks.rename(names)
         if scene.contours is not None:
@@ -248,9 +253,14 @@ class AsdfPlus:
 def _others(
     poses: Mapping[str, PoseEstimate], proposed: FramePrediction, frame: Frame, scene: PlusScene
 ) -> frozenset[str]:
-    """The parts whose poses are those of things that stood there while the part was elsewhere."""
+    """The parts whose poses are those of things that stood there while the part was elsewhere, or that do
+    not look as its twins do; what the state holds stays."""
     base = scene.followed.base or proposed.poses.get(scene.assembly.base)
-    return scene.mistaken.found(frame, poses, None if base is None else base.T_camera_part)
+    found = scene.mistaken.found(frame, poses, None if base is None else base.T_camera_part)
+    free = {n: p.T_camera_part for n, p in poses.items() if n not in scene.group.held}
+    strangers = scene.unlike.strangers(frame, free)
+    scene.unlike.forget(strangers)
+    return found | strangers
 
 
 SPEC = MethodSpec(

@@ -20,6 +20,7 @@ from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.tolerances import REGISTERED_PLACES, SURELY_LOOSE
+from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.pose.confidence import ConfidenceConfig
 from asdfviz.state.fusion import FusionConfig
 from asdfviz.state.group_fit import GroupFitConfig
@@ -81,6 +82,8 @@ class AsdfPlusConfig(AsdfConfig):
     """The hidden Markov model, online."""
     still_there: StillThereConfig = field(default_factory=StillThereConfig)
     """What stood there while a part was surely elsewhere is not that part."""
+    unlike_twins: UnlikeTwinsConfig = field(default_factory=UnlikeTwinsConfig)
+    """Nor is what looks quite unlike its twins."""
     own_colors: OwnColorsConfig = field(default_factory=OwnColorsConfig)
     """What has quite another tint than the part surely had is not the part."""
     leaps: LeapsConfig = field(default_factory=LeapsConfig)

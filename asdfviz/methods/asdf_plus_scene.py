@@ -21,6 +21,7 @@ from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.told_poses import ToldPoses
 from asdfviz.methods.tracking import load_bodies
+from asdfviz.methods.unlike_twins import UnlikeTwins
 from asdfviz.state.part_names import PartNames
 from asdfviz.state.place_odds import JoinedOdds
 
@@ -40,6 +41,7 @@ class PlusScene:
     looks: LastLooks
     mistaken: Mistaken
     known: KnownTurns
+    unlike: UnlikeTwins
     contours: ContourFits | None
     together: GroupContours | None
     """None where contours are not asked."""
@@ -93,6 +95,7 @@ def plus_scene(
             assembly, config=config.still_there, own=config.own_colors, leaps=config.leaps
         ),
         known=KnownTurns(assembly, fits if config.base_votes.known_turns else None),
+        unlike=UnlikeTwins(assembly, config=config.unlike_twins),
         contours=fits,
         together=together,
     )

@@ -17,6 +17,7 @@ from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.methods.thing_names import NamesConfig
+from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 
 UNNAMED = NamesConfig(enabled=False)
 TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
@@ -48,6 +49,7 @@ def common(config: Any) -> dict[str, Any]:
         "turned in joints as settled": replace(config, joint_turns=SETTLED),
         "edges smeared alike": replace(config, smear=SmearConfig(enabled=False)),
         "elsewhere of any tint": replace(config, own_colors=OwnColorsConfig(enabled=False)),
+        "twins of any colour": replace(config, unlike_twins=UnlikeTwinsConfig(enabled=False)),
         "told as settled": replace(
             config, laid=NO_TABLE, lying=LyingConfig(enabled=False), joint_turns=SETTLED
         ),

@@ -37,7 +37,6 @@ from asdfviz.methods.state_looks import has_state_network
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.turn_table import TurnTableConfig
-from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
@@ -250,7 +249,6 @@ def _beyond_asdf_track() -> list[Variant]:
         "hidden parts unsure": replace(track, refind=replace(track.refind, hidden=0.0)),
         "depth at outlines too": replace(track, tracker=whole),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
-        "twins of any colour": replace(track, unlike_twins=UnlikeTwinsConfig(enabled=False)),
     }
     return _rows("asdf_track", track, changed)
 

@@ -104,6 +104,8 @@ def test_a_hidden_base_stays_where_its_parts_have_it_whatever_looks_like_it(
     if "base" in told:
         apart = point_distance(told["base"].T_camera_part, true["base"], np.zeros(3))
     assert (apart < 0.005) == enabled
+    # What is held is as sure as that makes it, behind the board too.
+    assert (told["block"].score > 0.9) == enabled
 
 
 def test_poses_that_are_rather_wrong_are_withheld_but_kept(toy, detector) -> None:

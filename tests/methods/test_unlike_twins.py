@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 import pytest
@@ -11,8 +13,11 @@ from asdfviz.datatypes import Assembly, Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
+from asdfviz.methods.asdf_plus import AsdfPlus
+from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_track import AsdfTrack
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
+from asdfviz.methods.network import Detects
 from asdfviz.methods.unlike_twins import UnlikeTwins, UnlikeTwinsConfig
 
 pytestmark = pytest.mark.usefixtures("shapes_unchecked")
@@ -21,9 +26,16 @@ HERE = transform_from(np.eye(3), np.array([-0.1, 0.0, 0.6]))
 THERE = transform_from(np.eye(3), np.array([0.1, 0.0, 0.6]))
 BASE = transform_from(np.eye(3), np.array([0.0, 0.12, 0.6]))
 BLACK, SHADOW, PALE = 30, 22, 150
+GREEN, WARM = (16, 42, 38), (34, 29, 25)
+"""About as bright as what is black."""
+Shade: TypeAlias = int | tuple[int, int, int]
+STARTED: dict[str, Callable[[Detects], AsdfTrack | AsdfPlus]] = {
+    "asdf_track": lambda detector: AsdfTrack(AsdfTrackConfig(), detector=detector),
+    "asdf_plus": lambda detector: AsdfPlus(AsdfPlusConfig(), detector=detector),
+}
 
 
-def frame(toy, index: int, *, here: int, there: int, at: Transform = THERE) -> Frame:
+def frame(toy, index: int, *, here: Shade, there: Shade, at: Transform = THERE) -> Frame:
     """Both pins on a grey table, with the base."""
     depth = toy.depth({"pin": HERE, "pin-copy": at, "base": BASE})
     rgb = np.full((*depth.shape, 3), 110.0)
@@ -52,8 +64,8 @@ def strangers(
     assembly: Assembly,
     config: UnlikeTwinsConfig | None = None,
     *,
-    here: int,
-    there: int,
+    here: Shade,
+    there: Shade,
 ) -> frozenset[str]:
     """What is said of the other pin once this one is known."""
     shot = frame(toy, 0, here=here, there=there)
@@ -78,6 +90,27 @@ def test_a_pale_thing_is_no_twin_of_a_black_part(toy, black: Assembly) -> None:
     assert strangers(toy, black, here=BLACK, there=SHADOW) == frozenset()
     off = UnlikeTwinsConfig(enabled=False)
     assert strangers(toy, black, off, here=BLACK, there=PALE) == frozenset()
+
+
+def test_a_thing_of_another_tint_is_no_twin_however_bright(toy, black: Assembly) -> None:
+    assert strangers(toy, black, here=BLACK, there=GREEN) == {"pin-copy"}
+    assert strangers(toy, black, here=BLACK, there=WARM) == frozenset(), "the light is warm there"
+    blind = UnlikeTwinsConfig(tint=5.0)
+    assert strangers(toy, black, blind, here=BLACK, there=GREEN) == frozenset()
+    assert strangers(toy, black, here=GREEN, there=BLACK) == frozenset()
+
+
+def test_a_frame_that_errs_does_not_clear_a_thing_of_another_tint(toy, black: Assembly) -> None:
+    """Where it lay in all frames together its tint is another one; whatever name it goes by."""
+    twins = UnlikeTwins(black, config=UnlikeTwinsConfig())
+    green, errs = (frame(toy, 0, here=BLACK, there=there) for there in (GREEN, WARM))
+    twins.see(green, {"pin": HERE, "pin-copy": HERE})
+    for i in range(5):
+        twins.strangers(replace(green, index=i), {"pin-copy": THERE})
+    assert twins.strangers(replace(errs, index=5), {"pin-copy": THERE}) == {"pin-copy"}
+    assert twins.strangers(replace(green, index=6), {"pin": THERE}) == {"pin"}
+    later = [twins.strangers(replace(errs, index=i), {"pin-copy": THERE}) for i in range(7, 30)]
+    assert later[-1] == frozenset(), "something else was put there"
 
 
 def test_the_assemblys_colour_says_which_of_both_is_the_part(toy, black: Assembly) -> None:
@@ -139,10 +172,13 @@ def test_what_moves_may_be_held_by_a_hand(toy, black: Assembly) -> None:
 
 
 @pytest.mark.usefixtures("small_models")
+@pytest.mark.parametrize("method_name", ["asdf_track", "asdf_plus"])
 @pytest.mark.parametrize("there", [PALE, SHADOW])
-def test_the_tracker_lets_a_pale_twin_go(toy, black: Assembly, detector, there: int) -> None:
+def test_a_pale_twin_is_let_go(
+    toy, black: Assembly, detector, method_name: str, there: int
+) -> None:
     """It is found first; then the black one is, and the pale one is proposed in vain."""
-    method = AsdfTrack(AsdfTrackConfig(), detector=detector)
+    method = STARTED[method_name](detector)
     shots = [frame(toy, i, here=BLACK, there=there) for i in range(20)]
     method.reset(black, shots[0].camera, None)
     base, here = toy.detection("base", BASE), toy.detection("pin", HERE)
@@ -155,7 +191,9 @@ def test_the_tracker_lets_a_pale_twin_go(toy, black: Assembly, detector, there: 
     assert len(said[-1]) == (1 if there == PALE else 2)
 
 
-@pytest.mark.parametrize("wrong", [{"unlike": 0.0}, {"stranger": -0.5}, {"frames": 0}])
+@pytest.mark.parametrize(
+    "wrong", [{"unlike": 0.0}, {"stranger": -0.5}, {"frames": 0}, {"tint": 0.0}]
+)
 def test_options_out_of_range_are_named(wrong: dict[str, float]) -> None:
     with pytest.raises(MethodError, match="unlike_twins"):
         UnlikeTwinsConfig(**wrong)  # type: ignore[arg-type]
