@@ -158,9 +158,8 @@ class UnlikeTwins:
                 found.add(name)
             spots = self._unlike[self._groups[name]]
             here = next((s for s in spots if np.linalg.norm(s.middle - at) < SAME_PLACE), None)
-            if not self._is_unlike(
-                name, color
-            ):  # what was seen elsewhere may still be another thing
+            if not self._is_unlike(name, color):
+                # What was seen elsewhere may still be another thing.
                 spots[:] = [spot for spot in spots if spot is not here]
                 continue
             if here is None:
