@@ -21,13 +21,13 @@ from asdfviz.app.bridge import parse
 from asdfviz.app.items import JobStatus
 from asdfviz.app.jobs import start_judging
 from asdfviz.app.markup import EYE, button, number
-from asdfviz.app.panels import annotate, methods, options, results, sequence
+from asdfviz.app.panels import annotate, methods, options, reasons, results, sequence
 from asdfviz.app.session import settled
 from asdfviz.app.snapshot import Snapshot, take
 from asdfviz.app.typed_pose import euler_deg
 from asdfviz.app.view import TRUTH, View
 from asdfviz.app.workspace import Workspace
-from asdfviz.datatypes import Assembly, Run, Stage
+from asdfviz.datatypes import Assembly, Run, Stage, StateEstimate
 from asdfviz.evaluate.health_report import Finding
 from asdfviz.evaluate.worst import TOLD
 from asdfviz.geometry.transforms import rotation_about
@@ -500,3 +500,26 @@ def test_a_method_without_weights_cannot_be_run_but_they_can_be_named(
 
 def test_every_stage_of_a_pose_has_words() -> None:
     assert set(annotate.STAGES) == set(get_args(Stage))
+
+
+def test_the_terms_say_why_a_state_is_told(with_run: Workspace) -> None:
+    run = with_run.runs[0]
+    states = len(run.run.predictions[0].state.probabilities)  # pyright: ignore[reportOptionalMemberAccess]
+    looks, odd = np.full(states, 0.01), np.full(states, 1.0)
+    looks[1] = 0.7
+    said = StateEstimate(np.eye(states)[1], {"appearance": looks, "<own> term": odd})
+    snap = snapshot(with_run, place=3)
+    assert snap.prediction is not None
+    html = reasons.section(replace(snap, prediction=replace(snap.prediction, state=said)))
+    rows = [re.sub(r"<[^>]+>", " ", row).split() for row in html.split("<tr>")]
+    looks_row = next(row for row in rows if row[:1] == ["looks"])
+    share = round(100 * looks[1] / looks.sum())
+    assert looks_row[1 + 2 * rows[1].index("1")] == str(share)
+    assert f"<b>{share}<small> %</small></b>" in html
+    assert "&lt;own&gt; term" in html
+    assert f"Why {with_run.assembly.states[1].name}" in unescape(html)
+
+
+def test_a_state_without_terms_has_no_reasons(with_run: Workspace) -> None:
+    assert reasons.section(snapshot(with_run, place=3)) == ""
+    assert reasons.section(snapshot(with_run, place=4)) == ""

@@ -1,4 +1,4 @@
-"""Methods tab: the runs on this sequence, and running a method here."""
+"""Methods tab: the runs on this sequence, why the one that is drawn says its state, and running a method."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from asdfviz.app import theme
 from asdfviz.app.items import JobStatus, LoadedRun
 from asdfviz.app.markup import EYE, act, button, chip, empty, heading, number, text
 from asdfviz.app.options import differences, label_of
-from asdfviz.app.panels import job_box
+from asdfviz.app.panels import job_box, reasons
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.truths import lost_base
 from asdfviz.app.view import TRUTH, View
@@ -26,6 +26,7 @@ def content(snap: Snapshot, methods: Mapping[str, MethodSpec | BrokenMethod]) ->
     return (
         heading("Runs on this sequence")
         + _runs(snap, methods)
+        + reasons.section(snap)
         + heading("Run a method")
         + _job(snap.workspace.job)
         + "".join(_method(name, spec, snap) for name, spec in methods.items())
