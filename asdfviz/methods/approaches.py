@@ -153,7 +153,8 @@ class Approaches:
             if watch.row >= self._config.steady:
                 watch.since = None
                 watch.arrives = frame.time + way / self._config.speed
-            is_there = frame.time >= watch.arrives and sight.may_be >= self._config.came
+            may_bring = frame.time >= watch.arrives
+            is_there = may_bring and sight.may_be >= self._config.came
             watch.came = watch.came + 1 if is_there else 0
             near = np.linalg.norm(moving[:, None] - middles, axis=2) < self._config.close
             watch.gone = watch.gone + 1 if watch.row == 0 else 0
@@ -164,7 +165,6 @@ class Approaches:
             elif watch.row == 0 and (may_have or watch.came >= self._config.again):
                 watch.since = 0
             if watch.row == 0 and not unsure:
-                may_bring = frame.time >= watch.arrives
                 watch.visit.see(sight, may_bring=may_bring, config=self._config)
 
     def _look(self, watch: _Watch, middles: Points, frame: Frame, *, is_lying: bool) -> _Sight:

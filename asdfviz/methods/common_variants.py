@@ -26,11 +26,16 @@ BY_CROPS = "looks from the crop network"
 UNTOLD = BaseVotesConfig(enabled=False)
 BEST_BOX = ContestsConfig(enabled=False)
 SETTLED = JointTurnsConfig(enabled=False)
+FAR = 100.0
+"""Metres, or metres a second: farther and faster than anything."""
+NEVER = 10**6
+"""Frames."""
 
 
 def common(config: Any) -> dict[str, Any]:
     """A config of `asdf_plus` or `asdf_track` with each of the pieces off that they share, by its title."""
-    unwatched = replace(config.loose, patience=1, untouched=0.0)
+    loose, smoothing = config.loose, config.smoothing
+    unwatched = replace(loose, patience=1, untouched=0.0)
     return {
         "names by the detector alone": replace(config, names=UNNAMED),
         "no look at places": replace(config, place_looks=BLIND),
@@ -40,8 +45,22 @@ def common(config: Any) -> dict[str, Any]:
             config, base_votes=replace(config.base_votes, known_turns=False)
         ),
         "joined though nothing came": replace(config, loose=unwatched),
-        "left unwatched": replace(config, loose=replace(config.loose, left=0.0)),
+        "left unwatched": replace(config, loose=replace(loose, left=0.0)),
+        "brought by whoever passes": replace(config, loose=replace(loose, within=FAR)),
+        "brought at any speed": replace(config, loose=replace(loose, speed=FAR)),
+        "gone, but maybe hidden": replace(config, loose=replace(loose, empty=NEVER)),
+        "blurred parts as large": replace(config, loose=replace(loose, blurred_px=loose.small_px)),
         "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
+        "no step half done": replace(
+            config, relative_pose=replace(config.relative_pose, half_done=0.0)
+        ),
+        "places as sure in blur": replace(
+            config, relative_pose=replace(config.relative_pose, shaken=1.0)
+        ),
+        "black as bright": replace(config, group_fit=replace(config.group_fit, black=0.0)),
+        "errors last as steps do": replace(
+            config, smoothing=replace(smoothing, stay_wrong=smoothing.stay)
+        ),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
         "camera not followed": replace(config, at_rest=AtRestConfig(enabled=False)),

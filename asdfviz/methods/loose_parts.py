@@ -163,7 +163,10 @@ class LooseParts:
     def _note_ways(self, kind: Kind, ways: list[float]) -> None:
         """Note how far those are that were found loose, and how far one was that no longer is."""
         if len(ways) < len(kind.ways):
-            lay = any(not s.is_seen and s.last == self._frames - 1 for s in kind.spots)
+            lay = any(
+                not s.is_seen and s.last == self._frames - 1 and s.frames >= self._config.enough
+                for s in kind.spots
+            )
             # One that was taken from where it lay has all of its way before it; one that is never joined
             # has no end of it.
             left = 1.0 if lay or math.isinf(kind.far) else min(kind.ways) / kind.far
@@ -187,7 +190,10 @@ class LooseParts:
             spot.middle = spot.middle + (point - spot.middle) / min(spot.frames, config.enough)
             spot.last = self._frames
             lie.append(score >= config.sure and spot.frames >= config.enough)
-        kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= config.enough]
+        # What lay for a moment may be hidden since; what moves lay nowhere.
+        kind.spots = [
+            s for s in kind.spots if s.is_seen or s.frames >= min(config.steady, config.enough)
+        ]
         return lie
 
     def _against(
@@ -270,6 +276,8 @@ class LooseParts:
                 spot.empty += 1
             elif spot.empty < self._config.empty:
                 count += 1
+        enough = self._config.enough
+        kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= enough or not s.empty]
         return count
 
     def _is_hidden(self, point_stage: Vector, frame: Frame, rest: AtRest) -> bool:

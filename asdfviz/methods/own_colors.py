@@ -16,7 +16,7 @@ from asdfviz.datatypes import Assembly, Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import point_distance
-from asdfviz.methods.seen_colors import SeenSurface
+from asdfviz.methods.seen_colors import SeenSurface, tint
 from asdfviz.state.twins import renamed
 
 
@@ -56,12 +56,12 @@ class OwnColors:
         if not self._config.enabled:
             return
         for name, T in sure.items():
-            tint = self._tint(frame, name, T)
-            if tint is None:
+            now = self._tint(frame, name, T)
+            if now is None:
                 continue
-            known = self._known.setdefault(name, tint)
-            if _difference(tint, known) <= self._config.unlike:
-                self._known[name] = known + self._config.rate * (tint - known)
+            known = self._known.setdefault(name, now)
+            if _difference(now, known) <= self._config.unlike:
+                self._known[name] = known + self._config.rate * (now - known)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
@@ -101,14 +101,14 @@ class OwnColors:
     def difference(self, frame: Frame, name: str, T_camera_part: Transform) -> float | None:
         """By how much the tint at a pose is another than the part's; None where nothing is known or seen."""
         known = self._known.get(name)
-        tint = None if known is None else self._tint(frame, name, T_camera_part)
-        return None if known is None or tint is None else _difference(tint, known)
+        now = None if known is None else self._tint(frame, name, T_camera_part)
+        return None if known is None or now is None else _difference(now, known)
 
     def _tint(self, frame: Frame, name: str, T_camera_part: Transform) -> Vector | None:
         """Of what can be seen of a part; None where that is too little."""
         seen = self._surfaces[name].seen(frame, T_camera_part)
-        return None if seen is None else seen - seen.mean()
+        return None if seen is None else tint(seen)
 
 
-def _difference(tint: Vector, known: Vector) -> float:
-    return float(np.abs(tint - known).max())
+def _difference(now: Vector, known: Vector) -> float:
+    return float(np.abs(now - known).max())

@@ -29,6 +29,11 @@ def log_colors(rgb: UInt8[np.ndarray, "*pixels 3"]) -> Float64[np.ndarray, "*pix
     return _LOGARITHMS[rgb]
 
 
+def tint(logarithms: Vector) -> Vector:
+    """What a colour's channels differ by among themselves, whatever light falls on it; of `log_colors`."""
+    return logarithms - logarithms.mean()
+
+
 class SeenSurface:
     """Points of one part's surface, whose colours are read from frames."""
 

@@ -17,7 +17,7 @@ from asdfviz.datatypes import Assembly, Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import apply
-from asdfviz.methods.seen_colors import SeenSurface, log_colors
+from asdfviz.methods.seen_colors import SeenSurface, log_colors, tint
 from asdfviz.state.twins import renamed, twin_groups
 
 Apart: TypeAlias = Callable[[Vector, Vector], float]
@@ -62,32 +62,29 @@ class UnlikeTwinsConfig:
             )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Spot:
-    """Where something lies that is not the part for which it was taken."""
-
-    middle: Vector
-    frames: set[int] = field(default_factory=set[int])
-    """In which it was seen there."""
-
-
 @dataclass(slots=True, eq=False)
-class _Lying:
-    """Where something was taken for a part."""
+class _Spot:
+    """Where something was taken for one of like parts, whatever it was called."""
 
     middle: Vector
     color: Vector
     """Mean logarithms."""
     count: int = 0
-    """Of frames,"""
+    """Of frames in that mean,"""
     last: int = -1
     """and the last of them."""
+    unlike: set[int] = field(default_factory=set[int])
+    """In which it was too bright or dark for one, since it last was not."""
 
-    def see(self, color: Vector, index: int) -> None:
+    def see(self, color: Vector, index: int, *, is_unlike: bool) -> None:
         """Take a frame into the mean, one that was taken before not again."""
         if index > self.last:
             self.count, self.last = self.count + 1, index
             self.color = self.color + (color - self.color) / min(self.count, MOST)
+        if is_unlike:
+            self.unlike.add(index)
+        else:  # what was seen elsewhere may still be another thing
+            self.unlike.clear()
 
 
 class UnlikeTwins:
@@ -101,10 +98,7 @@ class UnlikeTwins:
         self._surfaces = {name: SeenSurface(self._parts[name].mesh) for name in self._groups}
         self._known: dict[str, Vector] = {}
         """Logarithms of their colours."""
-        self._lying = {group: list[_Lying]() for group in groups}
-        self._unlike = {group: list[_Spot]() for group in groups}
-        """Where something unlike was taken for one of them, whatever it was called, since one looked right
-        there."""
+        self._spots = {group: list[_Spot]() for group in groups}
 
     def see(self, frame: Frame, sure: Mapping[str, Transform]) -> None:
         """Remember how parts look that are surely at these poses T_camera_part.
@@ -123,22 +117,6 @@ class UnlikeTwins:
             ):
                 self._known[name] = color
 
-    def _is_tinted(self, frame: Frame, name: str, color: Vector, middle: Vector) -> bool:
-        """Whether what lay there in some frames has another tint than a twin in their mean."""
-        config, group = self._config, self._groups[name]
-        lying = self._lying[group]
-        lying[:] = [one for one in lying if frame.index - one.last < FORGOTTEN]
-        here = next((o for o in lying if np.linalg.norm(o.middle - middle) < SAME_PLACE), None)
-        if here is None:
-            here = _Lying(middle, color)
-            lying.append(here)
-        here.see(color, frame.index)
-        told, others = log_colors(self._parts[name].color), self._known_of(name)
-        return here.count > config.frames and any(
-            _is_off(here.color, other, told, _tint_apart, by=config.tint, more=config.strange_tint)
-            for other in others
-        )
-
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._known = renamed(self._known, names)
@@ -148,25 +126,18 @@ class UnlikeTwins:
 
         A glimpse does not tell, nor does what moves: a hand may hold it.
         """
-        found: set[str] = set()
-        for name in self._groups.keys() & poses.keys():
+        config, found = self._config, set[str]()
+        for name in (name for name in poses if name in self._groups):
             color = self._surfaces[name].seen(frame, poses[name]) if self._known_of(name) else None
             if color is None:
                 continue
-            at = apply(poses[name], self._parts[name].middle[None])[0]
-            if self._is_tinted(frame, name, color, at):
-                found.add(name)
-            spots = self._unlike[self._groups[name]]
-            here = next((s for s in spots if np.linalg.norm(s.middle - at) < SAME_PLACE), None)
-            if not self._is_unlike(name, color):
-                # What was seen elsewhere may still be another thing.
-                spots[:] = [spot for spot in spots if spot is not here]
-                continue
-            if here is None:
-                here = _Spot(at)
-                spots.append(here)
-            here.frames.add(frame.index)
-            if len(here.frames) > self._config.frames:
+            spot = self._spot_of(name, poses[name], color, frame.index)
+            is_unlike = self._is_off(name, color, _bright_apart, config.unlike, config.stranger)
+            spot.see(color, frame.index, is_unlike=is_unlike)
+            is_tinted = spot.count > config.frames and self._is_off(
+                name, spot.color, _tint_apart, config.tint, config.strange_tint
+            )
+            if is_tinted or len(spot.unlike) > config.frames:
                 found.add(name)
         return frozenset(found)
 
@@ -180,20 +151,23 @@ class UnlikeTwins:
         others = (other for other in self._groups[name] if other != name)
         return [self._known[other] for other in others if other in self._known]
 
-    def _is_unlike(self, name: str, color: Vector) -> bool:
-        """Whether a part of this colour, in one frame, is too bright or dark to be one."""
-        told, config = log_colors(self._parts[name].color), self._config
+    def _spot_of(self, name: str, T: Transform, color: Vector, index: int) -> _Spot:
+        """Where a part at a pose lies, as far as it is known."""
+        spots, middle = self._spots[self._groups[name]], apply(T, self._parts[name].middle[None])[0]
+        spots[:] = [spot for spot in spots if index - spot.last < FORGOTTEN]
+        here = next((s for s in spots if np.linalg.norm(s.middle - middle) < SAME_PLACE), None)
+        if here is None:
+            here = _Spot(middle, color)
+            spots.append(here)
+        return here
+
+    def _is_off(self, name: str, color: Vector, apart: Apart, by: float, more: float) -> bool:
+        """Whether a part's colour is another one than a twin's, and the assembly's is nearer to that."""
+        told = log_colors(self._parts[name].color)
         return any(
-            _is_off(color, other, told, _bright_apart, by=config.unlike, more=config.stranger)
+            apart(color, other) > by and apart(color, told) > apart(other, told) + more
             for other in self._known_of(name)
         )
-
-
-def _is_off(
-    color: Vector, other: Vector, told: Vector, apart: Apart, *, by: float, more: float
-) -> bool:
-    """Whether a colour is another one than the other's, and the assembly's is nearer to that."""
-    return apart(color, other) > by and apart(color, told) > apart(other, told) + more
 
 
 def _bright_apart(a: Vector, b: Vector) -> float:
@@ -201,4 +175,4 @@ def _bright_apart(a: Vector, b: Vector) -> float:
 
 
 def _tint_apart(a: Vector, b: Vector) -> float:
-    return float(np.linalg.norm((a - a.mean()) - (b - b.mean())))
+    return float(np.linalg.norm(tint(a) - tint(b)))

@@ -22,6 +22,7 @@ from asdfviz.methods.common_variants import (
 )
 from asdfviz.methods.contour_fits import BY_POINTS, ContourConfig
 from asdfviz.methods.disowned import DisownedConfig
+from asdfviz.methods.doubts import DoubtConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
@@ -196,6 +197,7 @@ def _beyond_asdf_plus() -> list[Variant]:
         "turned as settled": ContourConfig(turns=replace(turns, table=TurnTableConfig(lies=0.0))),
         "found anew in any turn": ContourConfig(turns=replace(turns, was=0.0)),
         "contested poses as sure": ContourConfig(turns=replace(turns, contested=1.0, beaten=1.0)),
+        "runners-up never tried": ContourConfig(unsure=0.0),
         "no contours": ContourConfig(enabled=False),
         "contours of single parts": ContourConfig(together=False),
         "what rests settled too": ContourConfig(every=1),
@@ -247,6 +249,9 @@ def _beyond_asdf_track() -> list[Variant]:
         "held parts keep their colours": replace(track, refind=faithful),
         "held parts nowhere else": replace(track, join=replace(track.join, elsewhere=False)),
         "hidden parts unsure": replace(track, refind=replace(track.refind, hidden=0.0)),
+        "what lay unsure": replace(track, refind=replace(track.refind, hidden_lain=0.0)),
+        "hidden parts soon lost": replace(track, refind=replace(track.refind, patience=1)),
+        "never in doubt": replace(track, doubt=DoubtConfig(unfound=1.0, other=1.0)),
         "depth at outlines too": replace(track, tracker=whole),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
     }

@@ -275,6 +275,14 @@ def test_what_was_seen_to_be_gone_is_not_behind_a_hand_that_comes_later(
     assert (told is not None) is (seen_empty == 4)
 
 
+@pytest.mark.parametrize("lay", [2, 3])
+def test_a_pin_that_lay_for_a_moment_before_a_hand_hid_it_is_not_gone(counted, *, lay: int) -> None:
+    brought = [([transform_from(np.eye(3), np.array([0.03 * k, 0.1, 0.6]))], 1) for k in range(4)]
+    told = counted(*brought, (SPOTS[:1], lay), ([], 50), hand=True)
+    assert (told is None) is (lay == 3)
+    assert counted(*brought, (SPOTS[:1], lay), ([], 50)) is not None
+
+
 def test_while_the_base_is_hidden_it_is_taken_to_be_where_it_was(counted) -> None:
     frames = (SPOTS, 5), (SPOTS[:1], 9)
     assert counted(*frames, loses_base=True) == pytest.approx(counted(*frames))
