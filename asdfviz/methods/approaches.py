@@ -16,7 +16,7 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Frame, State
 from asdfviz.geometry.camera import nearest_pixels
-from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply_to_point
 from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.state.twins import loose_in_states
@@ -28,12 +28,14 @@ READINGS = 12
 """Of depth in so many rows and columns about a place."""
 PASSING = 0.5
 """What hides more than this of it far before it only passes, 0 to 1."""
+FREE = 0.2
+"""Where less than this of it is not hidden for good, it counts as this, 0 to 1."""
 FADES = 0.005
 """What stays where it came to is part of what was there before, by so much a frame, metres."""
 
 
 class _Sight(NamedTuple):
-    """Of the places of a part: how much of what is about one is hidden that was not, 0 to 1."""
+    """Of the places of a part: how much of what is about one, and could be seen, is hidden, 0 to 1."""
 
     beside: float
     """By something near it,"""
@@ -55,16 +57,20 @@ class _Visit:
     """and for how many it has been gone again."""
     is_early: bool = False
     """Whether what is there came before the part can have been brought."""
+    is_on: bool = False
+    """Whether it is there in this frame."""
 
-    def see(self, sight: _Sight, *, may_bring: bool, config: LooseConfig) -> None:
+    def see(self, sight: _Sight, *, is_loose: bool, may_bring: bool, config: LooseConfig) -> None:
         """Take a frame; once the hand was surely seen to leave, who comes next matters no more.
 
         Args:
             sight: of the place.
+            is_loose: whether the part was found loose: then it was not left there.
             may_bring: whether the part can be there by now.
             config: when that says something.
         """
         there, least = sight.beside, max(config.came, config.rest * self.peak)
+        self.is_on, self.left = False, 0 if is_loose else self.left
         if self.left >= config.steady:
             self.left += 1
         elif sight.before < least:
@@ -74,6 +80,7 @@ class _Visit:
             self.is_early = True
         elif there >= least:
             self.peak, self.stayed, self.left = max(self.peak, there), self.stayed + 1, 0
+            self.is_on = True
 
 
 @dataclass(slots=True, eq=False)
@@ -92,9 +99,11 @@ class _Watch:
     """for how many it has not been,"""
     arrives: float = 0.0
     """and when one that was taken then may be in its place at the earliest, seconds,"""
+    rests: int = 0
+    """In how many frames one after another it was seen to lie where it lay, surely or not,"""
     came: int = 0
-    """In how many frames one after another something was near it since then,"""
-    since: int | None = 0
+    """in how many something was near it since then,"""
+    since: float | None = 0.0
     """and for how many something may have come near it since; None: nothing did."""
     visit: _Visit = field(default_factory=_Visit)
     """And whether it left again."""
@@ -127,7 +136,9 @@ class Approaches:
         place: Place,
         *,
         lying: int,
-        moving: Points,
+        resting: int,
+        found: int,
+        moving: Sequence[Vector],
         way: float,
         unsure: bool,
     ) -> None:
@@ -138,7 +149,9 @@ class Approaches:
             frame: with depth.
             place: T_base_part where a state joins a part, by what is known of its joint.
             lying: how many of the parts surely lie loose in it.
-            moving: middles of those that are loose and do not, the camera's frame, metres.
+            resting: how many lie in it, surely or not.
+            found: how many were found loose in it.
+            moving: middles of those that are loose and do not surely lie, the camera's frame, metres.
             way: how far the nearest loose one is from any place, metres: so far one has to be carried.
             unsure: whether places are known too roughly: then something may always have come there.
         """
@@ -148,24 +161,28 @@ class Approaches:
             Ts = [T_camera_base @ place(name, state) for name, state in watch.places]
             middles = np.array([apply_to_point(T, self._middle) for T in Ts])
             sight = self._look(watch, middles, frame, is_lying=lying > k)
-            if watch.row > 0:
+            watch.rests = watch.rests + 1 if resting > k else 0
+            if watch.row > 0 or watch.rests >= self._config.again:
                 watch.visit = _Visit()
+                watch.arrives = frame.time + way / self._config.speed
             if watch.row >= self._config.steady:
                 watch.since = None
-                watch.arrives = frame.time + way / self._config.speed
             may_bring = frame.time >= watch.arrives
             is_there = may_bring and sight.may_be >= self._config.came
             watch.came = watch.came + 1 if is_there else 0
-            near = np.linalg.norm(moving[:, None] - middles, axis=2) < self._config.close
+            apart = np.linalg.norm(np.reshape(moving, (-1, 1, 3)) - middles, axis=2)
+            near = apart < self._config.close
             watch.gone = watch.gone + 1 if watch.row == 0 else 0
             may_have = unsure or near.any() or watch.gone > self._config.patience
-            if watch.since is not None:
-                # What passes before a place tells nothing of it.
-                watch.since += sight.before - sight.may_be < PASSING
-            elif watch.row == 0 and (may_have or watch.came >= self._config.again):
-                watch.since = 0
             if watch.row == 0 and not unsure:
-                watch.visit.see(sight, may_bring=may_bring, config=self._config)
+                watch.visit.see(sight, is_loose=found > k, may_bring=may_bring, config=self._config)
+            if watch.since is not None:
+                # What passes before a place tells nothing of it; who still is there may not be done.
+                is_passing = sight.before - sight.may_be >= PASSING
+                is_busy = watch.visit.is_on and not unsure
+                watch.since += 0.0 if is_passing else self._config.busy if is_busy else 1.0
+            elif watch.row == 0 and (may_have or watch.came >= self._config.again):
+                watch.since = 0.0
 
     def _look(self, watch: _Watch, middles: Points, frame: Frame, *, is_lying: bool) -> _Sight:
         """What is in front of the places that was not since the part was seen to lie."""
@@ -178,9 +195,12 @@ class Approaches:
         watch.before = np.fmax(seen, before - FADES if watch.row else before)
         beside = self._shares(seen, before, within=self._config.within)
         unseen, may_be = (np.nan_to_num(beside, nan=told) for told in (0.0, 1.0))
-        return _Sight(*(float(np.max(one - watch.shares)) for one in (unseen, may_be, shares)))
+        # Behind what has come before it for good nothing is seen to come.
+        free = np.maximum(1.0 - watch.shares, FREE)
+        told = [(one - watch.shares) / free for one in (unseen, may_be, shares)]
+        return _Sight(*(float(np.max(one)) for one in told))
 
-    def frames(self, k: int) -> int | None:
+    def frames(self, k: int) -> float | None:
         """For how many frames something may have come near where the part of number k is joined; None:
         nothing did."""
         return self._watches[k].since

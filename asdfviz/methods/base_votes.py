@@ -111,7 +111,7 @@ class BaseVotes:
         near = [
             (one, self._fit(one.base, frame)) for one in claims if self._are_near(one.base, best)
         ]
-        told, found = max(near, key=lambda one: one[0].value + self._worth(one[1]))
+        told, found = max(near, key=lambda one: one[0].value + self._worth(*one))
         self._told = told.base
         self.overruled = own is not None and not self._are_near(own, told.base)
         if told.base is not self._last:
@@ -173,9 +173,12 @@ class BaseVotes:
     def _fit(self, base: PoseEstimate, frame: Frame) -> DepthFit | None:
         return shape_fit(base.T_camera_part, self._shape, frame, margin=self._config.margin)
 
-    def _worth(self, found: DepthFit | None) -> float:
-        """What agreement with depth is worth, log odds."""
-        return 0.0 if found is None else self._config.fit * found.share
+    def _worth(self, claim: _Claim, found: DepthFit | None) -> float:
+        """What agreement with depth is worth, log odds; where it was and is hidden there is none to find."""
+        config = self._config
+        seen = 0.0 if found is None else min(found.visible / config.visible, 1.0)
+        stays = config.stays * (1.0 - seen) if claim.base is self._last else 0.0
+        return stays + (0.0 if found is None else config.fit * found.share)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """Twins go by other names from now on: what was called the base is forgotten if it is none."""

@@ -36,6 +36,8 @@ class BaseVotesConfig:
     likeliest,"""
     margin: float = 0.008
     """which agree when they are this near, metres."""
+    stays: float = 1.0
+    """Log odds for it being where it was, among the places near that, where all of it is hidden there."""
     visible: float = 0.15
     """Where it was, at least this much of its surface is not hidden by something nearer, and it is not
     gone, or other parts back it; else it is absent."""
@@ -53,3 +55,8 @@ class BaseVotesConfig:
                 raise MethodError(
                     f"base_votes.{option} is {value:g}: use a probability above 0, at most 1"
                 )
+        if not (self.stays >= 0 and self.visible > 0):
+            raise MethodError(
+                f"base_votes.stays is {self.stays:g} and visible {self.visible:g}: "
+                "stays must be 0 or more, visible above 0"
+            )

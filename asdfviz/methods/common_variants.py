@@ -44,8 +44,12 @@ def common(config: Any) -> dict[str, Any]:
         "base turned as found": replace(
             config, base_votes=replace(config.base_votes, known_turns=False)
         ),
+        "hidden base by votes alone": replace(
+            config, base_votes=replace(config.base_votes, stays=0.0)
+        ),
         "joined though nothing came": replace(config, loose=unwatched),
         "left unwatched": replace(config, loose=replace(loose, left=0.0)),
+        "large parts by looks alone": replace(config, loose=replace(loose, most_shown=0.0)),
         "brought by whoever passes": replace(config, loose=replace(loose, within=FAR)),
         "brought at any speed": replace(config, loose=replace(loose, speed=FAR)),
         "gone, but maybe hidden": replace(config, loose=replace(loose, empty=NEVER)),

@@ -40,6 +40,9 @@ class LooseConfig:
     """Log odds of being joined for each frame more,"""
     most: float = 4.0
     """but no more than this."""
+    most_shown: float = 2.0
+    """Of a part that shows more where it is joined no more than this, and only where who brought it was seen
+    to leave."""
     there: float = 2.0
     """Log odds of being loose where it lies where it lay."""
     in_front: float = 0.015
@@ -58,6 +61,8 @@ class LooseConfig:
     steady: int = 3
     """A part that surely lies loose in so many frames one after another is not joined: from then on
     something has to come there,"""
+    busy: float = 0.4
+    """where a frame in which who came is still there counts as so much of one, 0 to 1,"""
     speed: float = 0.75
     """not sooner than a hand brings it, metres a second."""
     close: float = 0.13
@@ -89,6 +94,8 @@ class LooseConfig:
             "shortest",
             "rest",
             "left",
+            "most_shown",
+            "busy",
         ):
             if not getattr(self, option) >= 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use 0 or more")

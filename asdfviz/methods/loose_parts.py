@@ -138,14 +138,16 @@ class LooseParts:
             frame,
             place,
             lying=there,
-            moving=np.array([apply_to_point(p.T_camera_part, middle) for p in moving]).reshape(
-                -1, 3
-            ),
+            resting=sum(s.is_seen and s.frames >= self._config.enough for s in kind.spots),
+            found=len(loose),
+            moving=[apply_to_point(pose.T_camera_part, middle) for pose in moving],
             way=min(filter(math.isfinite, away_by), default=0.0),
             unsure=rest.is_shaken,
         )
         self._note_ways(kind, away_by)
-        hidden = self._hidden(kind, frame, rest)
+        unsure = [p for p in found if p.score < self._config.found and p.stage != "group"]
+        maybe = [apply_to_point(T_stage_camera @ p.T_camera_part, middle) for p in unsure]
+        hidden = self._hidden(kind, frame, rest, maybe)
         for k in range(len(kind.names)):
             if len(loose) > k:
                 kind.found[k] += 1
@@ -217,6 +219,8 @@ class LooseParts:
             is_long = frames > 0 and found >= config.enough
             if is_long and (is_small() or self._hides(kind, loose, shown_px)):
                 told = min(config.gain * frames, config.most)
+            elif is_long:
+                told = min(config.gain * self._left(kind, loose), config.most_shown)
             # Where not even one is found, two are not either.
             most.append(max(told, most[-1]))
         lying = [config.there * max(there - loose, 0) for loose in kind.loose]
@@ -251,8 +255,11 @@ class LooseParts:
         near = kind.approaches.frames(k)
         if near is None:
             return 0.0
-        left = config.left * kind.approaches.left(k) if gone else 0.0
-        return max(min(waited, float(near)), left)
+        return max(min(waited, near), self._left(kind, k))
+
+    def _left(self, kind: Kind, k: int) -> float:
+        """The same, by who brought it and has left."""
+        return self._config.left * kind.approaches.left(k) if kind.gone[k] else 0.0
 
     def _hides(self, kind: Kind, loose: int, shown_px: Callable[[str, State], float]) -> bool:
         """Whether the joined ones show nowhere in the states that leave so many loose."""
@@ -266,13 +273,15 @@ class LooseParts:
             if name in state.T_base_part
         )
 
-    def _hidden(self, kind: Kind, frame: Frame, rest: AtRest) -> int:
-        """How many may lie where they lay, but for what hides the place; notes which are gone from there."""
-        count = 0
+    def _hidden(self, kind: Kind, frame: Frame, rest: AtRest, maybe: Sequence[Vector]) -> int:
+        """How many may lie where they lay, but for what hides the place, or is unsure (`maybe`); notes
+        which are gone from there."""
+        count, away = 0, self._config.away
         for spot in kind.spots:
             if spot.is_seen:
                 continue
-            if not self._is_hidden(spot.middle, frame, rest):
+            is_unsure = any(np.linalg.norm(spot.middle - point) <= away for point in maybe)
+            if not is_unsure and not self._is_hidden(spot.middle, frame, rest):
                 spot.empty += 1
             elif spot.empty < self._config.empty:
                 count += 1

@@ -54,6 +54,8 @@ def step(
     frame: Frame,
     *,
     loose: int,
+    resting: int = 0,
+    found: int = 0,
     way: float = 0.0,
     unsure: bool = False,
     moving: Sequence[Vector] = (),
@@ -64,7 +66,9 @@ def step(
         frame,
         place,
         lying=loose,
-        moving=np.array(moving).reshape(-1, 3),
+        resting=resting,
+        found=found,
+        moving=moving,
         way=way,
         unsure=unsure,
     )
@@ -177,10 +181,10 @@ def test_what_came_has_left_once_no_more_than_a_rest_of_it_is_there(approaches, 
     table = toy.frame(0, {})
     hand, other = over(table, 0, 0.5), over(table, 0, 0.5, half=0.03)
 
-    def left(frames: Sequence[Frame], *, loose: int = 1) -> list[int]:
+    def left(frames: Sequence[Frame], *, loose: int = 1, found: int = 1) -> list[int]:
         told: list[int] = []
         for frame in frames:
-            step(approaches, frame, loose=loose)
+            step(approaches, frame, loose=loose, found=found)
             told.append(approaches.left(1))
         return told
 
@@ -188,6 +192,9 @@ def test_what_came_has_left_once_no_more_than_a_rest_of_it_is_there(approaches, 
     assert left([table, hand, hand, other, table]) == [0, 0, 0, 0, 1]
     # It is back before it was surely gone; what comes after that brings something else.
     assert left([hand, table, table, table, hand, hand]) == [0, 1, 2, 3, 4, 5]
+    # The part is seen in it again.
+    assert left([hand], found=2) == [0]
+    assert left([table, table]) == [1, 2]
     assert left([table], loose=2) == [0]
     assert left([hand, hand, table, table]) == [0, 0, 0, 0]
 
@@ -245,3 +252,44 @@ def test_while_something_passes_before_a_place_no_time_goes_by_there(approaches,
     assert step(approaches, arm, loose=1)[1] is None
     shown = (over(table, 0, 0.5), table, arm, arm, table)
     assert [step(approaches, frame, loose=1)[1] for frame in shown] == [0, 1, 1, 1, 2]
+
+
+def test_what_came_while_the_part_was_seen_to_lie_brought_something_else(approaches, toy) -> None:
+    """And from then on it takes a while to be brought."""
+    table = replace(toy.frame(0, {}), time=1.0)
+    hand = over(table, 0, 0.5)
+    for _ in range(3):
+        step(approaches, table, loose=2)
+    for _ in range(3):
+        step(approaches, hand, loose=1, resting=2, found=2, way=0.3)
+    later = (hand, 1.3), (table, 1.4), (hand, 1.39), (table, 1.5), (table, 1.6)
+    for frame, time in later:
+        step(approaches, replace(frame, time=time), loose=1, found=1)
+    assert approaches.left(1) == 0
+    for frame in (hand, hand, hand, table):
+        step(approaches, replace(frame, time=2.0), loose=1, found=1)
+    assert approaches.left(1) == 1
+
+
+def test_what_could_be_seen_to_come_is_what_nothing_has_covered_for_good(
+    assembly: Assembly, toy
+) -> None:
+    """A hand that shows on a twelfth of it shows on a sixth of the half that is left."""
+
+    def came(covered: float) -> bool:
+        approaches, table = watching(assembly), toy.frame(0, {})
+        assert table.depth is not None
+        u, v = project((BASE @ HOLES[0])[None, :3, 3], table.camera.K)[0].round().astype(int)
+        size = round(0.08 * table.camera.K[0, 0] / 0.58)
+        jaw = table.depth.copy()
+        jaw[v - size : v - size + round(2 * size * covered), u - size : u + size] = 0.5
+        hand = jaw.copy()
+        hand[v + size - round(size / 5) : v + size, u - size : u + size] = 0.5
+        for _ in range(3):
+            step(approaches, table, loose=2)
+        for _ in range(2):
+            step(approaches, replace(table, depth=jaw), loose=2)
+        return step(approaches, replace(table, depth=hand), loose=1)[1] is not None
+
+    assert came(0.6)
+    assert not came(0.0)

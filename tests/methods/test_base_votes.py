@@ -181,6 +181,26 @@ def test_of_poses_near_each_other_the_one_that_depth_agrees_with_is_told(toy) ->
     assert np.allclose(told, true["base"])
 
 
+@pytest.mark.parametrize("stays", [0.0, 1.0])
+def test_a_base_that_something_covers_is_rather_where_it_was(toy, *, stays: float) -> None:
+    """Of what covers it a corner looks as if it were the base, a bit nearer."""
+    true = toy.poses(joined=True)
+    nearer = transform_from(np.eye(3), np.array([0.0, 0.0, -0.02]))
+    lifted = {name: nearer @ T for name, T in true.items()}
+    cover, board = toy.frame(9, lifted), hidden(toy, true)
+    assert cover.depth is not None
+    assert board.depth is not None
+    v, _ = np.nonzero(cover.depth < cover.depth.max() - 0.01)
+    is_corner = (np.arange(len(cover.depth)) < np.quantile(v, 0.08))[:, None]
+    frame = replace(cover, depth=np.where(is_corner, cover.depth, board.depth))
+    votes = votes_of(toy.assembly, BaseVotesConfig(stays=stays))
+    follow(votes, toy, true, JOINED)
+    told = votes.told({"block": estimate("block", lifted["block"])}, JOINED, frame)
+    place = votes.place
+    assert place is not None
+    assert np.allclose(place, (true if stays else lifted)["base"]), told
+
+
 def test_before_any_state_and_when_off_poses_are_as_they_are(toy) -> None:
     true = toy.poses(joined=True)
     found = {name: estimate(name, T, 0.1) for name, T in true.items()}
@@ -218,6 +238,11 @@ def test_the_group_keeps_to_the_base_that_was_told(toy) -> None:
 def test_options_out_of_range_are_refused(option: str, value: float) -> None:
     with pytest.raises(MethodError, match=rf"base_votes\.{option} is {value:g}"):
         replace(BaseVotesConfig(), **{option: value})
+
+
+def test_what_is_hidden_counts_for_where_it_was_or_not_at_all() -> None:
+    with pytest.raises(MethodError, match=r"base_votes\.stays is -1 and visible 0\.15"):
+        BaseVotesConfig(stays=-1.0)
 
 
 def test_a_base_that_was_never_seen_again_may_still_be_where_it_was(toy) -> None:

@@ -158,7 +158,9 @@ def test_what_is_gone_is_not_joined_before_something_came_to_its_place(
 def test_a_hand_that_came_and_left_has_brought_what_is_gone(toy, pinned: Assembly) -> None:
     options = {"small_px": 50.0, "enough": 4, "wait": 40, "untouched": 0.0, "there": 0.0}
 
-    def after(away: int, **more: float) -> np.ndarray | None:
+    def after(
+        away: int, shows: Callable[[str, State], float] = everything, **more: float
+    ) -> np.ndarray | None:
         config = LooseConfig(**{**options, **more})
         loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
         base, table = PoseEstimate("base", BASE, 1.0, "refined"), toy.frame(0, {})
@@ -170,7 +172,7 @@ def test_a_hand_that_came_and_left_has_brought_what_is_gone(toy, pinned: Assembl
         for number, (found, frame) in enumerate(shown):
             poses = {pose.part: pose for pose in found}
             frame = replace(frame, time=float(number))
-            told = loose.step(base, poses, frame, rest=rest_of(pinned), shown_px=everything)
+            told = loose.step(base, poses, frame, rest=rest_of(pinned), shown_px=shows)
         return told
 
     assert after(0) is None
@@ -178,6 +180,11 @@ def test_a_hand_that_came_and_left_has_brought_what_is_gone(toy, pinned: Assembl
     assert told is not None
     assert np.log(told[1] / told) == pytest.approx([2 * 3.0 * 0.5, 0.0, 0.0])
     assert after(2, left=0.0) is None
+    # One that shows where it is joined could be seen there, too.
+    large = after(2, left=3.0, gain=0.5, small_px=5.0, most_shown=1.5)
+    assert large is not None
+    assert np.log(large[1] / large) == pytest.approx([1.5, 0.0, 0.0])
+    assert after(2, left=3.0, small_px=5.0, most_shown=0.0) is None
 
 
 def test_a_hand_carries_for_a_part_of_the_time_of_a_step(counted) -> None:
@@ -281,6 +288,29 @@ def test_a_pin_that_lay_for_a_moment_before_a_hand_hid_it_is_not_gone(counted, *
     told = counted(*brought, (SPOTS[:1], lay), ([], 50), hand=True)
     assert (told is None) is (lay == 3)
     assert counted(*brought, (SPOTS[:1], lay), ([], 50)) is not None
+
+
+def test_a_place_is_not_empty_while_something_unsure_is_found_there(pinned: Assembly, toy) -> None:
+    """In the shadow of an arm a tracker is not sure of what it still follows."""
+    shapes, base = (
+        part_shapes(pinned, surface_points=200),
+        PoseEstimate("base", BASE, 1.0, "refined"),
+    )
+    config = LooseConfig(small_px=50.0, enough=4, wait=3, untouched=0.0, found=0.65)
+    table, hand = toy.frame(0, {}), with_hand(toy.frame(0, {}))
+
+    def told(score: float) -> np.ndarray | None:
+        loose, said = LooseParts(pinned, shapes, config=config), None
+        sure = [PoseEstimate(n, T, 0.9, "refined") for n, T in zip(PINS, SPOTS, strict=True)]
+        shaded = [PoseEstimate(pin.part, pin.T_camera_part, score, "refined") for pin in sure]
+        shown = [(sure, table)] * 5 + [(shaded if score else [], hand)] * 30
+        for number, (pins, frame) in enumerate(shown):
+            poses, frame = {pin.part: pin for pin in pins}, replace(frame, time=float(number))
+            said = loose.step(base, poses, frame, rest=rest_of(pinned), shown_px=everything)
+        return said
+
+    assert told(0.5) is None
+    assert told(0.0) is not None
 
 
 def test_while_the_base_is_hidden_it_is_taken_to_be_where_it_was(counted) -> None:
