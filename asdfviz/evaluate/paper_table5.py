@@ -83,7 +83,7 @@ class JudgedRun:
 def table5(runs: Sequence[JudgedRun], *, layout: Layout = "markdown") -> str:
     """Lay out the mean of every method and first pose over its sequences, the paper's figures first.
 
-    CSV holds every single sequence as well.
+    CSV holds every single sequence as well, without the paper's figures: those are means.
     """
     kinds = dict.fromkeys((run.method, run.first_pose) for run in runs)
     rows = [
@@ -91,9 +91,11 @@ def table5(runs: Sequence[JudgedRun], *, layout: Layout = "markdown") -> str:
         for kind in sorted(kinds, key=lambda kind: _place(kind[0]))
     ]
     if layout == "csv":
-        rows += [_row(run.sequence, [run]) for run in runs]
+        rows += [_row(run.sequence, [run], theirs=_UNKNOWN) for run in runs]
     return laid_out(HEADINGS, rows, texts=4, layout=layout)
 
+
+_UNKNOWN = (None,) * 3
 
 HEADINGS = (
     "Method",
@@ -114,13 +116,14 @@ def _place(method: str) -> tuple[int, str]:
 
 
 def _mean_row(runs: Sequence[JudgedRun]) -> list[str]:
-    return _row(str(len(runs)), runs)
+    paper = PAPER.get(runs[0].method)
+    theirs = _UNKNOWN if paper is None else (paper.add_s, paper.e_t_mm, paper.e_r_deg)
+    return _row(str(len(runs)), runs, theirs=theirs)
 
 
-def _row(sequences: str, runs: Sequence[JudgedRun]) -> list[str]:
+def _row(sequences: str, runs: Sequence[JudgedRun], *, theirs: Sequence[float | None]) -> list[str]:
     method, first_pose = runs[0].method, runs[0].first_pose
     paper = PAPER.get(method)
-    theirs = (None,) * 3 if paper is None else (paper.add_s, paper.e_t_mm, paper.e_r_deg)
     gbot = [mean(r.gbot["mean"].get(key) for r in runs) for _, key in (*GBOT_COLUMNS, *GBOT_TWINS)]
     kept = [mean(r.kept["mean"].get(key) for r in runs) for _, key in KEPT_COLUMNS]
     strict = [

@@ -58,6 +58,7 @@ def test_means_stand_beside_the_papers_figures() -> None:
     # Then every sequence by itself.
     assert [row["Sequences"] for row in rows[3:]] == [run.sequence for run in RUNS]
     assert rows[5]["strict e_t mm"] == "-"
+    assert {row["paper ADD(S)"] for row in rows[3:]} == {"-"}  # the paper's are means
 
 
 def test_the_layouts_hold_the_same_cells() -> None:
