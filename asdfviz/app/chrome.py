@@ -12,7 +12,6 @@ from asdfviz.app.markup import act, button, chip, text
 from asdfviz.app.naming import short_names
 from asdfviz.app.snapshot import Snapshot
 from asdfviz.app.view import SPEEDS, View
-from asdfviz.render.state_ramp import state_color
 
 _PLAY = '<svg viewBox="0 0 16 16"><path d="M4 2.5v11l9-5.5z"/></svg>'
 _PAUSE = '<svg viewBox="0 0 16 16"><path d="M4 3h3v10H4zM9 3h3v10H9z"/></svg>'
@@ -114,7 +113,7 @@ def _state_badge(snap: Snapshot) -> str:
     if mark is None:
         return '<span class="ax-state" data-testid="state"><span>state unknown</span></span>'
     count = len(snap.workspace.assembly.steps)
-    color = theme.ERROR if mark.is_error else state_color(min(mark.state, count - 1), count)
+    color = timeline.color_of(mark, count)
     word = "error: " if mark.is_error else ""
     return (
         f'<span class="ax-state" data-testid="state" title="{text(f"{word}{mark.name}, {who}")}">'

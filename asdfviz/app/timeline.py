@@ -115,6 +115,11 @@ def mark_of_prediction(assembly: Assembly, prediction: FramePrediction | None) -
     return mark_of_state(assembly, prediction.state.index)
 
 
+def color_of(mark: Mark, steps: int) -> theme.Rgb3:
+    """Of a mark's chip, on the ramp of so many correct states; errors have their own."""
+    return theme.ERROR if mark.is_error else state_color(min(mark.state, steps - 1), steps)
+
+
 def segments(marks: Sequence[Mark | None]) -> tuple[Segment, ...]:
     """Join equal neighbours."""
     return tuple(Segment(*stretch) for stretch in stretches(marks))

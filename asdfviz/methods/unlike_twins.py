@@ -16,7 +16,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform, Vector
-from asdfviz.geometry.transforms import apply
+from asdfviz.geometry.transforms import apply_to_point
 from asdfviz.methods.seen_colors import SeenSurface, log_colors, tint
 from asdfviz.state.twins import renamed, twin_groups
 
@@ -153,7 +153,7 @@ class UnlikeTwins:
 
     def _spot_of(self, name: str, T: Transform, color: Vector, index: int) -> _Spot:
         """Where a part at a pose lies, as far as it is known."""
-        spots, middle = self._spots[self._groups[name]], apply(T, self._parts[name].middle[None])[0]
+        spots, middle = self._spots[self._groups[name]], apply_to_point(T, self._parts[name].middle)
         spots[:] = [spot for spot in spots if index - spot.last < FORGOTTEN]
         here = next((s for s in spots if np.linalg.norm(s.middle - middle) < SAME_PLACE), None)
         if here is None:

@@ -23,10 +23,10 @@ from asdfviz.app.markup import (
 from asdfviz.app.naming import short_names
 from asdfviz.app.panels import placing, tracking, verdicts
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.timeline import color_of, mark_of_state
 from asdfviz.app.typed_pose import FIGURES, figures_of
 from asdfviz.app.view import STEP_NAMES, STEPS_DEG, STEPS_MM, View
 from asdfviz.datatypes import State
-from asdfviz.render.state_ramp import state_color
 
 ROOMY = 5
 """Parts and states with two lines each; more parts get one line, more states stand in two columns, so
@@ -273,7 +273,7 @@ def _state_row(
     state: State, short: str, snap: Snapshot, now: tuple[int, bool, str] | None, where: str
 ) -> str:
     steps = len(snap.workspace.assembly.steps)
-    color = theme.ERROR if state.is_error else state_color(state.index, steps)
+    color = color_of(mark_of_state(snap.workspace.assembly, state.index), steps)
     estimate = snap.prediction.state if snap.prediction else None
     share = None if estimate is None else float(estimate.probabilities[state.index])
     is_now = now is not None and (

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from asdfviz.app import theme
 from asdfviz.app.markup import chip, heading, number, table, text
 from asdfviz.app.snapshot import Snapshot
+from asdfviz.app.timeline import color_of, mark_of_state
 from asdfviz.datatypes import Assembly, State, StateEstimate
 from asdfviz.geometry.shapes import Scores
-from asdfviz.render.state_ramp import state_color
 
 MOST = 4
 """Of the likeliest states so many have a column."""
@@ -39,7 +38,9 @@ def section(snap: Snapshot) -> str:
     assembly = snap.workspace.assembly
     states = _shown(said, assembly)
     head = ["", *(str(state.completed) + "!" * state.is_error for state in states)]
-    chips = [f'<span title="{text(s.name)}">{chip(_color(s, assembly))}</span>' for s in states]
+    marks = [mark_of_state(assembly, state.index) for state in states]
+    steps = len(assembly.steps)
+    chips = [f'<span title="{text(m.name)}">{chip(color_of(m, steps))}</span>' for m in marks]
     rows = [["", *chips]]
     rows += [_row(name, term, states) for name, term in said.terms.items()]
     rows.append(["<b>together</b>", *_cells(said.probabilities, states)])
@@ -76,7 +77,3 @@ def _cells(scores: Scores, states: list[State]) -> list[str]:
         f"<b>{cell}</b>" if share == max(shares) else cell
         for cell, share in zip(shown, shares, strict=True)
     ]
-
-
-def _color(state: State, assembly: Assembly) -> theme.Rgb3:
-    return theme.ERROR if state.is_error else state_color(state.index, len(assembly.steps))
