@@ -18,6 +18,7 @@ from asdfviz.geometry.shapes import Scores
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_scene import AsdfScene, asdf_scene
 from asdfviz.methods.base_votes import BaseVotes
+from asdfviz.methods.first_confidence import with_confidence
 from asdfviz.methods.first_pose import LooksAtParts, best_settled
 from asdfviz.methods.flat_twins import flat_twin
 from asdfviz.methods.kept_poses import Proposal, proposals_of
@@ -144,6 +145,8 @@ class Asdf:
                 poses = scene.group.step(poses, state, frame, may_be=may_be, pooled=pooled)
         scene.votes.keep(poses.get(scene.assembly.base))
         if scene.crop_poses is not None:
+            sure = config.first_confidence
+            poses = with_confidence(poses, self.assigned, scene.shapes, frame, config=sure)
             poses = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, timed.seconds)
 
@@ -160,6 +163,7 @@ class Asdf:
         self._started().finder.rename(names)
         self._started().votes.rename(names)
         self._before = renamed(self._before, names)
+        self.assigned = renamed(self.assigned, names)
 
     def disown(self, names: Collection[str]) -> None:
         """What was taken for these parts in the last frame is something else."""

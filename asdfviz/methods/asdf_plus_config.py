@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.contour_fits import ContourConfig
+from asdfviz.methods.first_confidence import FirstConfidenceConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
@@ -33,6 +34,10 @@ from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
 class AsdfPlusConfig(AsdfConfig):
     """Options of ASDF, which gives first poses, and of what is added."""
 
+    first_confidence: FirstConfidenceConfig = field(
+        init=False, default_factory=FirstConfidenceConfig
+    )
+    """Of ASDF's own poses: no option, poses are judged anew here."""
     published: bool = field(init=False, default=False)
     """Of ASDF alone: no option, this method is not in the paper."""
     fusion: FusionConfig = field(init=False, default_factory=FusionConfig)

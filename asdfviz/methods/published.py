@@ -54,6 +54,7 @@ FUSED_STEPS: Mapping[str, object] = {
     "fusion.sharpness": 1.0,
     "fusion.errors_wait": False,
     "group.enabled": False,
+    "first_confidence.enabled": False,
     "least_score": 0.0,
 }
 """And of those that fuse states."""

@@ -24,6 +24,7 @@ from asdfviz.methods.contour_fits import BY_POINTS, ContourConfig
 from asdfviz.methods.disowned import DisownedConfig
 from asdfviz.methods.doubts import DoubtConfig
 from asdfviz.methods.drawn_looks import DrawnConfig
+from asdfviz.methods.first_confidence import FirstConfidenceConfig
 from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.held_colors import HeldConfig
@@ -170,6 +171,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
 
 
 def _beyond_asdf() -> list[Variant]:
+    unjudged = AsdfConfig(first_confidence=FirstConfidenceConfig(enabled=False), least_score=0.1)
     certain = RelativePoseConfig(in_place=PlaceOdds(offset=50.0))
     return [
         Variant("asdf", "asdf", AsdfConfig()),
@@ -179,6 +181,7 @@ def _beyond_asdf() -> list[Variant]:
         Variant("asdf, hidden parts not placed", "asdf", AsdfConfig(group=UNHIDDEN)),
         Variant("asdf, nothing known of the table", "asdf", AsdfConfig(on_table=NO_TABLE)),
         Variant("asdf, unsure poses given", "asdf", AsdfConfig(least_score=0.0)),
+        Variant("asdf, scored by boxes and crops", "asdf", unjudged),
         Variant("asdf, places never in doubt", "asdf", AsdfConfig(relative_pose=certain)),
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=UNNAMED)),
         Variant("asdf, no contests", "asdf", AsdfConfig(contests=BEST_BOX)),

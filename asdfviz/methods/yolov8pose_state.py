@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from asdfviz.methods.asdf_config import AsdfConfig
+from asdfviz.methods.first_confidence import FirstConfidenceConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.part_poses import Refinement
 from asdfviz.methods.rivals import RivalsConfig
@@ -34,6 +35,10 @@ class Yolov8PoseStateConfig(AsdfConfig):
     """Further boxes of a part whose best one depth rules out."""
     group: GroupConfig = field(default_factory=lambda: GroupConfig(enabled=False))
     """State helps pose."""
+    first_confidence: FirstConfidenceConfig = field(
+        default_factory=lambda: FirstConfidenceConfig(enabled=False)
+    )
+    """How sure a pose is: as the baseline says it."""
     least_score: float = 0.0
     """Poses from crops that score less are withheld: none, the baseline withholds none either."""
 

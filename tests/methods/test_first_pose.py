@@ -95,7 +95,7 @@ def test_asdf_takes_first_poses_from_crops(toy, detector, scene) -> None:
         pose = prediction.poses[name]
         assert distance_mm(pose, T) < 8
         assert is_near(pose, T, 6)
-        assert 0.3 < pose.score <= 0.8
+        assert 0.8 < pose.score < 1
 
 
 def test_unsure_poses_are_withheld_and_speak_for_the_state(toy, detector, scene) -> None:

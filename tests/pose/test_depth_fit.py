@@ -72,16 +72,16 @@ def test_what_speaks_for_a_pose_makes_it_surer(better: str) -> None:
 
 def test_what_fits_with_others_is_surer() -> None:
     config = ConfidenceConfig(held=2.0)
-    assert confidence_held(0.5, None, config=config) == pytest.approx(1 / (1 + np.exp(-2.0)))
-    sure = [confidence_held(p, None, config=config) for p in (0.0, 0.2, 0.9, 1.0)]
+    assert confidence_held(0.5, 1.0, config=config) == pytest.approx(1 / (1 + np.exp(-2.0)))
+    sure = [confidence_held(p, 1.0, config=config) for p in (0.0, 0.2, 0.9, 1.0)]
     assert sure == sorted(sure)
     assert sure[0] < 1e-4
     assert sure[-1] == 1
 
 
 def test_what_is_held_where_depth_has_something_else_is_doubted() -> None:
-    config = ConfidenceConfig(held=2.0, elsewhere=5.0, half=0.4)
+    config = ConfidenceConfig(held=2.0, elsewhere=5.0, half=0.4, unseen=0.7)
     sure = [confidence_held(0.5, fit, config=config) for fit in (0.0, 0.2, 0.4, 0.9, None)]
-    # Log odds: what being held adds, without all, half, none of `elsewhere`.
-    odds = np.array([-3.0, -0.5, 2.0, 2.0, 2.0])
+    # Log odds: what being held adds, without all, half, none of `elsewhere`; what hides says less.
+    odds = np.array([-3.0, -0.5, 2.0, 2.0, 1.3])
     assert sure == pytest.approx((1 / (1 + np.exp(-odds))).tolist())
