@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
 
 from asdfviz.datatypes import Joint, Part, State
-from asdfviz.geometry.shapes import Rotation, Transform, Vector
-from asdfviz.geometry.symmetry import Symmetries, nearest_symmetric
-from asdfviz.geometry.transforms import (
-    apply_to_point,
-    limited_rotation,
-    rotation_about,
-    rotation_angle,
-)
-
-CLOSE = math.radians(5.0)
-"""Rotations nearer than this are not compared with others that look the same."""
-
+from asdfviz.geometry.shapes import Transform, Vector
+from asdfviz.geometry.symmetry import Symmetries
 
 SPREAD = 0.2
 """Of a part's diameter."""
+
+_Range: TypeAlias = Float64[np.ndarray, "2"]
+_PackedJoint: TypeAlias = tuple[int, Vector, Vector, _Range, _Range]
+_PackedSymmetries: TypeAlias = tuple[
+    Float64[np.ndarray, "n 4 4"], Float64[np.ndarray, "m 2 3"], Float64[np.ndarray, "middles 3"]
+]
 
 
 class Deviation(NamedTuple):
@@ -59,21 +56,18 @@ def deviation(
         joint: what the joined part may still do; poses within its range count as the same.
         spread: of the part, as `nearest_in_joint` takes it.
     """
-    T_near = nearest_symmetric(T_base_part, T_nominal, symmetries)
-    if joint is None:
-        return _apart(T_near, T_nominal, center_part)
-    # The nearest to the nominal may be out of the joint's range, and another that looks the same in it.
-    found: list[Deviation] = []
-    for S in (None, *symmetries.discrete):
-        T_equal = T_near if S is None else T_near @ S
-        T_allowed = nearest_in_joint(
-            T_equal, T_nominal, joint, center_part=center_part, spread=spread
-        )
-        T_same = nearest_symmetric(T_base_part, T_allowed, symmetries)
-        found.append(_apart(T_same, T_allowed, center_part))
-        if found[-1].angle < CLOSE or joint.turn[0] == joint.turn[1]:
-            break
-    return min(found, key=lambda off: off.angle)
+    # Numba: where networks are trained, parts are loaded but none is compared.
+    from asdfviz.state import joint_kernels
+
+    gap, angle = joint_kernels.deviation(
+        T_base_part,
+        T_nominal,
+        center_part,
+        -1.0 if spread is None else spread,
+        _packed_joint(joint),
+        _packed(symmetries),
+    )
+    return Deviation(gap, angle)
 
 
 def off_place(T_base_part: Transform, part: Part, state: State) -> Deviation:
@@ -100,13 +94,6 @@ def spread_of(part: Part) -> float:
     return SPREAD * part.diameter
 
 
-def _apart(T_near: Transform, T_allowed: Transform, center_part: Vector) -> Deviation:
-    gap = T_near[:3] - T_allowed[:3]
-    x, y, z = (gap[:, :3] @ center_part + gap[:, 3]).tolist()
-    angle = rotation_angle(T_near[:3, :3].T @ T_allowed[:3, :3])
-    return Deviation(math.sqrt(x * x + y * y + z * z), angle)
-
-
 def nearest_in_joint(
     T_base_part: Transform,
     T_nominal: Transform,
@@ -129,42 +116,40 @@ def nearest_in_joint(
         spread: of its points about that along each axis, metres: a part on a long arm is turned as its
             place tells, one in the middle of its joint as its rotation does. None: as that does always.
     """
-    # Asked a hundred times a frame, so in plain numbers where numpy takes longer.
-    T_turned = T_nominal.copy()
-    if joint.kind != "prismatic":
-        motion = T_base_part[:3, :3] @ T_nominal[:3, :3].T
-        if spread is not None:
-            seen, placed = (apply_to_point(T, center_part) for T in (T_base_part, T_nominal))
-            motion = spread**2 * motion + np.outer(seen - joint.origin, placed - joint.origin)
-        if joint.kind == "ball":
-            turn = limited_rotation(_nearest_rotation(motion), joint.turn)
-        else:
-            turn = rotation_about(joint.axis, nearest_turn(motion, joint))
-        T_turned[:3, :3] = turn @ T_nominal[:3, :3]
-        T_turned[:3, 3] = turn @ (T_nominal[:3, 3] - joint.origin) + joint.origin
-    if joint.kind in ("prismatic", "cylindrical"):
-        gap = T_base_part[:3] - T_turned[:3]
-        travel = float((gap[:, :3] @ center_part + gap[:, 3]) @ joint.axis)
-        T_turned[:3, 3] += min(max(travel, joint.slide[0]), joint.slide[1]) * joint.axis
-    return T_turned
+    from asdfviz.state import joint_kernels  # as above
+
+    spread = -1.0 if spread is None else spread
+    return joint_kernels.nearest_held(
+        T_base_part, T_nominal, center_part, spread, *_packed_joint(joint)
+    )
 
 
-def _nearest_rotation(motion: Float64[np.ndarray, "3 3"]) -> Rotation:
-    """The rotation that is nearest to a sum of products of points, seen by placed."""
-    U, _, Vt = np.linalg.svd(motion)
-    return U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+@functools.lru_cache(maxsize=1024)
+def _packed_joint(joint: Joint | None) -> _PackedJoint:
+    """A joint as the compiled loops take it."""
+    if joint is None:
+        nothing = np.zeros(3)
+        return 0, nothing, nothing, np.zeros(2), np.zeros(2)
+    kind = 1 + ("prismatic", "revolute", "cylindrical", "ball").index(joint.kind)
+    return kind, joint.axis, joint.origin, np.array(joint.turn), np.array(joint.slide)
+
+
+@functools.lru_cache(maxsize=1024)
+def _packed(symmetries: Symmetries) -> _PackedSymmetries:
+    """Symmetries as the compiled loops take them."""
+    axes = [np.stack([axis.direction, axis.offset]) for axis in symmetries.continuous]
+    middle = symmetries.ball_middle
+    return (
+        np.stack(symmetries.discrete) if symmetries.discrete else np.zeros((0, 4, 4)),
+        np.stack(axes) if axes else np.zeros((0, 2, 3)),
+        np.zeros((0, 3)) if middle is None else middle[None].copy(),
+    )
 
 
 def nearest_turn(motion: Float64[np.ndarray, "3 3"], joint: Joint) -> float:
     """The part of a rotation in the base part's frame, or of a sum of products of points, that is about a
     joint's axis, radians, held to the joint's range; -pi to pi where that is a whole turn."""
-    (a, b, c), (d, e, f), (g, h, i) = motion.tolist()
-    x, y, z = joint.axis.tolist()
-    along = x * (a * x + b * y + c * z) + y * (d * x + e * y + f * z) + z * (g * x + h * y + i * z)
-    twist = math.atan2(x * (h - f) + y * (c - g) + z * (d - b), a + e + i - along)
-    low, high = joint.turn
-    if high - low >= 2 * np.pi:
-        return twist
-    equal_turns = [twist + 2 * math.pi * turns for turns in range(-3, 4)]
-    held = [(min(max(turn, low), high), turn) for turn in equal_turns]
-    return min(held, key=lambda one: abs(one[0] - one[1]))[0]
+    from asdfviz.state import joint_kernels  # as above
+
+    axis, turn = joint.axis, np.array(joint.turn)
+    return joint_kernels.nearest_turn(np.ascontiguousarray(motion), axis, turn)
