@@ -15,7 +15,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import partial
 
-from asdfviz.datatypes import Assembly, Camera, Frame, FramePrediction, PoseEstimate
+from asdfviz.datatypes import Assembly, Camera, Detection, Frame, FramePrediction, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
@@ -117,7 +117,7 @@ class AsdfPlus:
                     scene.followed.settle(hidden.T_camera_part)
                 # A loose twin of what is joined there.
                 poses = scene.one_place.alone(poses, joined=scene.group.held)
-        scene.mistaken.see(frame, poses)
+        scene.mistaken.see(frame, poses, _scores(asdf.assigned))
         sure = {n: p for n, p in poses.items() if p.score >= SURE and p.stage != "group"}
         scene.unlike.see(frame, {n: p.T_camera_part for n, p in sure.items()})
         votes.keep(poses.get(assembly.base) if hidden is None else None)
@@ -144,7 +144,7 @@ class AsdfPlus:
         self, proposed: FramePrediction, frame: Frame, scene: PlusScene
     ) -> FramePrediction:
         """The first poses but those of things that stood there while the part was elsewhere."""
-        others = _others(proposed.poses, proposed, frame, scene)
+        others = _others(proposed.poses, proposed, self._asdf.assigned, frame, scene)
         self._asdf.disown(others)
         kept = {name: pose for name, pose in proposed.poses.items() if name not in others}
         return replace(proposed, poses=kept)
@@ -187,7 +187,7 @@ class AsdfPlus:
             n: PoseEstimate(n, d.best.T_camera_part, d.best.trust, "refined")
             for n, d in decided.items()
         }
-        for name in _others(best, proposed, frame, scene):
+        for name in _others(best, proposed, found, frame, scene):
             scene.hypotheses[name].disown()
             del decided[name]
         return decided
@@ -250,13 +250,22 @@ class AsdfPlus:
         return scene.one_place.alone(scene.mistaken.doubted(frame, poses))
 
 
+def _scores(found: Mapping[str, Detection]) -> dict[str, float]:
+    return {name: box.score for name, box in found.items()}
+
+
 def _others(
-    poses: Mapping[str, PoseEstimate], proposed: FramePrediction, frame: Frame, scene: PlusScene
+    poses: Mapping[str, PoseEstimate],
+    proposed: FramePrediction,
+    boxes: Mapping[str, Detection],
+    frame: Frame,
+    scene: PlusScene,
 ) -> frozenset[str]:
     """The parts whose poses are those of things that stood there while the part was elsewhere, or that do
     not look as its twins do; what the state holds stays."""
     base = scene.followed.base or proposed.poses.get(scene.assembly.base)
-    found = scene.mistaken.found(frame, poses, None if base is None else base.T_camera_part)
+    T_camera_base = None if base is None else base.T_camera_part
+    found = scene.mistaken.found(frame, poses, T_camera_base, scores=_scores(boxes))
     free = {n: p.T_camera_part for n, p in poses.items() if n not in scene.group.held}
     strangers = scene.unlike.strangers(frame, free)
     scene.unlike.forget(strangers)

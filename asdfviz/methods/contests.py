@@ -6,7 +6,7 @@ like a part than the part itself; its outline and its depth hardly ever fit as w
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -22,6 +22,8 @@ from asdfviz.methods.looked_at import LookedAt
 
 Look: TypeAlias = Callable[[Mapping[str, Detection], Frame], Mapping[str, LookedAt]]
 """What crops of detections tell of the parts that they may be; a part without a pose is absent."""
+LOOKS = 5
+"""So many of a thing are remembered."""
 _LEAST = 0.02
 """Of scores and probabilities, so that one alone cannot decide for ever."""
 _POSELESS = 0.35
@@ -78,9 +80,9 @@ class _Thing:
     part: str
     box_xyxy: Box
     score: float = 0.0
-    """Logarithm of its score in the part's class,"""
-    worth: float = 0.0
-    """and of what that is multiplied by; both are means over time."""
+    """Logarithm of its score in the part's class, the mean over time,"""
+    worths: deque[float] = field(default_factory=lambda: deque(maxlen=LOOKS))
+    """and of what that is multiplied by, by each of the last looks."""
     frames: int = 0
     """In which it contested,"""
     looks: int = 0
@@ -96,8 +98,11 @@ class _Thing:
 
     @property
     def value(self) -> float:
-        """How well it is the part, logarithm."""
-        return self.score + self.worth
+        """How well it is the part, logarithm.
+
+        By the middle one of the last looks: in one of them a hand may have been in front of it.
+        """
+        return self.score + (float(np.median(self.worths)) if self.worths else 0.0)
 
 
 @dataclass(slots=True, eq=False)
@@ -215,6 +220,7 @@ class Contests:
             self._things.append(thing)
         if self._frame - thing.contested > 2 * self.config.every:  # it may look otherwise by now
             thing.frames = thing.looks = 0
+            thing.worths.clear()
         thing.box_xyxy, thing.seen, thing.contested = detection.box_xyxy, self._frame, self._frame
         self._score(thing, detection)
         return thing
@@ -262,5 +268,5 @@ class Contests:
             worth = self.config.agreement * float(np.log(agreement))
             worth += self.config.network * float(np.log(liked))
         thing.looks += 1
-        thing.worth += max(self.config.memory, 1 / thing.looks) * (worth - thing.worth)
+        thing.worths.append(worth)
         thing.looked = self._frame

@@ -9,6 +9,7 @@ asked for: a pin that is put in changes its place by a few pixels.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
@@ -52,7 +53,12 @@ class Mistaken:
         """Where parts surely were in the last frame, for so many frames."""
 
     def found(
-        self, frame: Frame, proposed: Mapping[str, PoseEstimate], T_camera_base: Transform | None
+        self,
+        frame: Frame,
+        proposed: Mapping[str, PoseEstimate],
+        T_camera_base: Transform | None,
+        *,
+        scores: Mapping[str, float] = MappingProxyType({}),
     ) -> frozenset[str]:
         """The parts whose poses are those of other things.
 
@@ -60,13 +66,14 @@ class Mistaken:
             frame: that the poses are of.
             proposed: first poses.
             T_camera_base: where the base is; None: it is not known.
+            scores: of the boxes that they come from.
         """
         lay = self._still.lay
         poses = {n: pose.T_camera_part for n, pose in proposed.items() if n != self._base}
         unlike = self._own.others(frame, poses, lay)
         loose = {n: T for n, T in poses.items() if self._is_away(proposed[n], T_camera_base)}
         self._unlike |= unlike
-        return unlike | self._still.others(frame, loose, lay, lambda _, names: names)
+        return unlike | self._still.others(frame, loose, lay, lambda _, names: names, scores=scores)
 
     def doubted(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> dict[str, PoseEstimate]:
         """The poses of a frame, those less sure to which parts leapt."""
@@ -79,12 +86,17 @@ class Mistaken:
         # What the base by itself was taken for says nothing of the group.
         return self._base_leaps.step({base.part: base}, frame.time)[base.part]
 
-    def see(self, frame: Frame, poses: Mapping[str, PoseEstimate]) -> None:
-        """What the frame's poses are in the end."""
+    def see(
+        self,
+        frame: Frame,
+        poses: Mapping[str, PoseEstimate],
+        scores: Mapping[str, float] = MappingProxyType({}),
+    ) -> None:
+        """What the frame's poses are in the end, and the scores of the boxes that parts were found in."""
         sure = {n: p.T_camera_part for n, p in poses.items() if p.score >= SURE}
         self._now = {name: (T, self._frames_at(name, T)) for name, T in sure.items()}
         lying = {name: T for name, (T, frames) in self._now.items() if frames >= LAIN}
-        self._still.see(frame, lying)
+        self._still.see(frame, lying, scores=scores)
         self._own.see(frame, lying)
         self._refused = {n: self._refused.get(n, 0) + 1 for n in self._unlike}
         self._own.forget(frozenset(n for n, frames in self._refused.items() if frames > PATIENCE))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -23,6 +24,8 @@ from asdfviz.state.twins import renamed, twin_groups
 
 AWAY = 0.015
 """Poses nearer to each other than this are in one place, metres."""
+RECENT = 0.2
+"""Weight of a frame in the mean of the last ones."""
 SPOTS = 4
 """Of so many places for each part those are remembered where one lay longest."""
 
@@ -48,6 +51,8 @@ class StillThereConfig:
     """Least share of such pixels."""
     memory: int = 400
     """After so many frames a picture says nothing any more."""
+    better: float = 0.15
+    """What is found with a score that is higher by this than where the part lay may be the part, 0 to 1."""
 
     def __post_init__(self) -> None:
         """Refuse what cannot work.
@@ -94,11 +99,18 @@ class StillThere:
         """And the number of each."""
         self.lay: dict[str, Transform] = {}
         """Where parts surely were, T_camera_part, but not while they were held."""
+        self._scores: dict[str, float] = {}
+        """With what scores parts were found there, in the mean of the last frames."""
         self._frames = 0
         """That were seen; numbers of files may leave out any."""
 
     def see(
-        self, frame: Frame, sure: Mapping[str, Transform], *, held: Collection[str] = ()
+        self,
+        frame: Frame,
+        sure: Mapping[str, Transform],
+        *,
+        held: Collection[str] = (),
+        scores: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         """Keep a frame for parts that surely are where they are in it; called for every frame.
 
@@ -106,17 +118,22 @@ class StillThere:
             frame: the picture.
             sure: poses T_camera_part of those parts.
             held: parts that a state joins: they lie nowhere.
+            scores: of the boxes that parts were found in.
         """
         self._frames += 1
         self._then |= dict.fromkeys(sure, (frame, self._frames))
         lying = {name: T for name, T in sure.items() if name not in held}
         self.lay |= lying
+        for name in lying.keys() & scores.keys():
+            before = self._scores.get(name, scores[name])
+            self._scores[name] = before + RECENT * (scores[name] - before)
         for name in lying.keys() & self._spots.keys():
             self._spots[name].see(apply_to_point(lying[name], self._parts[name].middle))
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._then, self.lay = renamed(self._then, names), renamed(self.lay, names)
+        self._scores = renamed(self._scores, names)
 
     def others(
         self,
@@ -124,6 +141,8 @@ class StillThere:
         proposed: Mapping[str, Transform],
         last: Mapping[str, Transform],
         hidden: Callable[[Frame, frozenset[str]], frozenset[str]],
+        *,
+        scores: Mapping[str, float] = MappingProxyType({}),
     ) -> frozenset[str]:
         """Parts out of sight that are proposed where something else stands.
 
@@ -135,6 +154,7 @@ class StillThere:
             proposed: poses T_camera_part in it.
             last: those of tracked parts, where they last surely were.
             hidden: says which of some parts cannot be seen there now.
+            scores: of the boxes that they are proposed from.
         """
         if not self._config.enabled:
             return frozenset()
@@ -143,8 +163,13 @@ class StillThere:
             for name, T in proposed.items()
             if name in last and name in self._then and not self._is_a_twin(name, T)
         ]
+        known = [name for name in known if not self._is_better(name, scores)]
         suspect = {n for n in known if self._is_other(n, frame, proposed[n], last[n])}
         return hidden(frame, frozenset(suspect)) if suspect else frozenset()
+
+    def _is_better(self, name: str, scores: Mapping[str, float]) -> bool:
+        known = name in scores and name in self._scores
+        return known and scores[name] >= self._scores[name] + self._config.better
 
     def _is_a_twin(self, name: str, T_camera_part: Transform) -> bool:
         spots = self._spots.get(name)

@@ -127,6 +127,18 @@ def test_a_thing_that_lies_still_is_judged_over_time(
         assert decided["block"].box_xyxy[0] == 20
 
 
+def test_a_look_past_a_hand_does_not_decide(
+    assembly: Assembly, box_at: Callable, frame: Frame
+) -> None:
+    like, block = box_at("block", 120, score=0.7), box_at("block", 20, score=0.7)
+    look = Agreeing({120: 0.6, 20: 0.4})
+    judged = contests(assembly, look, every=1)
+    for seen in (0.4, 0.7, 0.7):  # the first time something was in front of it
+        look.by_x[20] = seen
+        decided = judged.step({"block": like}, [like, block], frame)
+    assert decided["block"].box_xyxy[0] == 20
+
+
 def test_what_was_seen_long_ago_does_not_count(
     assembly: Assembly, box_at: Callable, frame: Frame
 ) -> None:

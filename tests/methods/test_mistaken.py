@@ -56,6 +56,16 @@ def test_what_lay_there_all_along_is_something_else(toy, mistaken: Mistaken) -> 
     assert mistaken.found(gone, block(RIGHT), None) == frozenset()
 
 
+def test_what_looks_more_like_the_part_than_what_lay_there_may_be_it(toy) -> None:
+    made, shot = begun(toy), toy.photo(0, [RIGHT, LEFT])
+    for _ in range(LAIN):
+        made.see(shot, block(RIGHT), {"block": 0.6})
+    gone = toy.photo(5, [LEFT])
+    better = StillThereConfig().better
+    for score, others in ((0.6 + 0.9 * better, {"block"}), (0.6 + 1.1 * better, set())):
+        assert made.found(gone, block(LEFT), None, scores={"block": score}) == others
+
+
 def test_what_came_there_may_be_the_part(toy, mistaken: Mistaken) -> None:
     assert mistaken.found(toy.photo(5, [RIGHT, LEFT, at(-0.05)]), block(at(-0.05)), None) == set()
 
