@@ -36,6 +36,7 @@ from asdfviz.methods.network import Detects
 from asdfviz.methods.part_poses import sure_enough
 from asdfviz.methods.spec import MethodSpec
 from asdfviz.methods.timing import StageTimer
+from asdfviz.methods.track_confidence import as_probabilities
 from asdfviz.methods.track_memory import surely_placed, with_turned_axes
 from asdfviz.state.joints import deviation, spread_of
 from asdfviz.state.twins import names_after, renamed, renamed_poses
@@ -142,7 +143,8 @@ class AsdfTrack:
         )
         # Last: what may only be turned otherwise is in its place all the same, and is not withheld.
         told = sure_enough(poses, config.least_score)
-        return contested(told, scene.parts.checks.contested(), config=config.turns)
+        told = contested(told, scene.parts.checks.contested(), config=config.turns)
+        return as_probabilities(told, config=config.confidence)
 
     def _proposals(
         self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: TrackScene

@@ -19,6 +19,7 @@ from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.seen_smear import SmearConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.tolerances import TRACKED_PLACES
+from asdfviz.methods.track_confidence import TrackConfidenceConfig
 from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.state.fusion import FusionConfig
@@ -106,6 +107,8 @@ class AsdfTrackConfig(AsdfConfig):
     """What has quite another tint than the part surely had is not the part."""
     doubt: DoubtConfig = field(default_factory=DoubtConfig)
     """What makes poses less sure that fit the picture."""
+    confidence: TrackConfidenceConfig = field(default_factory=TrackConfidenceConfig)
+    """How probably a pose is right that fits so well."""
     join: JoinConfig = field(default_factory=JoinConfig)
     """When parts are tracked as one."""
     least_score: float = 0.0

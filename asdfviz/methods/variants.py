@@ -37,6 +37,7 @@ from asdfviz.methods.place_support import SupportConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.state_looks import has_state_network
 from asdfviz.methods.still_there import StillThereConfig
+from asdfviz.methods.track_confidence import TrackConfidenceConfig
 from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.turn_table import TurnTableConfig
 from asdfviz.methods.yolov8pose import Yolov8PoseConfig
@@ -258,6 +259,7 @@ def _beyond_asdf_track() -> list[Variant]:
         "hidden parts soon lost": replace(track, refind=replace(track.refind, patience=1)),
         "never in doubt": replace(track, doubt=DoubtConfig(unfound=1.0, other=1.0)),
         "depth at outlines too": replace(track, tracker=whole),
+        "scored as it fits": replace(track, confidence=TrackConfidenceConfig(enabled=False)),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
     }
     return _rows("asdf_track", track, changed)
