@@ -29,7 +29,9 @@ class TurnConfig:
     """A turn is right, or ruled out, that is ahead or behind by this in all, the crop network's liking
     among it,"""
     lead_seen: float = 0.35
-    """or right if it is ahead by this by what is seen alone;"""
+    """or right if it is ahead by this by what is seen alone,"""
+    disliked: float = 0.5
+    """and by this share more of what the crop network's liking counts against it, 0 to 1;"""
     step: float = 0.12
     """no frame counts for more than this for it: a single one may deceive."""
     slack: float = 0.02
@@ -72,10 +74,10 @@ class TurnConfig:
                 f"lead {self.lead:g}: a_frame and at_first must be 1 or more, step above 0 and no more "
                 "than lead"
             )
-        if min(self.lead_seen, self.near, self.was, self.liked_most) < 0:
+        if min(self.lead_seen, self.disliked, self.near, self.was, self.liked_most) < 0:
             raise MethodError(
-                f"turns.lead_seen is {self.lead_seen:g}, near {self.near:g}, was {self.was:g} and "
-                f"liked_most {self.liked_most:g}: use 0 or more"
+                f"turns.lead_seen is {self.lead_seen:g}, disliked {self.disliked:g}, near {self.near:g}, "
+                f"was {self.was:g} and liked_most {self.liked_most:g}: use 0 or more"
             )
         if not (0 <= self.beaten <= self.contested <= 1 and self.beaten_lead > 0):
             raise MethodError(

@@ -106,7 +106,8 @@ class TurnMemory:
     def rightness(self, turn: int, *, config: TurnConfig) -> float:
         """By how much more than enough a turn is ahead to be the right one."""
         lead, seen = float(self.lead[turn]), float(self.seen[turn])
-        return max(lead - config.lead, seen - config.lead_seen)
+        disliked = min(float(self.liked[turn]), 0.0)
+        return max(lead - config.lead, seen + config.disliked * disliked - config.lead_seen)
 
     def rule_out(self, turns: Sequence[int], *, lead: float) -> None:
         """Let these turns, where they are others, be as far behind as what is no longer open."""

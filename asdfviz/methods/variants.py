@@ -247,6 +247,7 @@ def _beyond_asdf_track() -> list[Variant]:
         "turns by single points": replace(track, turns=BY_POINTS),
         "turns without colours": replace(track, turns=replace(track.turns, drawn=COLORLESS)),
         "turns as crops keep saying": replace(track, turns=persistent),
+        "turned whatever crops say": replace(track, turns=replace(track.turns, disliked=0.0)),
         "found anew in any turn": replace(track, turns=replace(track.turns, was=0.0)),
         "one look": replace(track, second_look=ONE_LOOK),
         "rivals by picture alone": replace(track, refind=turned),

@@ -42,9 +42,15 @@ def test_liking_counts_up_to_a_limit_and_what_is_seen_without_it() -> None:
     memory.lead[3] = 0.25 + sum(given)
     assert memory.seen[3] == pytest.approx(0.25)
     assert memory.ahead_seen == pytest.approx(0.25)
-    config = TurnConfig(lead=0.35, lead_seen=0.2)
+    config = TurnConfig(lead=0.35, lead_seen=0.2, disliked=0.0)
     assert memory.next(config) == [3]
     assert memory.rightness(3, config=config) == pytest.approx(0.05)
+    # A share of what the crop network has against it is asked besides.
+    config = TurnConfig(lead=0.35, lead_seen=0.2, disliked=0.5)
+    assert memory.rightness(3, config=config) == pytest.approx(0.05 - 0.5 * 0.5)
+    liked = TurnMemory(BEGUN)
+    liked.lead[3] = 0.25 + liked.like(3, 0.05, 0.5)
+    assert liked.rightness(3, config=config) == pytest.approx(0.05)
     memory.rule_out([3], lead=0.35)
     assert memory.seen[3] == memory.lead[3] == -0.35
 
