@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 from asdfviz.datatypes import Detection, Frame, PoseEstimate
+from asdfviz.errors import MethodError
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import RegistrationConfig, evidence
 
@@ -43,6 +44,13 @@ class FirstConfidenceConfig:
     placed: float = 13.9
     """and per score, 0 to 1. Fitted on 900 such poses of seven of those sequences: of those that score 0.4
     or more 1 of 558 was wrong, of those below 104 of 342."""
+
+    def __post_init__(self) -> None:
+        """Raise a MethodError where a weight is no number."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not math.isfinite(value):
+                raise MethodError(f"first_confidence.{field.name} is {value}, use a finite number")
 
 
 def with_confidence(

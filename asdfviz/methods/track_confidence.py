@@ -37,10 +37,14 @@ class TrackConfidenceConfig:
     """which says less of it."""
 
     def __post_init__(self) -> None:
-        """Raise a MethodError where an option is out of its range."""
-        if min(self.weight, self.held_weight) < 0:
+        """Raise a MethodError where a weight is no number or out of its range."""
+        if not all(map(math.isfinite, (self.bias, self.held_bias))):
             raise MethodError(
-                f"confidence.weight is {self.weight:g} and held_weight {self.held_weight:g}: use 0 or more"
+                f"confidence.bias is {self.bias:g} and held_bias {self.held_bias:g}: use finite numbers"
+            )
+        if not (0 <= self.weight < math.inf and 0 <= self.held_weight < math.inf):
+            raise MethodError(
+                f"confidence.weight is {self.weight:g} and held_weight {self.held_weight:g}: use 0 or more, finite"
             )
 
 

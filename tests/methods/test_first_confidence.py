@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from asdfviz.datatypes import PoseEstimate, Stage
+from asdfviz.errors import MethodError
 from asdfviz.methods.first_confidence import FirstConfidenceConfig, with_confidence
 from asdfviz.methods.part_poses import part_shapes
 
@@ -60,3 +61,9 @@ def test_switched_off_or_without_a_box_the_score_stays(toy) -> None:
     assert scored(toy, pose_of(toy), config=off) == 0.05
     assert scored(toy, pose_of(toy, stage="group"), config=off) == 0.05
     assert scored(toy, pose_of(toy), boxed=False) == 0.05
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_weight_that_is_no_number_is_refused(value: float) -> None:
+    with pytest.raises(MethodError, match=r"first_confidence\.outline"):
+        FirstConfidenceConfig(outline=value)

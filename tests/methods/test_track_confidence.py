@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -37,3 +39,6 @@ def test_switched_off_scores_stay_and_a_falling_weight_is_refused() -> None:
     assert told(0.3, config=TrackConfidenceConfig(enabled=False)) == 0.3
     with pytest.raises(MethodError, match="held_weight"):
         TrackConfidenceConfig(held_weight=-1.0)
+    for name in ("bias", "weight", "held_bias", "held_weight"):
+        with pytest.raises(MethodError, match=name):
+            replace(CONFIG, **{name: float("nan")})
