@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 
 from asdfviz.datatypes import Detection, Frame, PoseEstimate
 from asdfviz.errors import MethodError
+from asdfviz.geometry.odds import probability
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.registration import RegistrationConfig, evidence
 
@@ -82,5 +83,5 @@ def with_confidence(
             seen = evidence(T, shapes[name], frame, box_xyxy=at, config=READ)
             odds = config.bias + config.outline * seen.outline + config.detection * box.score
             odds += config.unread if frame.depth is None else config.agreeing * seen.agreeing
-        told[name] = replace(pose, score=1 / (1 + math.exp(-odds)))
+        told[name] = replace(pose, score=probability(odds))
     return told

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 from asdfviz.datatypes import PoseEstimate
 from asdfviz.errors import MethodError
+from asdfviz.geometry.odds import probability
 
 CLIPPED = 0.02
 """Scores nearer to 0 or 1 than this are alike."""
@@ -66,5 +67,5 @@ def as_probabilities(
         held = pose.stage == "group"
         odds = config.held_bias if held else config.bias
         odds += (config.held_weight if held else config.weight) * fits
-        told[name] = replace(pose, score=1.0 / (1.0 + math.exp(-odds)))
+        told[name] = replace(pose, score=probability(odds))
     return told

@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from asdfviz.geometry.odds import probability
+
 
 @dataclass(frozen=True)
 class ConfidenceConfig:
@@ -91,7 +93,7 @@ def confidence(
     else:
         odds += config.outline * outline + config.detection * detection
     odds += config.unsettled if contours is None else config.contours * contours
-    return 1 / (1 + math.exp(-odds))
+    return probability(odds)
 
 
 def confidence_held(alone: float, fit: float | None, *, config: ConfidenceConfig) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float64
@@ -56,10 +56,7 @@ def deviation(
         joint: what the joined part may still do; poses within its range count as the same.
         spread: of the part, as `nearest_in_joint` takes it.
     """
-    # Numba: where networks are trained, parts are loaded but none is compared.
-    from asdfviz.state import joint_kernels
-
-    gap, angle = joint_kernels.deviation(
+    gap, angle = _kernels().deviation(
         T_base_part,
         T_nominal,
         center_part,
@@ -116,21 +113,34 @@ def nearest_in_joint(
         spread: of its points about that along each axis, metres: a part on a long arm is turned as its
             place tells, one in the middle of its joint as its rotation does. None: as that does always.
     """
-    from asdfviz.state import joint_kernels  # as above
-
     spread = -1.0 if spread is None else spread
-    return joint_kernels.nearest_held(
+    return _kernels().nearest_held(
         T_base_part, T_nominal, center_part, spread, *_packed_joint(joint)
     )
+
+
+@functools.cache
+def _kernels() -> Any:
+    """The compiled loops. They need numba, which is absent where networks are trained: parts are loaded
+    there, but none is compared."""
+    from asdfviz.state import joint_kernels
+
+    return joint_kernels
 
 
 @functools.lru_cache(maxsize=1024)
 def _packed_joint(joint: Joint | None) -> _PackedJoint:
     """A joint as the compiled loops take it."""
+    kernels = _kernels()
     if joint is None:
         nothing = np.zeros(3)
-        return 0, nothing, nothing, np.zeros(2), np.zeros(2)
-    kind = 1 + ("prismatic", "revolute", "cylindrical", "ball").index(joint.kind)
+        return kernels.FREE, nothing, nothing, np.zeros(2), np.zeros(2)
+    kind = {
+        "prismatic": kernels.PRISMATIC,
+        "revolute": kernels.REVOLUTE,
+        "cylindrical": kernels.CYLINDRICAL,
+        "ball": kernels.BALL,
+    }[joint.kind]
     return kind, joint.axis, joint.origin, np.array(joint.turn), np.array(joint.slide)
 
 
@@ -149,7 +159,5 @@ def _packed(symmetries: Symmetries) -> _PackedSymmetries:
 def nearest_turn(motion: Float64[np.ndarray, "3 3"], joint: Joint) -> float:
     """The part of a rotation in the base part's frame, or of a sum of products of points, that is about a
     joint's axis, radians, held to the joint's range; -pi to pi where that is a whole turn."""
-    from asdfviz.state import joint_kernels  # as above
-
-    axis, turn = joint.axis, np.array(joint.turn)
-    return joint_kernels.nearest_turn(np.ascontiguousarray(motion), axis, turn)
+    _, axis, _, turn, _ = _packed_joint(joint)
+    return _kernels().nearest_turn(np.ascontiguousarray(motion), axis, turn)

@@ -51,6 +51,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.errors import MethodError
 from asdfviz.geometry.matching import cheapest_pairs
+from asdfviz.geometry.odds import probability
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import inverse
 from asdfviz.state.half_done import ways_half_done
@@ -82,7 +83,7 @@ class PlaceOdds:
         if self.slope == 0:
             return min(max(score, 0.0), 1.0)
         odds = min(max(self.offset + self.slope * score, -30.0), 30.0)
-        return 1.0 / (1.0 + math.exp(-odds))
+        return probability(odds)
 
 
 SCORED_BY_PROBABILITY = PlaceOdds(slope=0.0)
