@@ -143,8 +143,13 @@ def heading(T_before: Transform, T_now: Transform) -> Transform:
 
 
 def carried_on(track: Track, proposal: PoseEstimate | None, *, centre: Vector) -> list[Transform]:
-    """Starts that carry on: at rest, moving on, and turned as before where the detector is."""
+    """Starts that carry on: at rest, moving on, and turned as before where the detector is.
+
+    Where others have an unsure part may be wrong, so it is also looked for where it last surely was.
+    """
     starts = [track.T_now]
+    if track.unsure and track.T_sure is not None:
+        starts.append(track.T_sure)
     if track.T_expected is not None:
         starts.append(track.T_expected)
     if track.T_before is not None:

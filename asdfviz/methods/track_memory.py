@@ -37,7 +37,9 @@ class Track:
     """What is remembered of one part."""
 
     T_now: Transform
-    """The last pose that the tracker was sure of."""
+    """Where it is taken to be: the last pose that the tracker was sure of, or where others have it since."""
+    T_sure: Transform | None = None
+    """The last pose that the tracker was sure of, if it ever was."""
     T_before: Transform | None = None
     """The one a frame earlier, if it was sure of both."""
     unsure: int = 0
@@ -76,14 +78,19 @@ class Track:
         turn = rotation_angle(self.T_now[:3, :3].T @ T_found[:3, :3])
         goes_on = self.age > 0 and not self.unsure and turn < JUMP
         self.T_before = self.T_now if goes_on else None
-        self.T_now, self.age = T_found, self.age + 1
+        self.T_now, self.T_sure, self.age = T_found, T_found, self.age + 1
         self.unsure = self.missing = 0
 
 
 def with_turned_axes(track: Track, T_part_turned: Transform) -> Track:
     """The same of a part whose axes are others that look the same: T_part_turned are these, seen from it."""
-    before = None if track.T_before is None else track.T_before @ T_part_turned
-    return replace(track, T_now=track.T_now @ T_part_turned, T_before=before, rival=None)
+
+    def turned(T: Transform | None) -> Transform | None:
+        return None if T is None else T @ T_part_turned
+
+    before, sure = turned(track.T_before), turned(track.T_sure)
+    now = track.T_now @ T_part_turned
+    return replace(track, T_now=now, T_before=before, T_sure=sure, rival=None)
 
 
 def surely_placed(tracks: Mapping[str, Track]) -> tuple[str, ...]:

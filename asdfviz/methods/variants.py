@@ -45,7 +45,7 @@ from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.lately_loose import LatelyLooseConfig
 from asdfviz.state.relative_pose import PlaceOdds, RelativePoseConfig
-from asdfviz.track.presets import FINE_DEPTH, PROPOSED
+from asdfviz.track.presets import FINE_DEPTH, FOLLOWED_DEPTH, PROPOSED
 
 ONE_LOOK = SecondLookConfig(enabled=False)
 OWNED = DisownedConfig(enabled=False)
@@ -239,7 +239,8 @@ def _beyond_asdf_track() -> list[Variant]:
     never = float("inf")
     stays = replace(track.refind, support=SupportConfig(lead=never, lost_lead=never))
     faithful = replace(track.refind, held=HeldConfig(unlike=0.0))
-    whole = replace(PROPOSED, depth=FINE_DEPTH)
+    whole = replace(PROPOSED, depth=replace(FOLLOWED_DEPTH, edge_px=0.0))
+    coarse = replace(PROPOSED, depth=replace(FOLLOWED_DEPTH, sigmas=FINE_DEPTH.sigmas))
     persistent = replace(track.turns, liked_most=never, lead_seen=TurnConfig.lead_seen)
     changed = {
         **common(track),
@@ -260,6 +261,9 @@ def _beyond_asdf_track() -> list[Variant]:
         "hidden parts soon lost": replace(track, refind=replace(track.refind, patience=1)),
         "never in doubt": replace(track, doubt=DoubtConfig(unfound=1.0, other=1.0)),
         "depth at outlines too": replace(track, tracker=whole),
+        "depth less exact": replace(track, tracker=coarse),
+        "joined parts as if in sight": replace(track, tracker=replace(PROPOSED, silhouettes=False)),
+        "loose parts hide, too": replace(track, tracker=replace(PROPOSED, silhouettes_loose=True)),
         "scored as it fits": replace(track, confidence=TrackConfidenceConfig(enabled=False)),
         "hidden parts anywhere": replace(track, still_there=StillThereConfig(enabled=False)),
     }

@@ -29,6 +29,8 @@ class TrackerConfig:
     silhouettes: bool = False
     """Draw all parts before every search, and leave out what another part hides and contours
     between parts of like colour."""
+    silhouettes_loose: bool = True
+    """Whether parts that nothing holds are drawn and asked besides."""
     silhouette_px: int = 200
     """Largest side of that drawing."""
     like_colors: float = 40.0
@@ -96,9 +98,18 @@ FINE = TrackerConfig(
 ICG for YCB and ends finer. ICG's last 40 mm let such a part match the table beside it, which turns
 it by ten degrees; and without the test for occlusion from the first frame on, it follows a hand."""
 
-FOLLOWED = replace(FINE, depth=replace(FINE_DEPTH, edge_px=3.0))
-"""The same for parts that are followed from frame to frame. With its edges a part of 40 px is measured
-4 mm too deep, as sensors draw what lies behind over them; a single frame's fit needs them for turns."""
+FOLLOWED_DEPTH = replace(
+    FINE_DEPTH, edge_px=3.0, sigmas=(0.05, 0.04, 0.03, 0.02, 0.015, 0.01, 0.005)
+)
+"""For parts that are followed from frame to frame. With its edges a part of 40 px is measured 4 mm too deep,
+as sensors draw what lies behind over them; a single frame's fit needs them for turns. What is measured inside
+is more exact, and holds a flat part level, which contours let tilt."""
+
+FOLLOWED = replace(
+    FINE, depth=FOLLOWED_DEPTH, silhouettes=True, silhouettes_loose=False, silhouette_px=400
+)
+"""The same for these. What one joined part hides of another is not asked there, or its surface would draw
+that one on; a loose one hides nothing, since where it was lost, it would hide what is right."""
 
 PROPOSED = replace(FOLLOWED, colors=SurfaceColorsConfig(choose=False))
 """The same for parts that a detector began, which may have taken another thing for them."""

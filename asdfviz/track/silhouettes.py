@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from asdfviz.geometry.shapes import Intrinsics, Transforms
 from asdfviz.track.bodies import Body
 from asdfviz.track.presets import TrackerConfig
-from asdfviz.track.visibility import NO_SILHOUETTES, like_regions, render_silhouettes
+from asdfviz.track.visibility import NO_SILHOUETTES, Silhouettes, like_regions, render_silhouettes
 
 REDRAWN_PX = 0.7
 """Silhouettes are drawn anew when a part may have moved by this many pixels."""
@@ -28,25 +28,39 @@ class DrawnParts:
         """A number a body; those of like colour share theirs."""
         self.reaches = np.array([body.reach for body in bodies])
         """How far each body reaches from its centre, metres."""
-        self.silhouettes = NO_SILHOUETTES
-        """Drawn last; empty where the config wants none."""
+        self._held: tuple[int, ...] = ()
+        self._shown: tuple[int, ...] = ()
+        """What was drawn last."""
+        self._silhouettes = NO_SILHOUETTES
+
+    def hold(self, held: Collection[int]) -> None:
+        """From now on these bodies are held together, and no others."""
+        self._held = tuple(sorted(held))
+
+    def of(self, i: int) -> Silhouettes:
+        """What was drawn last of a body and of those that may hide it; empty where it was not."""
+        return self._silhouettes if i in self._shown else NO_SILHOUETTES
 
     def refresh(self, Ts_camera_centre: Transforms) -> None:
         """Draw anew if the config wants it, unless no part has moved by a pixel since."""
         if not self._config.silhouettes:
             return
-        if len(self._Ts_drawn) and self._pixels_moved(Ts_camera_centre) < REDRAWN_PX:
+        shown = tuple(range(len(self._meshes))) if self._config.silhouettes_loose else self._held
+        is_same = shown == self._shown and len(self._Ts_drawn) > 0
+        if is_same and self._pixels_moved(Ts_camera_centre) < REDRAWN_PX:
             return
         self._Ts_drawn = Ts_camera_centre.copy()
         drawn = render_silhouettes(
             self._meshes,
             Ts_camera_centre,
             self._K,
+            shown=shown,
             size=self._config.silhouette_px,
             reaches=self.reaches,
             regions=self.regions,
         )
-        self.silhouettes = drawn or NO_SILHOUETTES
+        self._shown = () if drawn is None else shown
+        self._silhouettes = drawn or NO_SILHOUETTES
 
     def _pixels_moved(self, Ts_camera_centre: Transforms) -> float:
         """Most pixels that any part's rim can have moved since the silhouettes were drawn."""

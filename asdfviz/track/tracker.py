@@ -37,8 +37,7 @@ class Tracker:
         """Names of the bodies that are tracked, in the order of all arrays."""
         self._bodies = dict(bodies)
         self._camera = camera
-        K = camera.K
-        self._lens = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
+        self._lens = camera.K[[0, 1, 0, 1], [0, 1, 2, 2]]
         self._tracked: list[Modalities] = []
         self._groups: list[Group] = []
         self._Ts_camera_centre: Transforms = np.zeros((0, 4, 4))
@@ -127,6 +126,7 @@ class Tracker:
 
     def release(self) -> None:
         """Let every body move freely."""
+        self._drawn.hold(())
         self._groups = [Group(i, (), self.config.optimizer) for i in range(len(self.names))]
 
     def hold(self, state: State, *, base: str) -> None:
@@ -147,6 +147,7 @@ class Tracker:
                 links.append(self._link(base, name, member, state.T_base_part[name], joint))
         held = {root, *(link.member for link in links)}
         free = [i for i in range(len(self.names)) if i not in held]
+        self._drawn.hold(held)
         optimizer = self.config.optimizer
         self._groups = [Group(root, links, optimizer), *(Group(i, (), optimizer) for i in free)]
         self._groups[0].place(self._Ts_camera_centre)
@@ -180,14 +181,15 @@ class Tracker:
         Ts, drawn = self._Ts_camera_centre, self._drawn
         for i in map(self._place, names):
             self._tracked[i].learn(
-                rgb, depth, Ts[i], silhouettes=drawn.silhouettes, number=i, region=drawn.regions[i]
+                rgb, depth, Ts[i], silhouettes=drawn.of(i), number=i, region=drawn.regions[i]
             )
 
     def evidence(self, frame: Frame) -> dict[str, Evidence]:
-        """What a frame says of the poses as they are now; silhouettes are those last drawn."""
+        """What a frame says of the poses as they are now."""
         rgb, depth = self._images(frame)
+        self._drawn.refresh(self._Ts_camera_centre)
         return {
-            name: self._seen(rgb, depth, i, self._Ts_camera_centre[i], self._drawn.silhouettes)
+            name: self._seen(rgb, depth, i, self._Ts_camera_centre[i], self._drawn.of(i))
             for i, name in enumerate(self.names)
         }
 
@@ -275,7 +277,7 @@ class Tracker:
                 depth,
                 self._Ts_camera_centre[i],
                 iteration=iteration,
-                silhouettes=self._drawn.silhouettes,
+                silhouettes=self._drawn.of(i),
                 number=i,
                 region=self._drawn.regions[i],
             )

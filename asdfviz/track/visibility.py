@@ -59,19 +59,22 @@ def render_silhouettes(
     Ts_camera_part: Transforms,
     K: Intrinsics,
     *,
+    shown: Sequence[int],
     size: int,
     reaches: Scores,
     regions: Sequence[int],
 ) -> Silhouettes | None:
-    """Draw every mesh with its place in the list as its number, in a square cut around all.
+    """Draw the meshes that are to be shown, each with its place in the list as its number, in a square
+    cut around them.
 
     `reaches` is how far each mesh reaches from its own origin (metres), `regions` each part's
     region number, `size` the greatest side of the square.
 
     Returns:
-        None where no part lies in front of the camera.
+        None where none of them lies in front of the camera.
     """
-    box = _box_around(Ts_camera_part, reaches, K)
+    which = list(shown)
+    box = _box_around(Ts_camera_part[which], reaches[which], K)
     if box is None:
         return None
     u0, v0, side = box
@@ -85,8 +88,10 @@ def render_silhouettes(
         ]
     )
     inverse_depth, ids = raster.new_buffers(pixels, pixels)
-    for i, (mesh, T) in enumerate(zip(meshes, Ts_camera_part, strict=True)):
-        raster.draw(mesh, T, K=K_cut, inverse_depth=inverse_depth, ids=ids, number=i)
+    for i in which:
+        raster.draw(
+            meshes[i], Ts_camera_part[i], K=K_cut, inverse_depth=inverse_depth, ids=ids, number=i
+        )
     # The last entry answers for the background's -1.
     numbers = np.array([*regions, -1], np.int32)
     return Silhouettes(ids, numbers[ids], np.array([u0, v0, scale]))

@@ -12,10 +12,11 @@ from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.geometry.transforms import inverse, rotation_about, rotation_angle, transform_from
 from asdfviz.track.bodies import Body, centre_of_mass
-from asdfviz.track.presets import GBOT, PRESETS, YCB_DEPTH, YCB_ICG
+from asdfviz.track.presets import GBOT, PRESETS, PROPOSED, YCB_DEPTH, YCB_ICG
+from asdfviz.track.silhouettes import DrawnParts
 from asdfviz.track.tracker import Tracker
 from asdfviz.track.viewpoint_model import ViewpointConfig, build_viewpoint_model
-from asdfviz.track.visibility import like_regions, render_silhouettes
+from asdfviz.track.visibility import NO_SILHOUETTES, like_regions, render_silhouettes
 
 Draw = Callable[[Mapping[str, Body], Mapping[str, Transform], int], Frame]
 AddMm = Callable[[Body, Transform, Transform], float]
@@ -137,6 +138,47 @@ def test_a_state_holds_parts_together_and_its_joint_slides(
     assert add_mm(box_body, tracker.poses["block"], truth[-1]["block"]) < 6.0
 
 
+def test_what_a_held_part_hides_of_its_base_does_not_turn_it(
+    box_body: Body, small_body: Body, camera: Camera, draw: Draw
+) -> None:
+    # The block stands out of one end of the box's front by 7 mm, nearer than depth is searched.
+    on_front = transform_from(np.eye(3), np.array([0.01 + 0.03, 0.02, -0.03 - 0.007]))
+    bodies = {"box": replace(box_body, color=small_body.color), "block": small_body}
+    state = State(1, "on", {"box": np.eye(4), "block": on_front})
+    T_camera_box = transform_from(np.eye(3), np.array([0.0, 0.0, 0.5]))
+    poses = {"box": T_camera_box, "block": T_camera_box @ on_front}
+    turned: dict[bool, float] = {}
+    for asked in (False, True):
+        settings = replace(PROPOSED, region=None, silhouettes=asked)
+        tracker = Tracker(bodies, camera, settings)
+        tracker.start(draw(bodies, poses, 0), poses)
+        tracker.hold(state, base="box")
+        for i in range(1, 6):
+            tracker.update(draw(bodies, poses, i))
+        turned[asked] = np.rad2deg(rotation_angle(tracker.poses["box"][:3, :3]))
+    assert turned[True] < 0.5
+    assert turned[False] > 2.0
+
+
+def test_only_what_is_held_is_drawn_unless_loose_parts_are_wanted(
+    box_body: Body, camera: Camera
+) -> None:
+    Ts = np.stack([transform_from(np.eye(3), np.array([x, 0.0, 0.6])) for x in (-0.1, 0.0, 0.1)])
+    settings = replace(PROPOSED, silhouettes=True, silhouettes_loose=False)
+    drawn = DrawnParts([box_body] * 3, camera.K, settings)
+    drawn.refresh(Ts)
+    assert all(drawn.of(i) is NO_SILHOUETTES for i in range(3))
+    drawn.hold([2, 0])
+    assert drawn.of(0) is NO_SILHOUETTES  # not drawn yet
+    drawn.refresh(Ts)
+    assert set(np.unique(drawn.of(0).ids)) == {-1, 0, 2}
+    assert drawn.of(2) is drawn.of(0)
+    assert drawn.of(1) is NO_SILHOUETTES
+    every = DrawnParts([box_body] * 3, camera.K, replace(settings, silhouettes_loose=True))
+    every.refresh(Ts)
+    assert set(np.unique(every.of(1).ids)) == {-1, 0, 1, 2}
+
+
 def test_a_held_part_stays_as_it_looks_the_same(
     box_body: Body, small_body: Body, camera: Camera, draw: Draw
 ) -> None:
@@ -212,7 +254,9 @@ def test_silhouettes_number_the_parts_in_the_image(
 ) -> None:
     reaches = np.linalg.norm(box.vertices, axis=1).max(keepdims=True)
     Ts = np.stack(box_poses[:1])
-    drawn = render_silhouettes([box], Ts, camera.K, size=100, reaches=reaches, regions=[0])
+    drawn = render_silhouettes(
+        [box], Ts, camera.K, shown=[0], size=100, reaches=reaches, regions=[0]
+    )
     assert drawn is not None
     u0, v0, scale = drawn.crop
     centre = box.vertices.mean(axis=0) @ box_poses[0][:3, :3].T + box_poses[0][:3, 3]
@@ -221,7 +265,9 @@ def test_silhouettes_number_the_parts_in_the_image(
     assert drawn.ids[0, 0] == -1
     assert max(drawn.ids.shape) <= 100
     behind = transform_from(np.eye(3), np.array([0, 0, -1.0]))[None]
-    found = render_silhouettes([box], behind, camera.K, size=100, reaches=reaches, regions=[0])
+    found = render_silhouettes(
+        [box], behind, camera.K, shown=[0], size=100, reaches=reaches, regions=[0]
+    )
     assert found is None
 
 
