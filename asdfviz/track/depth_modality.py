@@ -6,6 +6,7 @@ centre (see `ViewpointModel`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,7 +53,11 @@ class DepthConfig:
     picture the middle stays."""
 
     def __post_init__(self) -> None:
-        """Raise an InputError where no points would be left."""
+        """Raise an InputError where no points would be left, or nothing would weigh them."""
+        for name in ("considered_distances", "sigmas"):
+            metres = getattr(self, name)
+            if not metres or not all(0 < one < math.inf for one in metres):
+                raise InputError(f"{name} are {metres}: give one or more, all above 0 (metres)")
         if not self.edge_px >= 0:
             raise InputError(f"edge_px is {self.edge_px}: 0 or more pixels are left out")
         if not 0 <= self.edge_share < 1:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from asdfviz.errors import InputError
 from asdfviz.track.confidence import ConfidenceConfig
 from asdfviz.track.depth_modality import DepthConfig
 from asdfviz.track.optimizer import OptimizerConfig
@@ -35,6 +36,11 @@ class TrackerConfig:
     """Largest side of that drawing."""
     like_colors: float = 40.0
     """Parts whose colours (sRGB, 0 to 255) are nearer than this show no contour between them."""
+
+    def __post_init__(self) -> None:
+        """Raise an InputError where the drawing would have no pixels."""
+        if self.silhouette_px < 2:
+            raise InputError(f"silhouette_px is {self.silhouette_px}: use 2 or more pixels")
 
 
 RBOT_REGION = TrackerConfig(

@@ -177,6 +177,12 @@ def test_the_middle_of_a_part_stays_however_thin_it_is_and_weighs_as_much(
     assert 0.3 * whole < z @ full[3:, 3:] @ z < 1.1 * whole
 
 
+@pytest.mark.parametrize("sigmas", [(), (0.05, 0.0), (0.05, float("nan"))])
+def test_spreads_that_weigh_nothing_are_refused(sigmas: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match=r"sigmas are .*: give one or more, all above 0"):
+        DepthConfig(sigmas=sigmas)
+
+
 @pytest.mark.parametrize(
     ("edge_px", "edge_share"), [(-1.0, 0.5), (float("nan"), 0.5), (3.0, 1.0), (3.0, -0.1)]
 )

@@ -179,6 +179,11 @@ def test_only_what_is_held_is_drawn_unless_loose_parts_are_wanted(
     assert set(np.unique(every.of(1).ids)) == {-1, 0, 1, 2}
 
 
+def test_a_drawing_without_pixels_is_refused() -> None:
+    with pytest.raises(InputError, match=r"silhouette_px is -5: use 2 or more"):
+        replace(PROPOSED, silhouette_px=-5)
+
+
 def test_a_held_part_stays_as_it_looks_the_same(
     box_body: Body, small_body: Body, camera: Camera, draw: Draw
 ) -> None:
