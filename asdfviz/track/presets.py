@@ -114,7 +114,7 @@ is more exact, and holds a flat part level, which contours let tilt."""
 FOLLOWED = replace(
     FINE, depth=FOLLOWED_DEPTH, silhouettes=True, silhouettes_loose=False, silhouette_px=400
 )
-"""The same for these. What one joined part hides of another is not asked there, or its surface would draw
+"""`FINE` for these. What one joined part hides of another is not asked there, or its surface would draw
 that one on; a loose one hides nothing, since where it was lost, it would hide what is right."""
 
 PROPOSED = replace(FOLLOWED, colors=SurfaceColorsConfig(choose=False))
