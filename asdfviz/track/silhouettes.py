@@ -46,8 +46,8 @@ class DrawnParts:
         if not self._config.silhouettes:
             return
         shown = tuple(range(len(self._meshes))) if self._config.silhouettes_loose else self._held
-        is_same = shown == self._shown and len(self._Ts_drawn) > 0
-        if is_same and self._pixels_moved(Ts_camera_centre) < REDRAWN_PX:
+        is_same = shown == self._shown
+        if is_same and (not shown or self._pixels_moved(Ts_camera_centre) < REDRAWN_PX):
             return
         self._Ts_drawn = Ts_camera_centre.copy()
         drawn = render_silhouettes(
