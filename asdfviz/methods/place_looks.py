@@ -8,7 +8,6 @@ the states that are near in the assembly's order differ are looked at.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError
 from asdfviz.geometry.boxes import box_around, is_in_view
 from asdfviz.geometry.camera import project
+from asdfviz.geometry.odds import log_odds, probability
 from asdfviz.geometry.shapes import Box, Scores, Transform
 from asdfviz.geometry.transforms import apply, apply_to_point
 from asdfviz.methods.part_poses import PartShape
@@ -28,8 +28,8 @@ from asdfviz.pose.box_size import box_distance
 from asdfviz.state.fusion import neighbours
 from asdfviz.state.joint_places import JointPlaces
 
-LARGEST_LOGIT = 6.0
-"""Probabilities are cut so that their log odds stay below."""
+LEAST = probability(-6.0)
+"""Probabilities nearer to 0 or 1 are cut, so that no log odds are beyond 6."""
 LEAST_PX = 4.0
 """A place that is smaller in the picture shows nothing."""
 
@@ -144,7 +144,7 @@ class PlaceLooks:
             for name, T in state.T_base_part.items():
                 if name != assembly.base and name in classes:
                     found.setdefault((name, T.tobytes()), []).append(state.index)
-        empty = _logit(config.empty)
+        empty = log_odds(config.empty, least=LEAST)
         self._places = [_Place(name, tuple(states), empty) for (name, _), states in found.items()]
 
     def step(
@@ -256,7 +256,7 @@ class PlaceLooks:
             distances=[distance for _, _, distance in looked],
         )
         return [
-            _logit(float(row[self._classes.index(name)]))
+            log_odds(float(row[self._classes.index(name)]), least=LEAST)
             for row, name in zip(told, wanted, strict=True)
         ]
 
@@ -267,9 +267,3 @@ def agreed(looks: Scores | None, stands: Scores | None) -> Scores | None:
         return stands if looks is None else looks
     both = looks * stands
     return both / both.sum()
-
-
-def _logit(probability: float) -> float:
-    cut = 1 / (1 + math.exp(LARGEST_LOGIT))
-    p = min(max(probability, cut), 1 - cut)
-    return math.log(p / (1 - p))

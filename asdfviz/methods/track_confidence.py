@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from asdfviz.datatypes import PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.odds import probability
+from asdfviz.geometry.odds import log_odds, probability
 
 CLIPPED = 0.02
 """Scores nearer to 0 or 1 than this are alike."""
@@ -62,8 +62,7 @@ def as_probabilities(
         return dict(poses)
     told: dict[str, PoseEstimate] = {}
     for name, pose in poses.items():
-        score = min(max(pose.score, CLIPPED), 1.0 - CLIPPED)
-        fits = math.log(score / (1.0 - score))
+        fits = log_odds(pose.score, least=CLIPPED)
         held = pose.stage == "group"
         odds = config.held_bias if held else config.bias
         odds += (config.held_weight if held else config.weight) * fits
