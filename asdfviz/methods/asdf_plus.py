@@ -23,6 +23,7 @@ from asdfviz.methods.asdf_plus_scene import PlusScene, plus_scene
 from asdfviz.methods.contour_fits import ContourFit
 from asdfviz.methods.doubts import contested
 from asdfviz.methods.first_pose import LooksAtParts
+from asdfviz.methods.in_table import in_table
 from asdfviz.methods.kept_poses import Decision, pose_confidence
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_poses import sure_enough
@@ -247,6 +248,9 @@ class AsdfPlus:
             stage = own.stage if frame.depth is None and own is not None else "refined"
             T = decision.best.T_camera_part if fit is None else fit.T_camera_part
             poses[name] = PoseEstimate(name, T, sure, stage)
+        config, base = self._config.in_table, scene.assembly.base
+        sunk = in_table(poses, self._asdf.shapes, frame, base=base, config=config)
+        poses = {name: pose for name, pose in poses.items() if name not in sunk}
         return scene.one_place.alone(scene.mistaken.doubted(frame, poses))
 
 

@@ -9,6 +9,7 @@ from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.contour_fits import ContourConfig
 from asdfviz.methods.first_confidence import FirstConfidenceConfig
 from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.in_table import InTableConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.leaps import LeapsConfig
@@ -93,6 +94,8 @@ class AsdfPlusConfig(AsdfConfig):
     """What has quite another tint than the part surely had is not the part."""
     leaps: LeapsConfig = field(default_factory=LeapsConfig)
     """What is farther from where a part was than a hand could have brought it has to be surer."""
+    in_table: InTableConfig = field(default_factory=InTableConfig)
+    """What would stand in the table is not the part."""
     least_score: float = 0.5
     """Poses that are more probably wrong than right are withheld, unless a state places the part; 0
     gives all. They are kept, and speak for states. Without depth too little is known, and all are given."""

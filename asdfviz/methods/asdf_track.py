@@ -31,6 +31,7 @@ from asdfviz.methods.asdf_track_scene import TrackScene, track_scene
 from asdfviz.methods.doubts import contested, doubted
 from asdfviz.methods.found_elsewhere import against_held, names_of_loose
 from asdfviz.methods.hidden_parts import sure_as_it_lay, sure_as_the_base
+from asdfviz.methods.in_table import in_table
 from asdfviz.methods.looked_at import LookedAt
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_poses import sure_enough
@@ -176,7 +177,8 @@ class AsdfTrack:
     def _without_strangers(
         self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: TrackScene
     ) -> dict[str, PoseEstimate]:
-        """The poses without those on things that only have a part's shape, which are tracked no longer.
+        """The poses without those on things that only have a part's shape, and without those in the table,
+        which are tracked no longer.
 
         What the state holds stays.
         """
@@ -186,7 +188,10 @@ class AsdfTrack:
             scene.unlike.forget(strangers)
             scene.own.forget(strangers)
             scene.parts.let_go(strangers)
-        return {n: pose for n, pose in poses.items() if n not in strangers}
+        config, base = self._config.in_table, scene.assembly.base
+        sunk = in_table(poses, self._asdf.shapes, frame, base=base, config=config)
+        scene.parts.let_go(sunk)
+        return {n: pose for n, pose in poses.items() if n not in strangers | sunk}
 
     def _turned(
         self, frame: Frame, poses: dict[str, PoseEstimate], scene: TrackScene

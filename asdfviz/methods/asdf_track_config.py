@@ -9,6 +9,7 @@ from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.doubts import DoubtConfig
 from asdfviz.methods.first_confidence import FirstConfidenceConfig
 from asdfviz.methods.group_poses import GroupConfig
+from asdfviz.methods.in_table import InTableConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.lying import LyingConfig
@@ -105,6 +106,8 @@ class AsdfTrackConfig(AsdfConfig):
     """What looks quite unlike a part of the same kind is not the part."""
     own_colors: OwnColorsConfig = field(default_factory=OwnColorsConfig)
     """What has quite another tint than the part surely had is not the part."""
+    in_table: InTableConfig = field(default_factory=InTableConfig)
+    """What would stand in the table is not the part."""
     doubt: DoubtConfig = field(default_factory=DoubtConfig)
     """What makes poses less sure that fit the picture."""
     confidence: TrackConfidenceConfig = field(default_factory=TrackConfidenceConfig)

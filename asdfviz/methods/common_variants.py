@@ -8,6 +8,7 @@ from typing import Any
 from asdfviz.methods.at_rest_config import AtRestConfig
 from asdfviz.methods.base_votes_config import BaseVotesConfig
 from asdfviz.methods.contests import ContestsConfig
+from asdfviz.methods.in_table import InTableConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.lying import LyingConfig
@@ -73,6 +74,7 @@ def common(config: Any) -> dict[str, Any]:
         "edges smeared alike": replace(config, smear=SmearConfig(enabled=False)),
         "elsewhere of any tint": replace(config, own_colors=OwnColorsConfig(enabled=False)),
         "twins of any colour": replace(config, unlike_twins=UnlikeTwinsConfig(enabled=False)),
+        "poses in the table": replace(config, in_table=InTableConfig(enabled=False)),
         "told as settled": replace(
             config, laid=NO_TABLE, lying=LyingConfig(enabled=False), joint_turns=SETTLED
         ),

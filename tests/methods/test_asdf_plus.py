@@ -18,6 +18,7 @@ from asdfviz.methods.asdf_config import AsdfConfig
 from asdfviz.methods.asdf_plus import AsdfPlus
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.base_votes_config import BaseVotesConfig
+from asdfviz.methods.in_table import InTableConfig
 from asdfviz.methods.kept_poses import HypothesesConfig
 from asdfviz.methods.part_poses import part_shapes
 from asdfviz.methods.registration import RegistrationConfig, evidence, registered
@@ -111,7 +112,7 @@ def test_a_hidden_base_stays_where_its_parts_have_it_whatever_looks_like_it(
 def test_poses_that_are_rather_wrong_are_withheld_but_kept(toy, detector) -> None:
     said = []
     for least in (0.0, 0.5):
-        config = AsdfPlusConfig(least_score=least)
+        config = AsdfPlusConfig(least_score=least, in_table=InTableConfig(enabled=False))
         method, given = started(toy, AsdfPlus(config, detector=detector)), []
         for index in range(4):
             poses = toy.poses(joined=False)
