@@ -126,10 +126,10 @@ class GroupPoses:
             return result
         T_camera_base, trust = found
         self.places.see(T_camera_base, {n: poses[n] for n in joined if n in poses})
-        # Not the names that loose twins bear: whose those are may be in a hand.
-        free = {name for name in (self.assembly.base, *joined) if name not in poses}
         poses, surplus = self._by_count(poses, T_camera_base, named, sure)
-        result, free = dict(poses), free | surplus
+        result = dict(poses)
+        # A loose twin that went by a joined part's name gave it back.
+        free = surplus | {name for name in (self.assembly.base, *joined) if name not in poses}
         for name in (self.assembly.base, *joined):
             placed = self._placed(name, T_camera_base, poses.get(name), named)
             own = poses.get(name)
