@@ -145,8 +145,10 @@ class Asdf:
                 poses = scene.group.step(poses, state, frame, may_be=may_be, pooled=pooled)
         scene.votes.keep(poses.get(scene.assembly.base))
         if scene.crop_poses is not None:
-            sure = config.first_confidence
-            poses = with_confidence(poses, self.assigned, scene.shapes, frame, config=sure)
+            sure, steady = config.first_confidence, scene.steady.step(poses)
+            poses = with_confidence(
+                poses, self.assigned, scene.shapes, frame, steady=steady, config=sure
+            )
             poses = sure_enough(poses, config.least_score)
         return FramePrediction(frame.index, poses, state, proposed.detections, timed.seconds)
 

@@ -18,6 +18,7 @@ from asdfviz.methods.part_poses import PartShape, part_shapes
 from asdfviz.methods.place_looks import PlaceLooks
 from asdfviz.methods.pooled_keypoints import PooledKeypoints
 from asdfviz.methods.state_looks import KeptLooks, StateLooks
+from asdfviz.methods.steady_poses import SteadyPoses
 from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.fusion import Pose2State
 from asdfviz.state.lately_loose import LatelyLoose
@@ -43,6 +44,7 @@ class AsdfScene:
     turns: BaseTurns
     votes: BaseVotes
     lately: LatelyLoose
+    steady: SteadyPoses
 
 
 def asdf_scene(
@@ -95,6 +97,7 @@ def asdf_scene(
         turns=BaseTurns(assembly, config=config.relative_pose),
         votes=BaseVotes(group, places=config.relative_pose, config=config.base_votes),
         lately=LatelyLoose(assembly, config=config.lately_loose),
+        steady=SteadyPoses(assembly),
     )
 
 

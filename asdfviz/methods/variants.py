@@ -173,6 +173,7 @@ def beyond_variants(assembly: Assembly) -> list[Variant]:
 
 def _beyond_asdf() -> list[Variant]:
     unjudged = AsdfConfig(first_confidence=FirstConfidenceConfig(enabled=False), least_score=0.1)
+    fleeting = AsdfConfig(first_confidence=FirstConfidenceConfig(steady=0.0))
     certain = RelativePoseConfig(in_place=PlaceOdds(offset=50.0))
     return [
         Variant("asdf", "asdf", AsdfConfig()),
@@ -183,6 +184,7 @@ def _beyond_asdf() -> list[Variant]:
         Variant("asdf, nothing known of the table", "asdf", AsdfConfig(on_table=NO_TABLE)),
         Variant("asdf, unsure poses given", "asdf", AsdfConfig(least_score=0.0)),
         Variant("asdf, scored by boxes and crops", "asdf", unjudged),
+        Variant("asdf, scored by each frame alone", "asdf", fleeting),
         Variant("asdf, places never in doubt", "asdf", AsdfConfig(relative_pose=certain)),
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=UNNAMED)),
         Variant("asdf, no contests", "asdf", AsdfConfig(contests=BEST_BOX)),

@@ -13,13 +13,15 @@ from asdfviz.methods.part_poses import part_shapes
 CONFIG = FirstConfidenceConfig()
 
 
-def scored(toy, pose, *, box_score=0.9, frame=None, config=CONFIG, boxed=True):
+def scored(toy, pose, *, box_score=0.9, frame=None, config=CONFIG, boxed=True, steady=0):
     true = toy.poses(joined=False)
     shapes = part_shapes(toy.assembly, surface_points=1500)
     box = replace(toy.detection("block", true["block"]), score=box_score)
     frame = toy.frame(1, true) if frame is None else frame
     found = {"block": box} if boxed else {}
-    told = with_confidence({"block": pose}, found, shapes, frame, config=config)
+    told = with_confidence(
+        {"block": pose}, found, shapes, frame, steady={"block": steady}, config=config
+    )
     assert told["block"].T_camera_part is pose.T_camera_part
     return told["block"].score
 
@@ -50,6 +52,23 @@ def test_each_witness_counts_for_its_weight(toy) -> None:
     assert np.log(p / (1 - p)) - np.log(q / (1 - q)) == pytest.approx(2.0)
 
 
+def odds_of(p: float) -> float:
+    return np.log(p / (1 - p))
+
+
+def test_what_is_found_where_it_was_is_surer_the_more_so_in_its_outline(toy) -> None:
+    unsure = [odds_of(scored(toy, pose_of(toy), box_score=0.1, steady=n)) for n in (0, 4, 8, 40)]
+    gains = np.subtract(unsure, unsure[0])
+    assert gains[2] == pytest.approx(CONFIG.steady, rel=0.1)
+    assert gains[1] == pytest.approx(gains[2] / 2)
+    assert gains[3] == gains[2]
+    beside = pose_of(toy, shift=0.02)
+    gain = odds_of(scored(toy, beside, steady=8)) - odds_of(scored(toy, beside))
+    assert 0.2 * gains[2] < gain < 0.8 * gains[2]
+    placed = pose_of(toy, stage="group", score=0.3)
+    assert scored(toy, placed, steady=8) == scored(toy, placed)
+
+
 def test_what_a_state_places_is_scored_by_the_group(toy) -> None:
     placed = [scored(toy, pose_of(toy, stage="group", score=s)) for s in (0.0, 0.3, 0.6)]
     assert placed == sorted(placed)
@@ -61,6 +80,11 @@ def test_switched_off_or_without_a_box_the_score_stays(toy) -> None:
     assert scored(toy, pose_of(toy), config=off) == 0.05
     assert scored(toy, pose_of(toy, stage="group"), config=off) == 0.05
     assert scored(toy, pose_of(toy), boxed=False) == 0.05
+
+
+def test_no_frames_are_not_long() -> None:
+    with pytest.raises(MethodError, match=r"first_confidence\.long"):
+        FirstConfidenceConfig(long=0)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
