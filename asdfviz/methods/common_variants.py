@@ -66,6 +66,7 @@ def common(config: Any) -> dict[str, Any]:
         "errors last as steps do": replace(
             config, smoothing=replace(smoothing, stay_wrong=smoothing.stay)
         ),
+        "parts of a step together": replace(config, smoothing=replace(smoothing, at_once=1.0)),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
         "camera not followed": replace(config, at_rest=AtRestConfig(enabled=False)),

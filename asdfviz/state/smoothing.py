@@ -51,6 +51,9 @@ class SmoothingConfig:
     may have been wrong."""
     mistakes: float = 0.4
     """Weight of a way that leads into an error state against that of the right next step."""
+    at_once: float = 0.1
+    """Weight of a step that adds several parts at once against that of each of its first parts alone: a hand
+    brings one after the other."""
     appearance_weight: float = 0.6
     """Exponent of the network's term; evidence of neighbouring frames is not independent."""
     pose_weight: float = 0.8
@@ -70,7 +73,7 @@ class SmoothingConfig:
             if not 0 <= getattr(self, name) <= 1:
                 raise MethodError(f"smoothing.{name} is {getattr(self, name):g}, use 0 to 1")
         weights = ("appearance_weight", "pose_weight", "group_weight", "place_weight")
-        for name in ("mistakes", *weights):
+        for name in ("mistakes", "at_once", *weights):
             if not 0 <= getattr(self, name) < math.inf:
                 raise MethodError(f"smoothing.{name} is {getattr(self, name):g}, use 0 or more")
         if not 0 < self.floor <= 1:  # where two terms disagree, nothing would be left
@@ -163,6 +166,9 @@ def transition_matrix(
     legal = np.zeros((count, count))
     for a, b in _legal(assembly):
         legal[a, b] = config.mistakes if b in wrong else 1.0
+    for a, b in pairwise(state.index for state in assembly.steps):
+        if any(legal[a, k] for k in half_done):
+            legal[a, b] = config.at_once
     ways = legal.sum(axis=1, keepdims=True)
     short = wrong - errors_alike(assembly, half_done).keys()
     lasting = np.array([config.stay_wrong if k in short else config.stay for k in range(count)])

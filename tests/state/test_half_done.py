@@ -165,7 +165,7 @@ def test_half_done_states_last_and_lead_on(caliper: Assembly) -> None:
     for index in unfolded.indices:
         assert move[index, index] == pytest.approx(config.stay)
         assert move[index, 2] == pytest.approx(1 - config.stay)
-        assert move[1, index] == pytest.approx(move[1, 2])
+        assert move[1, 2] == pytest.approx(config.at_once * move[1, index])
     count = len(unfolded.assembly.states)
     online = StateFilter(unfolded.assembly, config=config, half_done=unfolded.indices)
     online.step(None, np.eye(count)[1])
@@ -181,6 +181,32 @@ def test_half_done_states_last_and_lead_on(caliper: Assembly) -> None:
     for _ in range(30):
         online.step(None, np.eye(count)[2] + 0.01)
     assert int(unfolded.summed(online.belief).argmax()) == 2
+
+
+def test_parts_of_one_step_rather_come_one_after_the_other(caliper: Assembly) -> None:
+    """The first part is seen to be in, and nothing of the second one."""
+    ways = HalfDone.of(caliper)
+    seen = np.full(len(ways.assembly.states), 0.01)
+    seen[min(ways.indices)] = seen[2] = 1.0
+    told: list[float] = []
+    for weight in (1.0, 0.1, 0.0):
+        online = StateFilter(
+            ways.assembly, config=SmoothingConfig(at_once=weight), half_done=ways.indices
+        )
+        for _ in range(8):
+            online.step(None, np.eye(len(seen))[1])
+        for _ in range(3):  # to arrive, and to be there
+            online.step(None, seen)
+        assert online.belief is not None
+        told.append(float(online.belief[2] / online.belief[min(ways.indices)]))
+    assert told[0] == pytest.approx(1.0, abs=0.05)
+    assert told[2] < told[1] < 0.2
+    # What no step adds in parts is no rarer.
+    plain = HalfDone.none(caliper)
+    one, other = (
+        transition_matrix(plain.assembly, config=SmoothingConfig(at_once=w)) for w in (1.0, 0.1)
+    )
+    np.testing.assert_array_equal(one, other)
 
 
 def test_offline_too_a_part_only_comes_off_after_its_step() -> None:
