@@ -90,6 +90,7 @@ class AsdfTrack:
         with timed("track"):
             joined = self._join(frame, scene)
             parts.tracker.move(frame)
+            self._lift(frame, joined, scene)
             poses = self._without_strangers(frame, parts.settle(frame, joined), scene)
             poses = self._turned(frame, poses, scene)
             scene.told.rest.see({} if shown.depth is None else poses, joined=joined)
@@ -173,6 +174,21 @@ class AsdfTrack:
             {name: pose for name, pose in mine.items() if name not in others},
             {name: look for name, look in looks.items() if name not in others},
         )
+
+    def _lift(self, frame: Frame, joined: frozenset[str], scene: TrackScene) -> None:
+        """Put what the tracker moved into the table back to where it was, unless it fits there."""
+        tracker, tracks, config = scene.parts.tracker, scene.parts.tracks, self._config.in_table
+        free = {
+            name: PoseEstimate(name, T, 0.0, "tracked")
+            for name, T in tracker.poses.items()
+            if name not in joined
+        }
+        base = scene.assembly.base
+        sunk = in_table(free, self._asdf.shapes, frame, base=base, config=config)
+        if sunk:
+            seen = tracker.evidence(frame)
+            unsure = [name for name in sunk if tracker.judged(seen[name]) <= config.sure]
+            tracker.replace(frame, {name: tracks[name].T_now for name in unsure})
 
     def _without_strangers(
         self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: TrackScene

@@ -124,3 +124,28 @@ def test_methods_do_not_tell_what_is_in_the_table_unless_they_are_sure(
         method = AsdfPlus(AsdfPlusConfig(in_table=rule, least_score=0.0), detector=detector)
     told = last(method, toy, detector)
     assert set(told) == ({"base"} if sure == 1.0 else {"base", "block"})
+
+
+@pytest.mark.parametrize(
+    ("enabled", "held", "goes_back"),
+    [(True, False, True), (True, True, False), (False, False, False)],
+)
+@pytest.mark.usefixtures("small_models", "shapes_unchecked")
+def test_what_the_tracker_moves_into_the_table_goes_back(
+    toy, detector, *, enabled: bool, held: bool, goes_back: bool
+) -> None:
+    config = AsdfTrackConfig(in_table=InTableConfig(enabled=enabled))
+    method = AsdfTrack(config, detector=detector)
+    method.reset(toy.assembly, toy.frame(0).camera, None)
+    there, frame = {"base": BASE, "block": at(0.73)}, toy.frame(0, {"base": BASE})
+    detector.answers[0] = tuple(toy.detection(name, T) for name, T in there.items())
+    method.step(frame)
+    scene = method._scene
+    assert scene is not None
+    parts = scene.parts
+    before = parts.tracks["block"].T_now
+    parts.tracker.replace(frame, {"block": at(0.765)})
+    method._lift(frame, frozenset({"block"} if held else ()), scene)
+    np.testing.assert_allclose(
+        parts.tracker.poses["block"], before if goes_back else at(0.765), atol=1e-9
+    )
