@@ -88,9 +88,9 @@ def _is_in(T: Transform, shape: PartShape, frame: Frame, config: InTableConfig) 
     points = apply(T, shape.surface[::3])
     heights = points @ table.normal + table.offset
     low = heights < -config.deep
-    if (
-        low.all()
-    ):  # depth had its front in the table; that deep it is rather behind an arm taken for one
+    # Depth draws the front of such a part to the table; one that is all under it is rather beneath an arm
+    # that was taken for the table.
+    if low.all():
         return False
     # Past its edge one looks down beside it.
     below = _readings(points[low], frame) @ table.normal + table.offset
