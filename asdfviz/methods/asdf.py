@@ -145,7 +145,8 @@ class Asdf:
                 poses = scene.group.step(poses, state, frame, may_be=may_be, pooled=pooled)
         scene.votes.keep(poses.get(scene.assembly.base))
         if scene.crop_poses is not None:
-            sure, steady = config.first_confidence, scene.steady.step(poses)
+            sure = config.first_confidence
+            steady = scene.steady.step({n: pose.T_camera_part for n, pose in poses.items()})
             poses = with_confidence(
                 poses, self.assigned, scene.shapes, frame, steady=steady, config=sure
             )

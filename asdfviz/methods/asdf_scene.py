@@ -24,6 +24,9 @@ from asdfviz.state.fusion import Pose2State
 from asdfviz.state.lately_loose import LatelyLoose
 from asdfviz.state.part_names import PartNames
 
+STEADY = 0.006
+"""A part that moves by no more than this from one frame to the next is where it was, metres."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AsdfScene:
@@ -97,7 +100,7 @@ def asdf_scene(
         turns=BaseTurns(assembly, config=config.relative_pose),
         votes=BaseVotes(group, places=config.relative_pose, config=config.base_votes),
         lately=LatelyLoose(assembly, config=config.lately_loose),
-        steady=SteadyPoses(assembly),
+        steady=SteadyPoses(assembly, apart=STEADY, by_twins=True),
     )
 
 

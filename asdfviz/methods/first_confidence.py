@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from types import MappingProxyType
 
 from asdfviz.datatypes import Detection, Frame, PoseEstimate
 from asdfviz.errors import MethodError
@@ -70,7 +69,7 @@ def with_confidence(
     shapes: Mapping[str, PartShape],
     frame: Frame,
     *,
-    steady: Mapping[str, int] = MappingProxyType({}),
+    steady: Mapping[str, int],
     config: FirstConfidenceConfig,
 ) -> dict[str, PoseEstimate]:
     """The poses, scored by how probably they are right; one of its own without a box keeps its score.
@@ -80,7 +79,7 @@ def with_confidence(
         found: the boxes that the parts were detected in.
         shapes: of the parts.
         frame: with or without depth.
-        steady: for how many frames parts have been where they are; 0 where nothing is said.
+        steady: for how many frames parts have been where they are.
         config: weights.
     """
     told = dict(poses)
@@ -95,6 +94,6 @@ def with_confidence(
             seen = evidence(T, shapes[name], frame, box_xyxy=at, config=READ)
             odds = config.bias + config.outline * seen.outline + config.detection * box.score
             odds += config.unread if frame.depth is None else config.agreeing * seen.agreeing
-            odds += config.steady * seen.outline * min(steady.get(name, 0) / config.long, 1.0)
+            odds += config.steady * seen.outline * min(steady[name] / config.long, 1.0)
         told[name] = replace(pose, score=probability(odds))
     return told

@@ -13,9 +13,9 @@ from types import MappingProxyType
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.geometry.shapes import Transform
-from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.leaps import Leaps, LeapsConfig
 from asdfviz.methods.own_colors import OwnColors, OwnColorsConfig
+from asdfviz.methods.steady_poses import SteadyPoses
 from asdfviz.methods.still_there import AWAY, StillThere, StillThereConfig
 from asdfviz.state.joined_spots import JoinedSpots
 from asdfviz.state.twins import renamed
@@ -40,7 +40,7 @@ class Mistaken:
         leaps: LeapsConfig,
     ) -> None:
         """Begin a sequence."""
-        self._base, self._parts = assembly.base, assembly.parts
+        self._base = assembly.base
         self._spots = JoinedSpots(assembly)
         self._still = StillThere(assembly, config=config)
         self._own = OwnColors(assembly, config=own)
@@ -49,8 +49,8 @@ class Mistaken:
         """For how many frames one after the other parts had another tint,"""
         self._unlike: frozenset[str] = frozenset()
         """and which have it in this one."""
-        self._now: dict[str, tuple[Transform, int]] = {}
-        """Where parts surely were in the last frame, for so many frames."""
+        self._steady = SteadyPoses(assembly, apart=AWAY)
+        """For how many frames parts surely have been where they are."""
 
     def found(
         self,
@@ -94,8 +94,8 @@ class Mistaken:
     ) -> None:
         """What the frame's poses are in the end, and the scores of the boxes that parts were found in."""
         sure = {n: p.T_camera_part for n, p in poses.items() if p.score >= SURE}
-        self._now = {name: (T, self._frames_at(name, T)) for name, T in sure.items()}
-        lying = {name: T for name, (T, frames) in self._now.items() if frames >= LAIN}
+        before = self._steady.step(sure)
+        lying = {name: T for name, T in sure.items() if before[name] + 1 >= LAIN}
         self._still.see(frame, lying, scores=scores)
         self._own.see(frame, lying)
         self._refused = {n: self._refused.get(n, 0) + 1 for n in self._unlike}
@@ -104,20 +104,12 @@ class Mistaken:
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
-        self._now = renamed(self._now, names)
+        self._steady.rename(names)
         self._still.rename(names)
         self._own.rename(names)
         self._leaps.rename(names)
         self._refused = renamed(self._refused, names)
         self._unlike = frozenset(names.get(name, name) for name in self._unlike)
-
-    def _frames_at(self, name: str, T_camera_part: Transform) -> int:
-        """For how many frames one after the other a part has been where it is."""
-        before, frames = self._now.get(name, (None, 0))
-        middle = self._parts[name].middle
-        if before is None or point_distance(before, T_camera_part, middle) > AWAY:
-            return 1
-        return frames + 1
 
     def _is_away(self, pose: PoseEstimate, T_camera_base: Transform | None) -> bool:
         if T_camera_base is None:

@@ -16,13 +16,14 @@ def at(name: str, x: float, turn: float = 0.0) -> PoseEstimate:
     return PoseEstimate(name, transform_from(R, np.array([x, 0.0, 0.7])), 0.5, "refined")
 
 
-def steady(toy) -> SteadyPoses:
+def steady(toy, *, by_twins: bool = True) -> SteadyPoses:
     twin = replace(toy.assembly.parts["block"], name="twin")
-    return SteadyPoses(replace(toy.assembly, parts={**toy.assembly.parts, "twin": twin}))
+    assembly = replace(toy.assembly, parts={**toy.assembly.parts, "twin": twin})
+    return SteadyPoses(assembly, apart=0.006, by_twins=by_twins)
 
 
 def told(counting: SteadyPoses, *poses: PoseEstimate) -> dict[str, int]:
-    return counting.step({pose.part: pose for pose in poses})
+    return counting.step({pose.part: pose.T_camera_part for pose in poses})
 
 
 def test_frames_in_one_place_are_counted_whatever_the_twin_is_called(toy) -> None:
@@ -44,3 +45,11 @@ def test_what_moves_or_was_away_for_a_frame_begins_anew(toy) -> None:
     ]
     told(counting)
     assert told(counting, at("block", 0.12)) == {"block": 0}
+
+
+def test_by_names_a_twin_is_another_part_unless_it_is_renamed(toy) -> None:
+    counting = steady(toy, by_twins=False)
+    told(counting, at("block", 0.1))
+    assert told(counting, at("twin", 0.1)) == {"twin": 0}
+    counting.rename({"twin": "block", "block": "twin"})
+    assert told(counting, at("block", 0.1)) == {"block": 1}
