@@ -177,18 +177,23 @@ class AsdfTrack:
 
     def _lift(self, frame: Frame, joined: frozenset[str], scene: TrackScene) -> None:
         """Put what the tracker moved into the table back to where it was, unless it fits there."""
-        tracker, tracks, config = scene.parts.tracker, scene.parts.tracks, self._config.in_table
+        tracker, tracks, sure = scene.parts.tracker, scene.parts.tracks, self._config.in_table.sure
         free = {
             name: PoseEstimate(name, T, 0.0, "tracked")
             for name, T in tracker.poses.items()
             if name not in joined
         }
-        base = scene.assembly.base
-        sunk = in_table(free, self._asdf.shapes, frame, base=base, config=config)
+        sunk = self._sunk(frame, free, scene)
         if sunk:
             seen = tracker.evidence(frame)
-            unsure = [name for name in sunk if tracker.judged(seen[name]) <= config.sure]
+            unsure = [name for name in sunk if tracker.judged(seen[name]) <= sure]
             tracker.replace(frame, {name: tracks[name].T_now for name in unsure})
+
+    def _sunk(
+        self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: TrackScene
+    ) -> frozenset[str]:
+        base, shapes = scene.assembly.base, self._asdf.shapes
+        return in_table(poses, shapes, frame, base=base, config=self._config.in_table)
 
     def _without_strangers(
         self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: TrackScene
@@ -204,8 +209,7 @@ class AsdfTrack:
             scene.unlike.forget(strangers)
             scene.own.forget(strangers)
             scene.parts.let_go(strangers)
-        config, base = self._config.in_table, scene.assembly.base
-        sunk = in_table(poses, self._asdf.shapes, frame, base=base, config=config)
+        sunk = self._sunk(frame, poses, scene)
         scene.parts.let_go(sunk)
         return {n: pose for n, pose in poses.items() if n not in strangers | sunk}
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32
 
 from asdfviz.datatypes import Frame, PoseEstimate
 from asdfviz.errors import MethodError
@@ -93,8 +93,8 @@ def _is_in(T: Transform, shape: PartShape, frame: Frame, config: InTableConfig) 
     if low.all():
         return False
     # Past its edge one looks down beside it.
-    below = _readings(points[low], frame) @ table.normal + table.offset
-    return bool((below > -config.deep).sum() > config.share * len(points))
+    seen = _heights_seen(points[low], table, frame)
+    return bool((seen > -config.deep).sum() > config.share * len(points))
 
 
 def _table(T: Transform, shape: PartShape, frame: Frame) -> Table | None:
@@ -106,12 +106,11 @@ def _table(T: Transform, shape: PartShape, frame: Frame) -> Table | None:
     return near
 
 
-def _readings(points: Points, frame: Frame) -> Float64[np.ndarray, "read 3"]:
-    """What depth shows where these points would be seen, the camera's frame, metres; of those in view that
-    have a reading."""
+def _heights_seen(points: Points, table: Table, frame: Frame) -> Float32[np.ndarray, "read"]:
+    """How high what depth shows where these points would be seen lies above the table, metres; of those in
+    view that have a reading."""
     assert frame.depth is not None  # asked before
-    inside, rows, columns = nearest_pixels(points, frame.camera.K, frame.depth.shape)
-    depth = frame.depth[rows, columns].astype(np.float64)
-    known = depth > 0
-    rays = points[inside][known]
-    return rays * (depth[known] / rays[:, 2])[:, None]
+    K = frame.camera.K
+    _, rows, columns = nearest_pixels(points, K, frame.depth.shape)
+    depth = frame.depth[rows, columns]
+    return table.heights(depth[None], rows=rows[None], columns=columns[None], K=K)[0, depth > 0]
