@@ -166,7 +166,7 @@ def transition_matrix(
     legal = np.zeros((count, count))
     for a, b in _legal(assembly):
         legal[a, b] = config.mistakes if b in wrong else 1.0
-    for a, b in pairwise(state.index for state in assembly.steps):
+    for a, b in _steps(assembly):
         if any(legal[a, k] for k in half_done):
             legal[a, b] = config.at_once
     ways = legal.sum(axis=1, keepdims=True)
@@ -183,8 +183,12 @@ def transition_matrix(
 
 def _legal(assembly: Assembly) -> list[tuple[int, int]]:
     """The ways from a state to the next, errors and half-done states among them."""
-    steps = pairwise(state.index for state in assembly.steps)
-    return sorted({*steps, *((a, b) for a, b in assembly.transitions if a != b)})
+    return sorted({*_steps(assembly), *((a, b) for a, b in assembly.transitions if a != b)})
+
+
+def _steps(assembly: Assembly) -> list[tuple[int, int]]:
+    """From each step to the next."""
+    return list(pairwise(state.index for state in assembly.steps))
 
 
 def with_arrivals(
