@@ -60,12 +60,21 @@ class _Visit:
     is_on: bool = False
     """Whether it is there in this frame."""
 
-    def see(self, sight: _Sight, *, is_loose: bool, may_bring: bool, config: LooseConfig) -> None:
+    def see(
+        self,
+        sight: _Sight,
+        is_loose: bool,
+        is_away: bool,
+        may_bring: bool,
+        *,
+        config: LooseConfig,
+    ) -> None:
         """Take a frame; once the hand was surely seen to leave, who comes next matters no more.
 
         Args:
             sight: of the place.
-            is_loose: whether the part was found loose: then it was not left there.
+            is_loose: whether the part was found loose: then it was not left there,
+            is_away: and not even near: then who is there brings something else.
             may_bring: whether the part can be there by now.
             config: when that says something.
         """
@@ -81,6 +90,8 @@ class _Visit:
         elif there >= least:
             self.peak, self.stayed, self.left = max(self.peak, there), self.stayed + 1, 0
             self.is_on = True
+        if is_away:
+            self.peak, self.stayed = 0.0, 0
 
 
 @dataclass(slots=True, eq=False)
@@ -175,7 +186,9 @@ class Approaches:
             watch.gone = watch.gone + 1 if watch.row == 0 else 0
             may_have = unsure or near.any() or watch.gone > self._config.patience
             if watch.row == 0 and not unsure:
-                watch.visit.see(sight, is_loose=found > k, may_bring=may_bring, config=self._config)
+                is_loose = found > k
+                is_away = is_loose and len(moving) > 0 and not near.any()
+                watch.visit.see(sight, is_loose, is_away, may_bring, config=self._config)
             if watch.since is not None:
                 # What passes before a place tells nothing of it; who still is there may not be done.
                 is_passing = sight.before - sight.may_be >= PASSING

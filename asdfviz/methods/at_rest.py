@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from asdfviz.datatypes import Assembly, Part, PoseEstimate
+from asdfviz.datatypes import Assembly, Frame, Part, PoseEstimate
+from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.rigid_fit import agreement, rigid_fit, robust_fit
-from asdfviz.geometry.shapes import Points, Transform
+from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.symmetry import nearest_symmetric, symmetric_angle
 from asdfviz.geometry.transforms import (
     apply,
@@ -98,6 +99,15 @@ class AtRest:
     def lies(self, name: str) -> bool:
         """Whether the last frame found a part where it lay."""
         return name in self._there
+
+    def is_hidden(self, point_stage: Vector, frame: Frame, *, by: float) -> bool:
+        """Whether something stands in front of a point by this, metres, or it is out of view; by depth."""
+        assert frame.depth is not None
+        point = apply_to_point(self._T_camera_stage, point_stage)
+        inside, row, column = nearest_pixels(point[None], frame.camera.K, frame.depth.shape)
+        if not inside[0]:
+            return True
+        return 0 < frame.depth[row[0], column[0]].item() < point[2].item() - by
 
     def lay(self, name: str, T_camera_part: Transform) -> bool:
         """Whether enough frames found a part there, and none since elsewhere; the last need not see it."""

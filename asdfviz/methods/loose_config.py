@@ -45,6 +45,11 @@ class LooseConfig:
     to leave."""
     there: float = 2.0
     """Log odds of being loose where it lies where it lay."""
+    far: float = 0.08
+    """A part that surely is farther than this from any place, metres, in `steady` frames more than it is not,"""
+    seen_far: float = 4.0
+    """is loose with these log odds, also if a state had it joined already: it was taken out again, or never
+    was in."""
     in_front: float = 0.015
     """What is nearer than where it lay by this hides it, metres: then it is not gone,"""
     empty: int = 5
@@ -96,6 +101,8 @@ class LooseConfig:
             "left",
             "most_shown",
             "busy",
+            "seen_far",
+            "far",
         ):
             if not getattr(self, option) >= 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use 0 or more")

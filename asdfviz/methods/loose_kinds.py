@@ -53,6 +53,28 @@ class Kind:
     """and how far one ever was."""
     spots: list[Spot] = field(default_factory=list[Spot])
 
+    seen_far: int = 0
+    """How many of them surely are far from any place in the last frame,"""
+    frames_far: list[int] = field(default_factory=list[int])
+    """and in how many frames one or more, two or more, ... were, less those in which they were not."""
+
+    def see_far(self, count: int) -> None:
+        """Take in how many of them surely are far from any place in a frame."""
+        self.seen_far, before = count, self.frames_far or [0] * len(self.names)
+        self.frames_far = [
+            frames + 1 if count > k else max(frames - 1, 0) for k, frames in enumerate(before)
+        ]
+
+    def far_for(self, frames: int) -> int:
+        """How many of them are there now, and have been in so many frames."""
+        return sum(self.frames_far[k] >= frames for k in range(self.seen_far))
+
+    def lie_nowhere_else(self, frames: int) -> None:
+        """All of them are found: where none is now, none is hidden either, as if seen for so many frames."""
+        for spot in self.spots:
+            if not spot.is_seen:
+                spot.empty = max(spot.empty, frames)
+
 
 def kind_of(
     assembly: Assembly, names: tuple[str, ...], spots: JoinedSpots, *, config: LooseConfig

@@ -15,7 +15,6 @@ from functools import partial
 import numpy as np
 
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate, State
-from asdfviz.geometry.camera import nearest_pixels
 from asdfviz.geometry.matching import cheapest_pairs
 from asdfviz.geometry.shapes import Scores, Transform, Vector
 from asdfviz.geometry.transforms import apply_to_point, inverse
@@ -81,8 +80,7 @@ class LooseParts:
             frame: with depth, or nothing is said.
             rest: what lies still, and how the camera moves; it has seen this frame.
             shown_px: in how many pixels a part shows where a state joins it.
-            place: T_base_part where a state joins a part, by what is known of its joint; left out, the
-                nominal one.
+            place: T_base_part where a state joins a part, as its joint is known; left out, as in the state.
             step_frames: how long a step takes, frames.
         """
         self._step_frames = step_frames
@@ -132,6 +130,9 @@ class LooseParts:
         ]
         lie = self._lying(kind, loose)
         there, away_by = sum(lie), [way for _, way in sure]
+        kind.see_far(
+            sum(p.score >= self._config.sure and way > self._config.far for p, way in sure)
+        )
         moving = [pose for (pose, _), lies in zip(sure, lie, strict=True) if not lies]
         kind.approaches.step(
             T_camera_base,
@@ -192,6 +193,8 @@ class LooseParts:
             spot.middle = spot.middle + (point - spot.middle) / min(spot.frames, config.enough)
             spot.last = self._frames
             lie.append(score >= config.sure and spot.frames >= config.enough)
+        if len(loose) == len(kind.names):
+            kind.lie_nowhere_else(config.empty)
         # What lay for a moment may be hidden since; what moves lay nowhere.
         kind.spots = [
             s for s in kind.spots if s.is_seen or s.frames >= min(config.steady, config.enough)
@@ -223,7 +226,11 @@ class LooseParts:
                 told = min(config.gain * self._left(kind, loose), config.most_shown)
             # Where not even one is found, two are not either.
             most.append(max(told, most[-1]))
-        lying = [config.there * max(there - loose, 0) for loose in kind.loose]
+        far = kind.far_for(config.steady)
+        lying = [
+            max(config.there * max(there - loose, 0), config.seen_far * (far > loose))
+            for loose in kind.loose
+        ]
         untouched = [self._untouched(kind, loose) for loose in kind.loose]
         return np.array([most[n] for n in kind.loose]) + np.maximum(lying, untouched)
 
@@ -281,19 +288,11 @@ class LooseParts:
             if spot.is_seen:
                 continue
             is_unsure = any(np.linalg.norm(spot.middle - point) <= away for point in maybe)
-            if not is_unsure and not self._is_hidden(spot.middle, frame, rest):
+            by = self._config.in_front
+            if not is_unsure and not rest.is_hidden(spot.middle, frame, by=by):
                 spot.empty += 1
             elif spot.empty < self._config.empty:
                 count += 1
         enough = self._config.enough
         kind.spots = [s for s in kind.spots if s.is_seen or s.frames >= enough or not s.empty]
         return count
-
-    def _is_hidden(self, point_stage: Vector, frame: Frame, rest: AtRest) -> bool:
-        """Whether something stands in front of a point, or it is out of view."""
-        assert frame.depth is not None
-        point = apply_to_point(rest.T_camera_stage, point_stage)
-        inside, row, column = nearest_pixels(point[None], frame.camera.K, frame.depth.shape)
-        if not inside[0]:
-            return True
-        return 0 < frame.depth[row[0], column[0]].item() < point[2].item() - self._config.in_front

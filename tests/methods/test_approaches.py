@@ -293,3 +293,20 @@ def test_what_could_be_seen_to_come_is_what_nothing_has_covered_for_good(
 
     assert came(0.6)
     assert not came(0.0)
+
+
+@pytest.mark.parametrize(("beside", "left"), [(0.12, 1), (0.2, 0)])
+def test_who_is_there_while_the_part_is_seen_elsewhere_brings_something_else(
+    approaches, toy, *, beside: float, left: int
+) -> None:
+    """As long as it was not there for long enough since."""
+    table, hand = toy.frame(0, {}), over(toy.frame(0, {}), 0, 0.5)
+    seen = (BASE @ HOLES[0])[:3, 3] - np.array([beside, 0.0, 0.0])
+    for _ in range(3):
+        step(approaches, table, loose=2)
+    step(approaches, table, loose=1)
+    for _ in range(3):
+        step(approaches, hand, loose=1, found=2, moving=[seen])
+    for frame in (hand, hand, table):
+        step(approaches, frame, loose=1)
+    assert approaches.left(1) == left

@@ -85,7 +85,14 @@ def counted(pinned: Assembly, toy):
     ) -> np.ndarray | None:
         rest = rest or rest_of(pinned)
         config = LooseConfig(
-            **{"small_px": 50.0, "enough": 4, "wait": 3, "untouched": 0.0, **options}
+            **{
+                "small_px": 50.0,
+                "enough": 4,
+                "wait": 3,
+                "untouched": 0.0,
+                "seen_far": 0.0,
+                **options,
+            }
         )
         loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
         base = PoseEstimate("base", BASE, 1.0, "refined")
@@ -156,7 +163,8 @@ def test_what_is_gone_is_not_joined_before_something_came_to_its_place(
 
 
 def test_a_hand_that_came_and_left_has_brought_what_is_gone(toy, pinned: Assembly) -> None:
-    options = {"small_px": 50.0, "enough": 4, "wait": 40, "untouched": 0.0, "there": 0.0}
+    options = {"small_px": 50.0, "enough": 4, "wait": 40}
+    options |= {"untouched": 0.0, "there": 0.0, "seen_far": 0.0}
 
     def after(
         away: int, shows: Callable[[str, State], float] = everything, **more: float
@@ -422,3 +430,58 @@ def test_what_is_half_done_may_show_what_is_hidden_in_the_end(toy, pinned: Assem
     # Where only what is half done leaves so many loose, it alone is asked.
     assert scores_after((1, 2), hidden=shown) is None
     assert scores_after((2,), hidden=everything) is None
+
+
+@pytest.mark.parametrize("is_seen_elsewhere", [True, False])
+def test_where_a_part_lay_it_does_not_lie_hidden_once_all_were_found_elsewhere(
+    pinned: Assembly, toy, *, is_seen_elsewhere: bool
+) -> None:
+    """The jaw that is put down over the place of a pin hides no pin that was seen in a hand since."""
+    config = LooseConfig(small_px=50.0, enough=4, wait=3, untouched=0.0, seen_far=0.0)
+    loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
+    base, rest = PoseEstimate("base", BASE, 1.0, "refined"), rest_of(pinned)
+    table = toy.frame(0, {})
+    lies = SPOTS[0][:3, 3]
+    u, v = (table.camera.K @ lies)[:2] / lies[2]
+    covered = replace(table, depth=table.depth.copy())
+    covered.depth[int(v) - 12 : int(v) + 12, int(u) - 12 : int(u) + 12] = 0.6
+    carried = transform_from(np.eye(3), np.array([-0.1, -0.08, 0.62]))
+    shown = [(SPOTS, table)] * 6
+    shown += [((carried, SPOTS[1]), covered)] * 2 if is_seen_elsewhere else []
+    shown += [((SPOTS[1],), with_hand(covered))] * 12
+    told = None
+    for count, (pins, frame) in enumerate(shown):
+        poses = {n: PoseEstimate(n, T, 0.9, "refined") for n, T in zip(PINS, pins, strict=False)}
+        told = loose.step(
+            base,
+            poses,
+            replace(frame, time=float(count)),
+            rest=rest,
+            shown_px=everything,
+        )
+    speaks = told is not None and bool(told[1] > 2 * told[0])
+    assert speaks is is_seen_elsewhere
+
+
+@pytest.mark.parametrize(
+    ("away", "score", "option", "joined"),
+    [
+        (0.12, 0.9, 4.0, False),
+        (0.12, 0.9, 0.0, True),
+        (0.03, 0.9, 4.0, True),
+        (0.12, 0.7, 4.0, True),
+    ],
+)
+def test_a_part_that_surely_is_far_from_any_place_is_not_joined_wherever_it_lay(
+    counted, *, away: float, score: float, option: float, joined: bool
+) -> None:
+    """It is carried, and lies in no frame where it lay; nothing else has told of it yet."""
+    carried = [
+        ([transform_from(np.eye(3), np.array([-0.02 - away, 0.02 * k, 0.58]))], 1) for k in range(3)
+    ]
+    told = counted(*carried, score=score, seen_far=option, came=False)
+    if joined:
+        assert told is None
+    else:
+        assert counted(*carried[:2], score=score, seen_far=option, came=False) is None
+        assert np.log(told[:2] / told[2]) == pytest.approx([4.0, 4.0])
