@@ -66,9 +66,14 @@ class HypothesesConfig:
     """if less than this of it would be seen where it was, 0 to 1."""
     unseen: float = 0.35
     """A part without a box keeps its pose where at least this share of the depth agrees, 0 to 1."""
+    blind: float = 0.05
+    """Where less of a part's box and of what is around it is measured, 0 to 1, depth says nothing, and the
+    first pose is the answer: a colour image is wider than what a depth camera sees of it."""
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
+        if not 0 <= self.blind <= 1:
+            raise MethodError(f"hypotheses.blind is {self.blind:g}, use 0 to 1")
         if min(self.kept, self.looked_every, self.lain) < 1:
             raise MethodError(
                 f"hypotheses.kept is {self.kept}, looked_every {self.looked_every} and lain {self.lain}: "
@@ -194,6 +199,8 @@ class Decision:
     """Over the most trusted pose that is another one; the trust itself where there is none."""
     rival: Hypothesis | None = None
     """That other pose."""
+    is_measured: bool = True
+    """Whether depth said something of it."""
 
 
 def pose_confidence(

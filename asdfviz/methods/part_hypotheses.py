@@ -17,7 +17,7 @@ from functools import partial
 import numpy as np
 
 from asdfviz.datatypes import Frame, Part
-from asdfviz.geometry.shapes import Box, Transform
+from asdfviz.geometry.shapes import Box, Depth, Transform
 from asdfviz.geometry.symmetry import symmetric_angle
 from asdfviz.methods.kept_poses import (
     Allows,
@@ -38,6 +38,7 @@ from asdfviz.methods.registration import (
     evidence,
     registered,
 )
+from asdfviz.pose.box_size import measured_share
 
 UNKNOWN = 0.5
 """Taken for the network's preference before the first frame."""
@@ -93,7 +94,7 @@ class PartHypotheses:
 
         Args:
             proposals: this frame's first poses, the preferred one first; registered or not.
-            frame: with depth; without, the first proposal is the answer.
+            frame: with depth; without, and where its box shows none, the first proposal is the answer.
             box_xyxy: where the part was detected, pixels, or None.
             likely: of any pose; left out, the proposals' own preferences stand for it.
             allows: whether the most trusted pose may rather be another one; left out, any.
@@ -103,7 +104,7 @@ class PartHypotheses:
             return self._stayed(self._rest[1], box_xyxy)
         if likely is None and proposals:
             likely = partial(self._likely, proposals)
-        if frame.depth is None:
+        if frame.depth is None or self._is_blind(frame.depth, box_xyxy):
             return self._without_depth(proposals, frame, box_xyxy, likely)
         if allows is not None and self._kept:
             proposals = self._allowed(proposals, partial(allows, self._kept[0].T_camera_part))
@@ -166,6 +167,9 @@ class PartHypotheses:
 
         return [one if one.frames == 1 else replace(one, trust=left(one)) for one in found]
 
+    def _is_blind(self, depth: Depth, box_xyxy: Box | None) -> bool:
+        return box_xyxy is not None and measured_share(box_xyxy, depth) < self._config.blind
+
     def _without_depth(
         self,
         proposals: Sequence[Proposal],
@@ -176,7 +180,7 @@ class PartHypotheses:
         if not proposals:
             return None
         first = self._begun(proposals[0], frame, box_xyxy, likely)
-        return Decision(first, first.trust)
+        return Decision(first, first.trust, is_measured=False)
 
     def _carried(
         self, old: Hypothesis, likely: Likely | None, frame: Frame, box_xyxy: Box | None

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float32
 
 from asdfviz.geometry.boxes import box_middle, diagonal
 from asdfviz.geometry.median import median
@@ -23,6 +24,8 @@ MARGIN_PX = 3.0
 """and this: those of small parts are drawn loosely, pixels of the diagonal."""
 CORE = 1 / 6
 """Share of its width and height to either side of a box's middle in which depth is read."""
+AROUND = 0.75
+"""The same with what is around the box."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,10 +64,24 @@ def _largest(points: Points, turns: np.ndarray) -> float:
 
 def box_distance(box_xyxy: Box, depth: Depth) -> float | None:
     """Median of what was measured about the middle of a box, metres; None where nothing was."""
-    middle = box_middle(box_xyxy)
-    reach = np.maximum((box_xyxy[2:] - box_xyxy[:2]) * CORE, 1.0)
-    low = np.maximum(np.floor(middle - reach).astype(int), 0)
-    high = np.ceil(middle + reach).astype(int) + 1
-    window = depth[low[1] : max(high[1], 0), low[0] : max(high[0], 0)]
+    window = _about(box_xyxy, depth, CORE)
     measured = window[window > 0]
     return median(measured) if len(measured) else None
+
+
+def measured_share(box_xyxy: Box, depth: Depth) -> float:
+    """How much of a box and of what is around it depth measured, 0 to 1; 0 out of the picture.
+
+    The table around a part that throws no light back is measured.
+    """
+    window = _about(box_xyxy, depth, AROUND)
+    return float(np.count_nonzero(window)) / max(window.size, 1)
+
+
+def _about(box_xyxy: Box, depth: Depth, share: float) -> Float32[np.ndarray, "rows columns"]:
+    """The depth about a box's middle, so much of its width and height to either side."""
+    middle = box_middle(box_xyxy)
+    reach = np.maximum((box_xyxy[2:] - box_xyxy[:2]) * share, 1.0)
+    low = np.maximum(np.floor(middle - reach).astype(int), 0)
+    high = np.ceil(middle + reach).astype(int) + 1
+    return depth[low[1] : max(high[1], 0), low[0] : max(high[0], 0)]

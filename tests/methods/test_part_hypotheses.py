@@ -121,6 +121,25 @@ def test_without_depth_the_first_proposal_is_the_answer(toy, kept) -> None:
     assert found.best.T_camera_part is T_camera_part
 
 
+def test_where_depth_is_blind_the_first_proposal_is_the_answer(toy, kept) -> None:
+    """What was kept is kept for later: it says nothing of a place that depth does not see."""
+    true = toy.poses(joined=False)
+    right = true["block"]
+    away = right.copy()
+    away[0, 3] += 0.12
+    box, there = (toy.detection("block", T).box_xyxy for T in (right, away))
+    seen = toy.frame(1, true)
+    measured = kept.step([Proposal(right, 1.0, is_fitted=True)], seen, box_xyxy=box)
+    assert measured.is_measured
+    blind = toy.frame(2, {**true, "block": away})
+    blind.depth[:, int((box[2] + there[0]) / 2) :] = 0.0
+    told = kept.step([Proposal(away, 1.0)], blind, box_xyxy=there)
+    assert is_at(told, away)
+    assert not told.is_measured
+    assert kept.step([], blind, box_xyxy=there) is None
+    assert is_at(kept.step([Proposal(right, 1.0, is_fitted=True)], seen, box_xyxy=box), right)
+
+
 def test_of_two_that_depth_cannot_tell_apart_the_network_decides_in_time(toy, kept) -> None:
     """A box turned round looks the same to depth; one frame's opinion does not turn it back."""
     true = toy.poses(joined=False)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from asdfviz.pose.box_size import BoxSizes
+from asdfviz.pose.box_size import BoxSizes, measured_share
 
 K = np.array([[500.0, 0, 159.5], [0, 500.0, 119.5], [0, 0, 1]])
 ROD = np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.002, 0.002) for z in (-0.002, 0.002)])
@@ -43,3 +43,13 @@ def test_readings_beside_the_picture_are_none() -> None:
     depth = np.full((240, 320), 0.5, np.float32)
     assert "pin" in SIZES.fitting(whole := box(300, 200) - 1000, depth=depth, K=K)
     assert "pin" in SIZES.fitting(whole + 5000, depth=depth, K=K)
+
+
+def test_what_is_measured_of_a_box_counts_what_is_around_it() -> None:
+    depth = np.full((240, 320), 0.5, np.float32)
+    depth[:, :200] = 0.0
+    assert measured_share(np.array([20.0, 20, 60, 60]), depth) == 0
+    beside = measured_share(np.array([150.0, 20, 198, 60]), depth)
+    assert 0.1 < beside < 0.2, "a dark part on a table"
+    assert measured_share(np.array([240.0, 20, 280, 60]), depth) == 1
+    assert measured_share(np.array([400.0, 20, 480, 60]), depth) == 0, "out of the picture"
