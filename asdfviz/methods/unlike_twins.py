@@ -97,7 +97,9 @@ class UnlikeTwins:
         self._groups = {name: group for group in groups for name in group}
         self._surfaces = {name: SeenSurface(self._parts[name].mesh) for name in self._groups}
         self._known: dict[str, Vector] = {}
-        """Logarithms of their colours."""
+        """Mean logarithms of their colours,"""
+        self._seen: dict[str, int] = {}
+        """of so many frames."""
         self._spots = {group: list[_Spot]() for group in groups}
 
     def see(self, frame: Frame, sure: Mapping[str, Transform]) -> None:
@@ -115,11 +117,13 @@ class UnlikeTwins:
                 _bright_apart(color, known) < config.unlike
                 and _tint_apart(color, known) < config.tint
             ):
-                self._known[name] = color
+                # One frame in another light is not what it looks like.
+                self._seen[name] = count = self._seen.get(name, 0) + 1
+                self._known[name] = known + (color - known) / min(count, MOST)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
-        self._known = renamed(self._known, names)
+        self._known, self._seen = renamed(self._known, names), renamed(self._seen, names)
 
     def strangers(self, frame: Frame, poses: Mapping[str, Transform]) -> frozenset[str]:
         """Those of some poses T_camera_part at which something lies that is not the part.
@@ -144,7 +148,7 @@ class UnlikeTwins:
     def forget(self, names: frozenset[str]) -> None:
         """What was taken for these parts were others."""
         for name in names & self._known.keys():
-            del self._known[name]
+            del self._known[name], self._seen[name]
 
     def _known_of(self, name: str) -> list[Vector]:
         """The colours of its twins, as far as they were surely seen."""

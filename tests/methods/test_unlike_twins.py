@@ -100,6 +100,24 @@ def test_a_thing_of_another_tint_is_no_twin_however_bright(toy, black: Assembly)
     assert strangers(toy, black, here=GREEN, there=BLACK) == frozenset()
 
 
+def test_one_frame_in_another_light_does_not_make_a_stranger_of_the_other(
+    toy, black: Assembly
+) -> None:
+    cool = (25, 29, 34)
+    parts = {n: replace(p, color=np.array(cool, np.uint8)) for n, p in black.parts.items()}
+
+    def told(frames: int) -> frozenset[str]:
+        twins = UnlikeTwins(replace(black, parts=parts), config=UnlikeTwinsConfig())
+        for _ in range(frames):
+            twins.see(frame(toy, 0, here=BLACK, there=WARM), {"pin": HERE})
+        shot = frame(toy, 0, here=cool, there=WARM)
+        twins.see(shot, {"pin": HERE})
+        return looked_at(twins, shot, {"pin-copy": THERE})
+
+    assert told(0) == {"pin-copy"}
+    assert told(9) == frozenset()
+
+
 def test_a_frame_that_errs_does_not_clear_a_thing_of_another_tint(toy, black: Assembly) -> None:
     """Where it lay in all frames together its tint is another one; whatever name it goes by."""
     twins = UnlikeTwins(black, config=UnlikeTwinsConfig())
