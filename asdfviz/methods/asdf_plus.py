@@ -36,7 +36,9 @@ from asdfviz.state.twins import renamed, renamed_poses
 SURE = 0.8
 """Score from which a part is surely where its pose has it;"""
 JOINED = 0.6
-"""Probability from which a part moves with the base."""
+"""Probability from which a part moves with the base;"""
+UNMEASURED = 0.5
+"""and most that a pose scores where depth is blind."""
 
 
 class AsdfPlus:
@@ -245,12 +247,17 @@ class AsdfPlus:
                 loose=name not in scene.group.held,
                 config=self._config.confidence,
             )
-            stage = own.stage if frame.depth is None and own is not None else "refined"
+            stage = "refined"
+            if not decision.is_measured and own is not None:
+                stage = own.stage
+                if frame.depth is not None:  # the pose by colour alone is right but roughly
+                    sure = min(own.score, UNMEASURED)
             T = decision.best.T_camera_part if fit is None else fit.T_camera_part
             poses[name] = PoseEstimate(name, T, sure, stage)
         config, base = self._config.in_table, scene.assembly.base
         sunk = in_table(poses, self._asdf.shapes, frame, base=base, config=config)
-        poses = {name: pose for name, pose in poses.items() if name not in sunk}
+        within = sunk | scene.space.intruders(poses).difference(scene.group.held)
+        poses = {name: pose for name, pose in poses.items() if name not in within}
         return scene.one_place.alone(scene.mistaken.doubted(frame, poses))
 
 

@@ -20,6 +20,7 @@ from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.registration import RegistrationConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.seen_smear import SmearConfig
+from asdfviz.methods.shared_space import SharedSpaceConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.tolerances import REGISTERED_PLACES, SURELY_LOOSE
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
@@ -95,7 +96,9 @@ class AsdfPlusConfig(AsdfConfig):
     leaps: LeapsConfig = field(default_factory=LeapsConfig)
     """What is farther from where a part was than a hand could have brought it has to be surer."""
     in_table: InTableConfig = field(default_factory=InTableConfig)
-    """What would stand in the table is not the part."""
+    """What would stand in the table is not the part,"""
+    shared_space: SharedSpaceConfig = field(default_factory=SharedSpaceConfig)
+    """nor the less sure one of two loose parts that would stand in one another."""
     least_score: float = 0.5
     """Poses that are more probably wrong than right are withheld, unless a state places the part; 0
     gives all. They are kept, and speak for states. Without depth too little is known, and all are given."""

@@ -19,6 +19,7 @@ from asdfviz.methods.mistaken import Mistaken
 from asdfviz.methods.one_place import OnePlace
 from asdfviz.methods.part_hypotheses import PartHypotheses
 from asdfviz.methods.part_poses import PartShape
+from asdfviz.methods.shared_space import SharedSpace
 from asdfviz.methods.told_poses import ToldPoses
 from asdfviz.methods.tracking import load_bodies
 from asdfviz.methods.unlike_twins import UnlikeTwins
@@ -42,6 +43,7 @@ class PlusScene:
     mistaken: Mistaken
     known: KnownTurns
     unlike: UnlikeTwins
+    space: SharedSpace
     contours: ContourFits | None
     together: GroupContours | None
     """None where contours are not asked."""
@@ -96,6 +98,7 @@ def plus_scene(
         ),
         known=KnownTurns(assembly, fits if config.base_votes.known_turns else None),
         unlike=UnlikeTwins(assembly, config=config.unlike_twins),
+        space=SharedSpace(assembly, config=config.shared_space),
         contours=fits,
         together=together,
     )

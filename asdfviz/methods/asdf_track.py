@@ -198,8 +198,8 @@ class AsdfTrack:
     def _without_strangers(
         self, frame: Frame, poses: Mapping[str, PoseEstimate], scene: TrackScene
     ) -> dict[str, PoseEstimate]:
-        """The poses without those on things that only have a part's shape, and without those in the table,
-        which are tracked no longer.
+        """The poses without those on things that only have a part's shape, and without those in the table or
+        in other parts, which are tracked no longer.
 
         What the state holds stays.
         """
@@ -209,9 +209,9 @@ class AsdfTrack:
             scene.unlike.forget(strangers)
             scene.own.forget(strangers)
             scene.parts.let_go(strangers)
-        sunk = self._sunk(frame, poses, scene)
-        scene.parts.let_go(sunk)
-        return {n: pose for n, pose in poses.items() if n not in strangers | sunk}
+        within = self._sunk(frame, poses, scene) | (scene.space.intruders(poses) & free.keys())
+        scene.parts.let_go(within)
+        return {n: pose for n, pose in poses.items() if n not in strangers | within}
 
     def _turned(
         self, frame: Frame, poses: dict[str, PoseEstimate], scene: TrackScene

@@ -18,6 +18,7 @@ from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.refinding import RefindConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.seen_smear import SmearConfig
+from asdfviz.methods.shared_space import SharedSpaceConfig
 from asdfviz.methods.still_there import StillThereConfig
 from asdfviz.methods.tolerances import TRACKED_PLACES
 from asdfviz.methods.track_confidence import TrackConfidenceConfig
@@ -107,7 +108,9 @@ class AsdfTrackConfig(AsdfConfig):
     own_colors: OwnColorsConfig = field(default_factory=OwnColorsConfig)
     """What has quite another tint than the part surely had is not the part."""
     in_table: InTableConfig = field(default_factory=InTableConfig)
-    """What would stand in the table is not the part."""
+    """What would stand in the table is not the part,"""
+    shared_space: SharedSpaceConfig = field(default_factory=SharedSpaceConfig)
+    """nor the less sure one of two loose parts that would stand in one another."""
     doubt: DoubtConfig = field(default_factory=DoubtConfig)
     """What makes poses less sure that fit the picture."""
     confidence: TrackConfidenceConfig = field(default_factory=TrackConfidenceConfig)

@@ -12,6 +12,7 @@ from asdfviz.methods.followed_state import FollowedState
 from asdfviz.methods.known_turns import KnownTurns
 from asdfviz.methods.own_colors import OwnColors
 from asdfviz.methods.part_tracks import PartTracks
+from asdfviz.methods.shared_space import SharedSpace
 from asdfviz.methods.still_there import StillThere
 from asdfviz.methods.told_poses import ToldPoses
 from asdfviz.methods.tracked_base import TrackedBase
@@ -33,6 +34,7 @@ class TrackScene:
     places: JointPlaces
     still: StillThere
     unlike: UnlikeTwins
+    space: SharedSpace
     own: OwnColors
     told: ToldPoses
     base: TrackedBase
@@ -80,6 +82,7 @@ def track_scene(
         places=JointPlaces(assembly),
         still=StillThere(assembly, config=config.still_there),
         unlike=UnlikeTwins(assembly, config=config.unlike_twins),
+        space=SharedSpace(assembly, config=config.shared_space),
         own=own,
         told=told,
         base=base,

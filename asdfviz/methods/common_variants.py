@@ -16,6 +16,7 @@ from asdfviz.methods.on_table import NO_TABLE
 from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.place_looks import PlaceLooksConfig
 from asdfviz.methods.seen_smear import SmearConfig
+from asdfviz.methods.shared_space import SharedSpaceConfig
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
@@ -55,6 +56,7 @@ def common(config: Any) -> dict[str, Any]:
         "brought at any speed": replace(config, loose=replace(loose, speed=FAR)),
         "gone, but maybe hidden": replace(config, loose=replace(loose, empty=NEVER)),
         "blurred parts as large": replace(config, loose=replace(loose, blurred_px=loose.small_px)),
+        "taken out unseen": replace(config, loose=replace(loose, seen_far=0.0)),
         "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
         "no step half done": replace(
             config, relative_pose=replace(config.relative_pose, half_done=0.0)
@@ -76,6 +78,9 @@ def common(config: Any) -> dict[str, Any]:
         "elsewhere of any tint": replace(config, own_colors=OwnColorsConfig(enabled=False)),
         "twins of any colour": replace(config, unlike_twins=UnlikeTwinsConfig(enabled=False)),
         "poses in the table": replace(config, in_table=InTableConfig(enabled=False)),
+        "loose parts in one another": replace(
+            config, shared_space=SharedSpaceConfig(enabled=False)
+        ),
         "told as settled": replace(
             config, laid=NO_TABLE, lying=LyingConfig(enabled=False), joint_turns=SETTLED
         ),

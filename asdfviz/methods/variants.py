@@ -221,6 +221,7 @@ def _beyond_asdf_plus() -> list[Variant]:
         "parts near by not drawn": replace(plus, group_fit=replace(plus.group_fit, near=0.0)),
         "looks in every frame": replace(plus, looks_every=1),
         "depth alone over time": replace(plus, hypotheses=replace(kept, network=0.0)),
+        "depth where it is blind": replace(plus, hypotheses=replace(kept, blind=0.0)),
         "what rests looked at too": replace(plus, hypotheses=replace(kept, looked_every=1)),
         "held parts believed": replace(plus, confidence=replace(plus.confidence, elsewhere=0.0)),
         "held parts as sure unseen": replace(plus, confidence=replace(plus.confidence, unseen=0.0)),

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from asdfviz.datatypes import Mesh
+from asdfviz.geometry.inside import Interior, all_axes, in_cells, interior_of, settled
 from asdfviz.geometry.sampling import surface_points
 from asdfviz.geometry.shapes import Points, Transform, Vector
 from asdfviz.geometry.transforms import apply, inverse
-from asdfviz.synth.inside import Interior, all_axes, in_cells, interior_of, settled
 
 _SAMPLES = 1500
 _CHUNK = 200_000

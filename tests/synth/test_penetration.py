@@ -7,9 +7,9 @@ import pytest
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Mesh
+from asdfviz.geometry.inside import Interior, in_cells, settled
 from asdfviz.geometry.shapes import Points
 from asdfviz.geometry.transforms import rotation_about, transform_from
-from asdfviz.synth.inside import Interior, in_cells, settled
 from asdfviz.synth.penetration import depth, penetration, solid_of, surface_distance
 from asdfviz.synth.primitives import box
 
