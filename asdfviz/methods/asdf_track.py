@@ -209,7 +209,7 @@ class AsdfTrack:
             scene.unlike.forget(strangers)
             scene.own.forget(strangers)
             scene.parts.let_go(strangers)
-        within = self._sunk(frame, poses, scene) | (scene.space.intruders(poses) & free.keys())
+        within = self._sunk(frame, poses, scene) | scene.space.intruders(poses)
         scene.parts.let_go(within)
         return {n: pose for n, pose in poses.items() if n not in strangers | within}
 

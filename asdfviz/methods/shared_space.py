@@ -7,7 +7,6 @@ its nut, and what is on its way there may seem to.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -61,15 +60,18 @@ class SharedSpace:
         }
 
     def intruders(self, poses: Mapping[str, PoseEstimate]) -> frozenset[str]:
-        """The less sure one of every pair of loose parts that stand in one another.
+        """The less sure one of every pair of loose parts that stand in one another; what a state placed is not.
 
         Without a pose of the base nobody is known to be loose.
         """
         base = poses.get(self._base)
         if base is None:
             return frozenset()
-        Ts = {n: poses[n].T_camera_part for n in self._interiors if n in poses}
-        near = [pair for pair in itertools.combinations(Ts, 2) if self._may_touch(*pair, Ts)]
+        found = {n: poses[n] for n in self._interiors if n in poses}
+        Ts = {n: pose.T_camera_part for n, pose in found.items() if pose.stage != "group"}
+        if len(Ts) < 2:
+            return frozenset()
+        near = self._touching(Ts)
         away = {
             name: self._spots.distance(name, Ts[name], base.T_camera_part)
             for name in {name for pair in near for name in pair}
@@ -81,11 +83,14 @@ class SharedSpace:
             and self._shared(*pair, Ts) >= self._config.share
         )
 
-    def _may_touch(self, a: str, b: str, Ts: Mapping[str, Transform]) -> bool:
-        """Whether two parts are near enough to each other for it."""
-        one, other = self._parts[a], self._parts[b]
-        gap = apply_to_point(Ts[a], one.middle) - apply_to_point(Ts[b], other.middle)
-        return float(np.linalg.norm(gap)) < (one.diameter + other.diameter) / 2
+    def _touching(self, Ts: Mapping[str, Transform]) -> list[tuple[str, str]]:
+        """The pairs of parts that are near enough to each other for it."""
+        names = list(Ts)
+        middles = np.array([apply_to_point(Ts[n], self._parts[n].middle) for n in names])
+        reach = np.array([self._parts[n].diameter / 2 for n in names])
+        gaps = np.linalg.norm(middles[:, None] - middles[None], axis=2) - reach[:, None] - reach
+        rows, columns = np.nonzero(np.triu(gaps < 0, k=1))
+        return [(names[i], names[j]) for i, j in zip(rows, columns, strict=True)]
 
     def _shared(self, a: str, b: str, Ts: Mapping[str, Transform]) -> float:
         """The share of either one's surface that is inside the other, the larger one."""

@@ -64,6 +64,9 @@ def test_parts_in_their_places_may_stand_in_one_another(toy) -> None:
     there = {**here, "block": (away @ block, 0.9), "pin": (away @ pin, 0.7)}
     assert intruders(toy.assembly, here, share=0.1) == frozenset()
     assert intruders(toy.assembly, there, share=0.1) == {"pin"}
+    space = SharedSpace(toy.assembly, config=SharedSpaceConfig(share=0.1))
+    placed = {n: PoseEstimate(n, T, sure, "group") for n, (T, sure) in there.items()}
+    assert space.intruders(placed) == frozenset(), "a state says so"
 
 
 @pytest.mark.parametrize("wrong", [{"share": 0.0}, {"share": 1.5}, {"loose": -0.1}])
