@@ -47,6 +47,9 @@ class Kind:
     """in which they were last, by number,"""
     left: list[float]
     """and what share of the way to a place what is missing since then had left."""
+    frames_far: list[int]
+    """In how many frames one or more, two or more, ... surely were far from any place, less those in which
+    they were not."""
     ways: list[float] = field(default_factory=list[float])
     """Of those that were found loose in the last frame, how far they were from any place, metres,"""
     far: float = 0.0
@@ -54,15 +57,14 @@ class Kind:
     spots: list[Spot] = field(default_factory=list[Spot])
 
     seen_far: int = 0
-    """How many of them surely are far from any place in the last frame,"""
-    frames_far: list[int] = field(default_factory=list[int])
-    """and in how many frames one or more, two or more, ... were, less those in which they were not."""
+    """How many of them surely are far from any place in the last frame."""
 
     def see_far(self, count: int) -> None:
         """Take in how many of them surely are far from any place in a frame."""
-        self.seen_far, before = count, self.frames_far or [0] * len(self.names)
+        self.seen_far = count
         self.frames_far = [
-            frames + 1 if count > k else max(frames - 1, 0) for k, frames in enumerate(before)
+            frames + 1 if count > k else max(frames - 1, 0)
+            for k, frames in enumerate(self.frames_far)
         ]
 
     def far_for(self, frames: int) -> int:
@@ -89,4 +91,5 @@ def kind_of(
         gone=[0] * len(names),
         last=[0] * len(names),
         left=[1.0] * len(names),
+        frames_far=[0] * len(names),
     )
