@@ -141,6 +141,14 @@ def expand(counts: Int64[np.ndarray, "n"]) -> tuple[np.ndarray, np.ndarray]:
     return owner, np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
+def inside(points: Points, interior: Interior) -> Bool[np.ndarray, "n"]:
+    """Which points (in the mesh's frame) lie inside it."""
+    found = np.zeros(len(points), dtype=bool)
+    near, doubted = in_cells(points, interior)
+    found[near] = settled(points[near], doubted, interior)
+    return found
+
+
 def in_cells(
     points: Points, interior: Interior
 ) -> tuple[Int64[np.ndarray, "k"], Bool[np.ndarray, "k"]]:

@@ -14,9 +14,9 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.errors import MethodError
-from asdfviz.geometry.inside import in_cells, interior_of, settled
+from asdfviz.geometry.inside import Interior, inside, interior_of
 from asdfviz.geometry.sampling import surface_points
-from asdfviz.geometry.shapes import Transform
+from asdfviz.geometry.shapes import Points, Transform
 from asdfviz.geometry.transforms import apply, apply_to_point, inverse
 from asdfviz.state.joined_spots import JoinedSpots
 
@@ -49,15 +49,12 @@ class SharedSpace:
     """Knows the solids of an assembly's parts."""
 
     def __init__(self, assembly: Assembly, *, config: SharedSpaceConfig) -> None:
-        """Prepare them; the base is left out, as everything is told from where it is."""
+        """Begin a sequence; the base is left out, as everything is told from where it is."""
         self._config, self._base = config, assembly.base
         self._parts = {n: part for n, part in assembly.parts.items() if n != assembly.base}
         self._spots = JoinedSpots(assembly)
-        meshes = {name: part.mesh for name, part in self._parts.items()} if config.enabled else {}
-        self._interiors = {n: interior_of(m.vertices[m.faces]) for n, m in meshes.items()}
-        self._points = {
-            n: surface_points(m.vertices, m.faces, SAMPLES, seed=3) for n, m in meshes.items()
-        }
+        self._solids: dict[str, tuple[Points, Interior]] = {}
+        """Points of the surface, and what is inside it, of those that were asked for."""
 
     def intruders(self, poses: Mapping[str, PoseEstimate]) -> frozenset[str]:
         """The less sure one of every pair of loose parts that stand in one another; what a state placed is not.
@@ -65,9 +62,9 @@ class SharedSpace:
         Without a pose of the base nobody is known to be loose.
         """
         base = poses.get(self._base)
-        if base is None:
+        if base is None or not self._config.enabled:
             return frozenset()
-        found = {n: poses[n] for n in self._interiors if n in poses}
+        found = {n: poses[n] for n in self._parts if n in poses}
         Ts = {n: pose.T_camera_part for n, pose in found.items() if pose.stage != "group"}
         if len(Ts) < 2:
             return frozenset()
@@ -98,6 +95,13 @@ class SharedSpace:
         return max(self._inside(a, b, T_b_a), self._inside(b, a, inverse(T_b_a)))
 
     def _inside(self, a: str, b: str, T_b_a: Transform) -> float:
-        points, interior = apply(T_b_a, self._points[a]), self._interiors[b]
-        near, doubted = in_cells(points, interior)
-        return float(np.count_nonzero(settled(points[near], doubted, interior))) / len(points)
+        (surface, _), (_, interior) = self._solid(a), self._solid(b)
+        return float(inside(apply(T_b_a, surface), interior).mean())
+
+    def _solid(self, name: str) -> tuple[Points, Interior]:
+        """Prepared when it is first asked for: most parts never come near another one."""
+        if name not in self._solids:
+            mesh = self._parts[name].mesh
+            surface = surface_points(mesh.vertices, mesh.faces, SAMPLES, seed=3)
+            self._solids[name] = surface, interior_of(mesh.vertices[mesh.faces])
+        return self._solids[name]

@@ -7,8 +7,7 @@ import pytest
 
 from asdfviz.data.assembly import load_assembly
 from asdfviz.datatypes import Mesh
-from asdfviz.geometry.inside import Interior, in_cells, settled
-from asdfviz.geometry.shapes import Points
+from asdfviz.geometry.inside import inside
 from asdfviz.geometry.transforms import rotation_about, transform_from
 from asdfviz.synth.penetration import depth, penetration, solid_of, surface_distance
 from asdfviz.synth.primitives import box
@@ -16,13 +15,6 @@ from asdfviz.synth.primitives import box
 
 def at(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
     return transform_from(np.eye(3), np.array([x, y, z]))
-
-
-def inside(points: Points, interior: Interior) -> np.ndarray:
-    found = np.zeros(len(points), dtype=bool)
-    place, doubted = in_cells(points, interior)
-    found[place] = settled(points[place], doubted, interior)
-    return found
 
 
 def test_inside_and_distance_of_a_box_are_exact() -> None:
