@@ -63,24 +63,36 @@ class UnlikeTwinsConfig:
 
 
 @dataclass(slots=True, eq=False)
+class _Look:
+    """What something looks like: one frame in another light is not that."""
+
+    color: Vector
+    """Mean logarithms."""
+    count: int = 0
+    """Of frames in that mean."""
+
+    def see(self, color: Vector) -> None:
+        """Take a frame into the mean."""
+        self.count += 1
+        self.color = self.color + (color - self.color) / min(self.count, MOST)
+
+
+@dataclass(slots=True, eq=False)
 class _Spot:
     """Where something was taken for one of like parts, whatever it was called."""
 
     middle: Vector
-    color: Vector
-    """Mean logarithms."""
-    count: int = 0
-    """Of frames in that mean,"""
+    look: _Look
     last: int = -1
-    """and the last of them."""
+    """The last frame in that."""
     unlike: set[int] = field(default_factory=set[int])
     """In which it was too bright or dark for one, since it last was not."""
 
     def see(self, color: Vector, index: int, *, is_unlike: bool) -> None:
         """Take a frame into the mean, one that was taken before not again."""
         if index > self.last:
-            self.count, self.last = self.count + 1, index
-            self.color = self.color + (color - self.color) / min(self.count, MOST)
+            self.last = index
+            self.look.see(color)
         if is_unlike:
             self.unlike.add(index)
         else:  # what was seen elsewhere may still be another thing
@@ -96,10 +108,7 @@ class UnlikeTwins:
         groups = [group for group in twin_groups(assembly) if config.enabled and len(group) > 1]
         self._groups = {name: group for group in groups for name in group}
         self._surfaces = {name: SeenSurface(self._parts[name].mesh) for name in self._groups}
-        self._known: dict[str, Vector] = {}
-        """Mean logarithms of their colours,"""
-        self._seen: dict[str, int] = {}
-        """of so many frames."""
+        self._known: dict[str, _Look] = {}
         self._spots = {group: list[_Spot]() for group in groups}
 
     def see(self, frame: Frame, sure: Mapping[str, Transform]) -> None:
@@ -112,18 +121,16 @@ class UnlikeTwins:
             color = self._surfaces[name].seen(frame, sure[name])
             if color is None:
                 continue
-            known = self._known.get(name, color)
+            known = self._known.setdefault(name, _Look(color))
             if (
-                _bright_apart(color, known) < config.unlike
-                and _tint_apart(color, known) < config.tint
+                _bright_apart(color, known.color) < config.unlike
+                and _tint_apart(color, known.color) < config.tint
             ):
-                # One frame in another light is not what it looks like.
-                self._seen[name] = count = self._seen.get(name, 0) + 1
-                self._known[name] = known + (color - known) / min(count, MOST)
+                known.see(color)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
-        self._known, self._seen = renamed(self._known, names), renamed(self._seen, names)
+        self._known = renamed(self._known, names)
 
     def strangers(self, frame: Frame, poses: Mapping[str, Transform]) -> frozenset[str]:
         """Those of some poses T_camera_part at which something lies that is not the part.
@@ -138,8 +145,8 @@ class UnlikeTwins:
             spot = self._spot_of(name, poses[name], color, frame.index)
             is_unlike = self._is_off(name, color, _bright_apart, config.unlike, config.stranger)
             spot.see(color, frame.index, is_unlike=is_unlike)
-            is_tinted = spot.count > config.frames and self._is_off(
-                name, spot.color, _tint_apart, config.tint, config.strange_tint
+            is_tinted = spot.look.count > config.frames and self._is_off(
+                name, spot.look.color, _tint_apart, config.tint, config.strange_tint
             )
             if is_tinted or len(spot.unlike) > config.frames:
                 found.add(name)
@@ -148,12 +155,12 @@ class UnlikeTwins:
     def forget(self, names: frozenset[str]) -> None:
         """What was taken for these parts were others."""
         for name in names & self._known.keys():
-            del self._known[name], self._seen[name]
+            del self._known[name]
 
     def _known_of(self, name: str) -> list[Vector]:
         """The colours of its twins, as far as they were surely seen."""
         others = (other for other in self._groups[name] if other != name)
-        return [self._known[other] for other in others if other in self._known]
+        return [self._known[other].color for other in others if other in self._known]
 
     def _spot_of(self, name: str, T: Transform, color: Vector, index: int) -> _Spot:
         """Where a part at a pose lies, as far as it is known."""
@@ -161,7 +168,7 @@ class UnlikeTwins:
         spots[:] = [spot for spot in spots if index - spot.last < FORGOTTEN]
         here = next((s for s in spots if np.linalg.norm(s.middle - middle) < SAME_PLACE), None)
         if here is None:
-            here = _Spot(middle, color)
+            here = _Spot(middle, _Look(color))
             spots.append(here)
         return here
 
