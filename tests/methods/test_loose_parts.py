@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -68,6 +68,33 @@ def pinned(assembly: Assembly) -> Assembly:
     return replace(assembly, states=states, transitions=frozenset({(0, 1), (1, 2)}))
 
 
+def told_last(
+    loose: LooseParts,
+    shown: Iterable[tuple[Sequence[Transform], Frame, PoseEstimate | None]],
+    *,
+    rest: AtRest,
+    score: float = 0.9,
+    shows: Callable[[str, State], float] = everything,
+    step_frames: float = 0.0,
+) -> np.ndarray | None:
+    """What it says of the last of these pins, frames and bases; a second lies between two."""
+    told: np.ndarray | None = None
+    for count, (pins, frame, base) in enumerate(shown):
+        poses = {
+            name: PoseEstimate(name, T, score, "refined")
+            for name, T in zip(PINS, pins, strict=False)
+        }
+        told = loose.step(
+            base,
+            poses,
+            replace(frame, time=float(count)),
+            rest=rest,
+            shown_px=shows,
+            step_frames=step_frames,
+        )
+    return told
+
+
 @pytest.fixture
 def counted(pinned: Assembly, toy):
     """Make something that counts, shows it frames, and gives what it said of the last one."""
@@ -96,30 +123,15 @@ def counted(pinned: Assembly, toy):
         )
         loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
         base = PoseEstimate("base", BASE, 1.0, "refined")
-        told: np.ndarray | None = None
-        count = 0
+        seen: list[tuple[Sequence[Transform], Frame, PoseEstimate | None]] = []
         for number, (pins, frames) in enumerate(shown):
-            poses = {
-                name: PoseEstimate(name, T, score, "refined")
-                for name, T in zip(PINS, pins, strict=False)
-            }
             frame: Frame = toy.frame(0, {})
             if hand and len(pins) < 2 and frame.depth is not None:
                 frame = replace(frame, depth=np.full_like(frame.depth, 0.4))
             elif came and len(pins) < 2:
                 frame = with_hand(frame)
-            for _ in range(frames):
-                known = None if loses_base and number else base
-                count += 1
-                told = loose.step(
-                    known,
-                    poses,
-                    replace(frame, time=float(count)),
-                    rest=rest,
-                    shown_px=shows,
-                    step_frames=step_frames,
-                )
-        return told
+            seen += [(pins, frame, None if loses_base and number else base)] * frames
+        return told_last(loose, seen, rest=rest, score=score, shows=shows, step_frames=step_frames)
 
     return make
 
@@ -172,16 +184,9 @@ def test_a_hand_that_came_and_left_has_brought_what_is_gone(toy, pinned: Assembl
         config = LooseConfig(**{**options, **more})
         loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
         base, table = PoseEstimate("base", BASE, 1.0, "refined"), toy.frame(0, {})
-        pins = [PoseEstimate(n, T, 0.9, "refined") for n, T in zip(PINS, SPOTS, strict=True)]
-        shown = (
-            [(pins, table)] * 8 + [(pins[:1], with_hand(table))] * 5 + [(pins[:1], table)] * away
-        )
-        told: np.ndarray | None = None
-        for number, (found, frame) in enumerate(shown):
-            poses = {pose.part: pose for pose in found}
-            frame = replace(frame, time=float(number))
-            told = loose.step(base, poses, frame, rest=rest_of(pinned), shown_px=shows)
-        return told
+        shown = [(SPOTS, table, base)] * 8
+        shown += [(SPOTS[:1], with_hand(table), base)] * 5 + [(SPOTS[:1], table, base)] * away
+        return told_last(loose, shown, rest=rest_of(pinned), shows=shows)
 
     assert after(0) is None
     told = after(2, left=3.0, gain=0.5)
@@ -439,26 +444,16 @@ def test_where_a_part_lay_it_does_not_lie_hidden_once_all_were_found_elsewhere(
     """The jaw that is put down over the place of a pin hides no pin that was seen in a hand since."""
     config = LooseConfig(small_px=50.0, enough=4, wait=3, untouched=0.0, seen_far=0.0)
     loose = LooseParts(pinned, part_shapes(pinned, surface_points=200), config=config)
-    base, rest = PoseEstimate("base", BASE, 1.0, "refined"), rest_of(pinned)
-    table = toy.frame(0, {})
+    base, table = PoseEstimate("base", BASE, 1.0, "refined"), toy.frame(0, {})
     lies = SPOTS[0][:3, 3]
     u, v = (table.camera.K @ lies)[:2] / lies[2]
     covered = replace(table, depth=table.depth.copy())
     covered.depth[int(v) - 12 : int(v) + 12, int(u) - 12 : int(u) + 12] = 0.6
     carried = transform_from(np.eye(3), np.array([-0.1, -0.08, 0.62]))
-    shown = [(SPOTS, table)] * 6
-    shown += [((carried, SPOTS[1]), covered)] * 2 if is_seen_elsewhere else []
-    shown += [((SPOTS[1],), with_hand(covered))] * 12
-    told = None
-    for count, (pins, frame) in enumerate(shown):
-        poses = {n: PoseEstimate(n, T, 0.9, "refined") for n, T in zip(PINS, pins, strict=False)}
-        told = loose.step(
-            base,
-            poses,
-            replace(frame, time=float(count)),
-            rest=rest,
-            shown_px=everything,
-        )
+    shown = [(SPOTS, table, base)] * 6
+    shown += [([carried, SPOTS[1]], covered, base)] * 2 if is_seen_elsewhere else []
+    shown += [(SPOTS[1:], with_hand(covered), base)] * 12
+    told = told_last(loose, shown, rest=rest_of(pinned))
     speaks = told is not None and bool(told[1] > 2 * told[0])
     assert speaks is is_seen_elsewhere
 
