@@ -224,7 +224,7 @@ class Asdf:
                 solve=lambda boxes: self._refined(self._first_poses(boxes, frame), boxes, frame),
                 config=config.rivals,
             )
-            scene.finder.keep(found)
+            scene.finder.keep(found, frame)
             self._before = {
                 name: remembered(
                     pose,

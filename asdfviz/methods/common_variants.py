@@ -12,6 +12,7 @@ from asdfviz.methods.in_table import InTableConfig
 from asdfviz.methods.joint_turns import JointTurnsConfig
 from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.lying import LyingConfig
+from asdfviz.methods.named_nearby import NearbyConfig
 from asdfviz.methods.on_table import NO_TABLE
 from asdfviz.methods.own_colors import OwnColorsConfig
 from asdfviz.methods.place_looks import PlaceLooksConfig
@@ -22,6 +23,7 @@ from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 
 UNNAMED = NamesConfig(enabled=False)
+UNSOUGHT = NamesConfig(nearby=NearbyConfig(enabled=False))
 TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
 BLIND = PlaceLooksConfig(enabled=False)
 BY_CROPS = "looks from the crop network"
@@ -71,6 +73,7 @@ def common(config: Any) -> dict[str, Any]:
         "parts of a step together": replace(config, smoothing=replace(smoothing, at_once=1.0)),
         "no contests": replace(config, contests=BEST_BOX),
         "no strangers": replace(config, names=TRUSTING),
+        "missing parts not looked for": replace(config, names=UNSOUGHT),
         "camera not followed": replace(config, at_rest=AtRestConfig(enabled=False)),
         "not told as lying": replace(config, lying=LyingConfig(enabled=False)),
         "turned in joints as settled": replace(config, joint_turns=SETTLED),

@@ -129,7 +129,7 @@ class GbotReinit(Gbot):
         assembly, tracker = self._assembly, following.tracker
         with timed("detect"):
             _, found = self._finder.find(frame)
-            self._finder.keep(found)
+            self._finder.keep(found, frame)
         with timed("pnp" if self._crop_poses is None else "crops"):
             starts = self._starts(found, frame, assembly)
             starts = _as_tracked(starts, tracker.poses.get(assembly.base), assembly)

@@ -9,6 +9,7 @@ from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.assignment import assign_detections
 from asdfviz.methods.contests import Contests
+from asdfviz.methods.named_nearby import NamedNearby
 from asdfviz.methods.network import Detects
 from asdfviz.methods.part_poses import PartShape
 from asdfviz.methods.second_look import SecondLook, SecondLookConfig
@@ -58,11 +59,13 @@ class PartFinder:
         self._strangers = Strangers(assembly, config=names.strangers)
         self._second_look = SecondLook(assembly, detector, config=second_look)
         self._contests = contests
+        self._nearby = NamedNearby(assembly, self._names, config=names.nearby)
         self._boxes: dict[str, Box] = {}
 
     def find(self, frame: Frame) -> tuple[tuple[Detection, ...], dict[str, Detection]]:
         """All boxes of a frame, and which of them are which parts."""
         self._names.begin()
+        self._nearby.begin()
         detections = self._names.told(frame, self._detector.detect(frame.rgb))
         found = self._assigned(detections, frame)
         if len(found) < len(self._assembly.parts):
@@ -74,18 +77,24 @@ class PartFinder:
             looked = self._names.told(frame, more[len(detections) :])
             detections = (*detections, *looked)
             found = self._assigned(detections, frame)
+        named = self._nearby.boxes(frame, found)
+        if named:
+            detections = (*detections, *named)
+            found = self._assigned(detections, frame)
         if self._contests is not None:
             found = self._contests.step(found, self._strangers.told(detections), frame)
         self._strangers.see(detections, found)
         return detections, found
 
-    def keep(self, found: Mapping[str, Detection]) -> None:
+    def keep(self, found: Mapping[str, Detection], frame: Frame) -> None:
         """Remember where parts were: identical ones keep their names by it."""
         self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
+        self._nearby.keep(found, frame)
 
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._boxes = renamed(self._boxes, names)
+        self._nearby.rename(names)
 
     def _assigned(self, detections: Sequence[Detection], frame: Frame) -> dict[str, Detection]:
         fitting = None

@@ -19,6 +19,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.boxes import iou_matrix, share_inside
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb
 from asdfviz.methods.assignment import scores_in_classes
+from asdfviz.methods.named_nearby import NearbyConfig
 from asdfviz.methods.seen_table import heights_in
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.pose.blobs import BlobConfig, standing_out
@@ -78,6 +79,8 @@ class NamesConfig:
     """Share of its box within a part's from which the part explains it, 0 to 1."""
     most: int = 8
     """Of these things so many are named a frame, the largest."""
+    nearby: NearbyConfig = field(default_factory=NearbyConfig)
+    """Where missing parts are looked for by it."""
     strangers: StrangersConfig = field(default_factory=StrangersConfig)
     """What is known not to be a part, since it was there beside it."""
     blobs: BlobConfig = field(default_factory=lambda: BlobConfig(rise=0.003, min_px=30))
@@ -178,6 +181,18 @@ class ThingNames:
                 more.append(self._merged(bare, probabilities))
         return (*detections, *more)
 
+    def look(self, frame: Frame, boxes: Sequence[Box]) -> dict[str, Float64[np.ndarray, "n"]]:
+        """By label, its probability in every box, nothing remembered; empty without such a network."""
+        if self._looker is None or not boxes:
+            return {}
+        answers = self._asked(frame, boxes)
+        return dict(zip(self._classes, answers.T, strict=True))
+
+    def named(self, box_xyxy: Box, label: str, probability: float) -> Detection:
+        """A box that only the crop network gives, as sure as it is of the name."""
+        bare = self._undetected(box_xyxy, label)
+        return replace(bare, score=self._config.weight * probability)
+
     def _merged(self, detection: Detection, probabilities: Float64[np.ndarray, "c"]) -> Detection:
         weight = self._config.weight
         seen = scores_in_classes(detection)
@@ -198,15 +213,17 @@ class ThingNames:
         things = [self._thing(box) for box in boxes]
         asked = [one for one in dict.fromkeys(things) if one.is_due(now, every=config.every)]
         if asked and self._looker is not None:
-            places = [one.box_xyxy for one in asked]
-            depth = frame.depth
-            distances = [None if depth is None else box_distance(box, depth) for box in places]
-            answers = self._looker.names(
-                frame.rgb, frame.camera.K, places, [*self._classes.values()], distances=distances
-            )
+            answers = self._asked(frame, [one.box_xyxy for one in asked])
             for thing, answer in zip(asked, answers, strict=True):
                 thing.hear(answer, now, memory=config.memory)
         return [thing.probabilities for thing in things]
+
+    def _asked(self, frame: Frame, boxes: Sequence[Box]) -> Float64[np.ndarray, "n c"]:
+        """What the network, which is there, says of boxes."""
+        assert self._looker is not None
+        depth, classes = frame.depth, [*self._classes.values()]
+        distances = [None if depth is None else box_distance(box, depth) for box in boxes]
+        return self._looker.names(frame.rgb, frame.camera.K, boxes, classes, distances=distances)
 
     def _thing(self, box_xyxy: Box) -> _Known:
         """What is in a box: known from before or from another box of the frame, or new."""

@@ -17,6 +17,7 @@ from asdfviz.methods.common_variants import (
     BY_CROPS,
     TRUSTING,
     UNNAMED,
+    UNSOUGHT,
     UNTOLD,
     common,
 )
@@ -189,6 +190,7 @@ def _beyond_asdf() -> list[Variant]:
         Variant("asdf, names by the detector alone", "asdf", AsdfConfig(names=UNNAMED)),
         Variant("asdf, no contests", "asdf", AsdfConfig(contests=BEST_BOX)),
         Variant("asdf, no strangers", "asdf", AsdfConfig(names=TRUSTING)),
+        Variant("asdf, missing parts not looked for", "asdf", AsdfConfig(names=UNSOUGHT)),
         Variant(f"asdf, {BY_CROPS}", "asdf", AsdfConfig(state_looks="crops")),
     ]
 

@@ -165,7 +165,7 @@ class Yolov8Pose:
         config, assembly, timed = self._config, self._assembly, StageTimer()
         with timed("detect"):
             detections, found = self._finder.find(frame)
-            self._finder.keep(found)
+            self._finder.keep(found, frame)
         with timed("pnp" if self._crop_poses is None else "crops"):
             if self._crop_poses is None:
                 poses = poses_from_keypoints(found, frame, assembly, config=config.pnp)

@@ -24,6 +24,12 @@ MARGIN_PX = 3.0
 """and this: those of small parts are drawn loosely, pixels of the diagonal."""
 CORE = 1 / 6
 """Share of its width and height to either side of a box's middle in which depth is read."""
+WHOLE = 1 / 2
+"""The same with the whole box:"""
+READ = 400
+"""of about so many of its readings"""
+NEARER = 0.25
+"""this share may be nearer than what the box is about."""
 AROUND = 0.75
 """The same with what is around the box."""
 
@@ -49,7 +55,7 @@ class BoxSizes:
             depth: planar depth in metres, 0 = none, or None: then every box is small enough.
             K: intrinsics of image and depth.
         """
-        distance = None if depth is None else box_distance(box_xyxy, depth)
+        distance = None if depth is None else _nearest(box_xyxy, depth)
         if distance is None:
             return frozenset(self.largest)
         seen_px = diagonal(box_xyxy) - MARGIN_PX
@@ -67,6 +73,23 @@ def box_distance(box_xyxy: Box, depth: Depth) -> float | None:
     window = _about(box_xyxy, depth, CORE)
     measured = window[window > 0]
     return median(measured) if len(measured) else None
+
+
+def _nearest(box_xyxy: Box, depth: Depth) -> float | None:
+    """How near what is in a box may be, metres; None where nothing was measured.
+
+    About the middle of a ring or a bow shows what lies behind it.
+    """
+    middle = box_distance(box_xyxy, depth)
+    if middle is None:
+        return None
+    window = _about(box_xyxy, depth, WHOLE)
+    thin = max(int(np.sqrt(window.size / READ)), 1)
+    readings = window[::thin, ::thin]
+    readings = readings[readings > 0]
+    if not len(readings):
+        return middle
+    return min(middle, float(np.quantile(readings, NEARER, method="nearest")))
 
 
 def measured_share(box_xyxy: Box, depth: Depth) -> float:

@@ -33,6 +33,16 @@ def test_the_same_box_is_larger_farther_away() -> None:
     assert "rod" not in SIZES.fitting(box(90, 4), depth=far, K=K)
 
 
+def test_a_bow_is_as_near_as_its_rim_not_as_what_shows_within() -> None:
+    depth = np.full((240, 320), 1.0, np.float32)
+    depth[118:122, 115:205] = 0.4
+    depth[118:122, 135:185] = 1.0
+    assert "rod" in SIZES.fitting(box(90, 4), depth=depth, K=K)
+    depth[118:122, 115:130] = 1.0
+    depth[118:122, 195:205] = 1.0
+    assert "rod" not in SIZES.fitting(box(90, 4), depth=depth, K=K), "a little may be in front"
+
+
 def test_without_a_reading_every_box_is_small_enough() -> None:
     whole = box(300, 200)
     assert "pin" in SIZES.fitting(whole, depth=None, K=K)
