@@ -19,7 +19,9 @@ from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.errors import MethodError
 from asdfviz.geometry.boxes import box_middle, overlap
 from asdfviz.geometry.shapes import Box
-from asdfviz.pose.box_size import box_distance
+from asdfviz.methods.seen_table import ANY_TABLE, heights_in
+from asdfviz.pose.blobs import Heights
+from asdfviz.pose.box_size import CORE, box_distance, window_about
 from asdfviz.state.twins import renamed
 
 CLOSER = np.array([0.5, 0.5, 0.25])
@@ -39,8 +41,8 @@ class NearbyConfig:
     step: float = 0.5
     """From one look to the next, as a share of the longer side of its box."""
     most: int = 40
-    """Looks a frame, for all missing parts together, the nearest first; and eight for each that is
-    promising."""
+    """Looks a frame, for all missing parts together, the nearest first; and twelve for each that
+    is promising."""
     promising: float = 0.1
     """Probability of its name from which the place is looked at more closely,"""
     least: float = 0.5
@@ -51,6 +53,8 @@ class NearbyConfig:
     """and one nearby from this one; with less it is looked for all the same,"""
     same: float = 0.7
     """unless the box overlaps the one of before more than this (intersection over union)."""
+    rise: float = 0.003
+    """Where less than a quarter of what depth measures stands out of the table by this, metres, is no part."""
     taken: float = 0.6
     """Places that overlap a found part's box more than this (intersection over union) are not looked at."""
 
@@ -202,12 +206,13 @@ class NamedNearby:
         self, frame: Frame, places: Mapping[str, Sequence[Box]], taken: Sequence[Box]
     ) -> dict[str, tuple[float, Box]]:
         """Of each part the place that is named so most surely, and how surely."""
-        size = np.array(frame.rgb.shape[1::-1], np.float64)
+        above = heights_in(frame, ANY_TABLE)
         asked = [
             (name, box)
             for name, boxes in places.items()
             for box in boxes
-            if _is_free(box, taken, size, most=self._config.taken)
+            if _is_free(box, taken, frame, most=self._config.taken)
+            and (above is None or _stands_out(box, above, frame, rise=self._config.rise))
         ]
         if not asked:
             return {}
@@ -229,9 +234,9 @@ def _better(
 
 
 def _closer(box: Box, step: float) -> list[Box]:
-    """The eight places about one, so much of its longer side away."""
+    """The four places beside one, so much of its longer side away."""
     pace = step * _side(box)
-    return [box + np.tile([x, y], 2) * pace for x in (-1, 0, 1) for y in (-1, 0, 1) if x or y]
+    return [box + np.tile(way, 2) * pace for way in ((-1, 0), (1, 0), (0, -1), (0, 1))]
 
 
 def _side(box: Box) -> float:
@@ -239,10 +244,16 @@ def _side(box: Box) -> float:
     return float((box[2:] - box[:2]).max())
 
 
-def _is_free(
-    box: Box, taken: Iterable[Box], size: Float64[np.ndarray, "2"], *, most: float
-) -> bool:
+def _is_free(box: Box, taken: Iterable[Box], frame: Frame, *, most: float) -> bool:
     """Whether a place's middle is in the picture and no found part's."""
-    middle = box_middle(box)
-    inside = bool(np.all(middle >= 0) and np.all(middle < size))
+    middle, (height, width) = box_middle(box), frame.rgb.shape[:2]
+    inside = 0 <= middle[0] < width and 0 <= middle[1] < height
     return inside and all(overlap(box, other) <= most for other in taken)
+
+
+def _stands_out(box: Box, above: Heights, frame: Frame, *, rise: float) -> bool:
+    """Whether something may stand on the table about a place's middle."""
+    assert frame.depth is not None
+    heights, depth = window_about(box, above, CORE), window_about(box, frame.depth, CORE)
+    measured = heights[depth > 0]
+    return bool(np.count_nonzero(measured > rise) >= len(measured) / 4)

@@ -70,7 +70,7 @@ def _largest(points: Points, turns: np.ndarray) -> float:
 
 def box_distance(box_xyxy: Box, depth: Depth) -> float | None:
     """Median of what was measured about the middle of a box, metres; None where nothing was."""
-    window = _about(box_xyxy, depth, CORE)
+    window = window_about(box_xyxy, depth, CORE)
     measured = window[window > 0]
     return median(measured) if len(measured) else None
 
@@ -83,7 +83,7 @@ def _nearest(box_xyxy: Box, depth: Depth) -> float | None:
     middle = box_distance(box_xyxy, depth)
     if middle is None:
         return None
-    window = _about(box_xyxy, depth, WHOLE)
+    window = window_about(box_xyxy, depth, WHOLE)
     thin = max(int(np.sqrt(window.size / READ)), 1)
     readings = window[::thin, ::thin]
     readings = readings[readings > 0]
@@ -97,12 +97,15 @@ def measured_share(box_xyxy: Box, depth: Depth) -> float:
 
     The table around a part that throws no light back is measured.
     """
-    window = _about(box_xyxy, depth, AROUND)
+    window = window_about(box_xyxy, depth, AROUND)
     return float(np.count_nonzero(window)) / max(window.size, 1)
 
 
-def _about(box_xyxy: Box, depth: Depth, share: float) -> Float32[np.ndarray, "rows columns"]:
-    """The depth about a box's middle, so much of its width and height to either side."""
+def window_about(
+    box_xyxy: Box, depth: Float32[np.ndarray, "h w"], share: float
+) -> Float32[np.ndarray, "rows columns"]:
+    """The depth, or what else is known of every pixel, about a box's middle, so much of its width and height
+    to either side; empty out of the picture."""
     middle = box_middle(box_xyxy)
     reach = np.maximum((box_xyxy[2:] - box_xyxy[:2]) * share, 1.0)
     low = np.maximum(np.floor(middle - reach).astype(int), 0)

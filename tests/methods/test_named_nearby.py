@@ -15,10 +15,9 @@ from asdfviz.methods.named_nearby import NamedNearby, NearbyConfig
 from asdfviz.methods.thing_names import NamesConfig, ThingNames
 
 CAMERA = Camera(np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]]), 320, 240)
-FRAME = Frame(
-    0, 0.0, np.zeros((240, 320, 3), np.uint8), np.full((240, 320), 0.5, np.float32), CAMERA
-)
-"""30 mm are 18 px."""
+NOWHERE_FLAT = np.random.default_rng(0).uniform(0.46, 0.54, (240, 320)).astype(np.float32)
+FRAME = Frame(0, 0.0, np.zeros((240, 320, 3), np.uint8), NOWHERE_FLAT, CAMERA)
+"""30 mm are about 18 px; there is no table."""
 
 
 @dataclass
@@ -156,6 +155,22 @@ def test_twins_are_looked_for_by_their_new_names(
     looking.rename({"block": "pin"})
     (found,) = step(looking, {})
     assert found.label == "pin"
+
+
+def test_bare_table_is_no_part_whatever_it_is_called(
+    nearby: Callable[..., NamedNearby], box_at: Callable
+) -> None:
+    depth = np.full((240, 320), 0.5, np.float32)
+    looking = nearby()
+    step(looking, {"pin": box_at("pin", 90, 90)}, replace(FRAME, depth=depth))
+    assert step(looking, {}, replace(FRAME, depth=depth)) == []
+    depth = depth.copy()
+    depth[92:108, 92:108] = 0.48
+    assert len(step(looking, {}, replace(FRAME, depth=depth))) == 1
+    depth[92:108, 92:108] = 0.0
+    looking = nearby()
+    step(looking, {"pin": box_at("pin", 90, 90)}, replace(FRAME, depth=depth))
+    assert len(step(looking, {}, replace(FRAME, depth=depth))) == 1, "nobody knows"
 
 
 def test_looks_are_counted(
