@@ -24,6 +24,8 @@ from asdfviz.pose.blobs import Heights
 from asdfviz.pose.box_size import CORE, box_distance, window_about
 from asdfviz.state.twins import renamed
 
+FINEST = 0.05
+"""Looks nearer to each other than this share of a box show the same."""
 CLOSER = np.array([0.5, 0.5, 0.25])
 """Steps of looking more closely, as shares of the first ones."""
 
@@ -60,10 +62,10 @@ class NearbyConfig:
 
     def __post_init__(self) -> None:
         """Raise a MethodError where an option is out of its range."""
-        if not self.step > 0 or not self.reach >= 0:
+        if not self.step >= FINEST or not 0 <= self.reach < np.inf:
             raise MethodError(
-                f"names.nearby.step is {self.step:g} and reach {self.reach:g}: step must be above 0, "
-                "reach 0 or more"
+                f"names.nearby.step is {self.step:g} and reach {self.reach:g}: step must be "
+                f"{FINEST:g} or more, reach 0 or more"
             )
         if not 0 <= self.promising <= self.least <= 1:
             raise MethodError(
@@ -75,6 +77,11 @@ class NearbyConfig:
 @runtime_checkable
 class Names(Protocol):
     """What names things, as `ThingNames` does."""
+
+    @property
+    def can_look(self) -> bool:
+        """Whether there is a network that was taught names."""
+        ...
 
     def look(self, frame: Frame, boxes: Sequence[Box]) -> Mapping[str, Float64[np.ndarray, "n"]]:
         """By class, its probability in every box."""
@@ -132,7 +139,7 @@ class NamedNearby:
             found: by part, its box.
         """
         config = self._config
-        if not config.enabled or frame.depth is None:
+        if not config.enabled or not self._names.can_look or frame.depth is None:
             return []
         lost = [
             name

@@ -139,6 +139,11 @@ class ThingNames:
         self._known: list[_Known] = []
         self._frame = 0
 
+    @property
+    def can_look(self) -> bool:
+        """Whether there is a network that was taught names, of parts that it knows."""
+        return self._looker is not None
+
     def begin(self) -> None:
         """A frame comes."""
         self._frame += 1

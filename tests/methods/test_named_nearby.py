@@ -142,6 +142,7 @@ def test_nothing_is_found_without_depth_or_a_network_for_names(
     step(looking, {"pin": box_at("pin", 90, 90)})
     assert step(looking, {}, replace(FRAME, depth=None)) == []
     looker.tells_names = False
+    looker.asked.clear()
     looking = nearby()
     step(looking, {"pin": box_at("pin", 90, 90)})
     assert step(looking, {}) == []
@@ -188,7 +189,8 @@ def test_looks_are_counted(
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"step": 0.0}, {"reach": -0.1}, {"promising": 0.6}, {"least": 1.5}]
+    "wrong",
+    [{"step": 0.0}, {"reach": -0.1}, {"reach": float("nan")}, {"promising": 0.6}, {"least": 1.5}],
 )
 def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match=r"names\.nearby"):
