@@ -8,6 +8,7 @@ a moment ago, and a way around it, crops are cut, and the best of them is a box 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -22,7 +23,6 @@ from asdfviz.geometry.shapes import Box
 from asdfviz.methods.seen_table import ANY_TABLE, heights_in
 from asdfviz.pose.blobs import Heights
 from asdfviz.pose.box_size import CORE, box_distance, window_about
-from asdfviz.state.twins import renamed
 
 FINEST = 0.05
 """Looks nearer to each other than this share of a box show the same."""
@@ -106,8 +106,13 @@ class NamedNearby:
     """Looks in one sequence."""
 
     def __init__(self, assembly: Assembly, names: Names, *, config: NearbyConfig) -> None:
-        """Begin a sequence."""
-        self._labels = {part.name: part.detector_class for part in assembly.parts.values()}
+        """Begin a sequence.
+
+        Of identical parts none is looked for: the next one would be found for it.
+        """
+        labels = {part.name: part.detector_class for part in assembly.parts.values()}
+        counts = Counter(labels.values())
+        self._labels = {name: label for name, label in labels.items() if counts[label] == 1}
         self._names, self._config = names, config
         self._last: dict[str, _Last] = {}
         self._frame = 0
@@ -118,7 +123,8 @@ class NamedNearby:
 
     def keep(self, found: Mapping[str, Detection], frame: Frame) -> None:
         """Remember where parts are in this frame."""
-        for name, detection in found.items():
+        for name in found.keys() & self._labels.keys():
+            detection = found[name]
             last, shift = self._last.get(name), np.zeros(2)
             if last is not None and self._is_fresh(last):
                 if self._is_doubtful(last, detection, frame):
@@ -126,10 +132,6 @@ class NamedNearby:
                 if last.seen == self._frame - 1:
                     shift = box_middle(detection.box_xyxy) - box_middle(last.box_xyxy)
             self._last[name] = _Last(detection.box_xyxy, self._frame, shift)
-
-    def rename(self, names: Mapping[str, str]) -> None:
-        """From now on twins go by other names: from the old ones to the new."""
-        self._last = renamed(self._last, names)
 
     def boxes(self, frame: Frame, found: Mapping[str, Detection]) -> list[Detection]:
         """Where parts are that have no box.

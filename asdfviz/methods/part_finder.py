@@ -94,7 +94,6 @@ class PartFinder:
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._boxes = renamed(self._boxes, names)
-        self._nearby.rename(names)
 
     def _assigned(self, detections: Sequence[Detection], frame: Frame) -> dict[str, Detection]:
         fitting = None
