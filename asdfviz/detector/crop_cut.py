@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from asdfviz.geometry.boxes import box_middle
+from asdfviz.geometry.boxes import box_middle, longer_side
 from asdfviz.geometry.rotation_grid import rotation_to_ray
 from asdfviz.geometry.shapes import Box, Intrinsics, Rgb, Rotation
 
@@ -44,7 +44,7 @@ def crop_camera(box_xyxy: Box, K: Intrinsics, *, side: int = CROP_PIXELS) -> Cro
         side: of the crop, pixels.
     """
     middle = box_middle(box_xyxy)
-    extent = max(float((box_xyxy[2:] - box_xyxy[:2]).max()), 2.0)
+    extent = max(longer_side(box_xyxy), 2.0)
     ray = np.linalg.solve(K, np.array([*middle, 1.0]))
     # Pixels grow with the square of 1 / cos off the axis along the radius, and with 1 / cos across.
     stretch = float(np.linalg.norm(ray)) ** 1.5

@@ -9,6 +9,9 @@ from jaxtyping import Float64
 
 from asdfviz.geometry.shapes import Box, Mask, Pixels, Points, Vector
 
+_WAYS = np.array([[1.0, 0, 1, 0], [-1, 0, -1, 0], [0, 1, 0, 1], [0, -1, 0, -1]])
+"""By which corners move."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxMask:
@@ -72,6 +75,16 @@ def share_inside(a: Box, b: Box) -> float:
     """Share of box a that lies within box b, 0 to 1."""
     extent = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
     return float(np.maximum(extent, 0).prod() / (a[2:] - a[:2]).prod())
+
+
+def longer_side(box_xyxy: Box) -> float:
+    """The larger of its width and height."""
+    return float((box_xyxy[2:] - box_xyxy[:2]).max())
+
+
+def beside(box_xyxy: Box, share: float) -> list[Box]:
+    """The box moved to the right, left, down and up, by so much of its longer side."""
+    return [box_xyxy + share * longer_side(box_xyxy) * way for way in _WAYS]
 
 
 def diagonal(box_xyxy: Box) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.errors import MethodError
-from asdfviz.geometry.boxes import box_middle, overlap
+from asdfviz.geometry.boxes import box_middle, longer_side, overlap
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.assignment import scores_in_classes
 from asdfviz.methods.looked_at import LookedAt
@@ -242,7 +242,7 @@ class Contests:
         near = min(mine, key=distance, default=None)
         if near is None:
             return None
-        smaller = min(float((box[2:] - box[:2]).max()) for box in (near.box_xyxy, box_xyxy))
+        smaller = min(longer_side(box) for box in (near.box_xyxy, box_xyxy))
         return near if distance(near) <= self.config.reach * smaller else None
 
     def _look_again(

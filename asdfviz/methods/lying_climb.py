@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from asdfviz.datatypes import Camera, Frame
+from asdfviz.geometry.boxes import longer_side
 from asdfviz.geometry.shapes import Box, Points, Scores, Transform, Vector
 from asdfviz.geometry.symmetry import across
 from asdfviz.geometry.transforms import apply_to_point, transform_from, turn_about
@@ -68,7 +69,7 @@ def _beside(T: Transform, shifts: Points) -> list[Transform]:
 
 def coarse(frame: Frame, box_xyxy: Box, *, side_px: float) -> Frame:
     """The frame with every second pixel, or fourth, where what is in a box looks larger than that."""
-    side = float((box_xyxy[2:] - box_xyxy[:2]).max())
+    side = longer_side(box_xyxy)
     step = 1 if side <= side_px else 2 if side <= 2 * side_px else 4
     if step == 1 or frame.depth is None:
         return frame

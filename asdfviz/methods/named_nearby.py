@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -18,7 +18,7 @@ from jaxtyping import Float64
 
 from asdfviz.datatypes import Assembly, Detection, Frame
 from asdfviz.errors import MethodError
-from asdfviz.geometry.boxes import box_middle, overlap
+from asdfviz.geometry.boxes import beside, box_middle, is_in_view, longer_side, overlap
 from asdfviz.geometry.shapes import Box
 from asdfviz.methods.seen_table import ANY_TABLE, heights_in
 from asdfviz.pose.blobs import Heights
@@ -99,7 +99,7 @@ class _Last:
     box_xyxy: Box
     seen: int
     """In which frame, and how far it had come since the frame before, pixels."""
-    shift: Float64[np.ndarray, "2"] = field(default_factory=lambda: np.zeros(2))
+    shift: Float64[np.ndarray, "2"]
 
 
 class NamedNearby:
@@ -150,6 +150,8 @@ class NamedNearby:
             if self._is_fresh(last)
             and (name not in found or self._is_doubtful(last, found[name], frame))
         ]
+        if not lost:
+            return []
         taken = [d.box_xyxy for name, d in found.items() if name not in lost]
         starts = {name: self._starts(name) for name in lost}
         best = self._best(frame, starts, taken)
@@ -160,7 +162,7 @@ class NamedNearby:
             best |= _better(self._best(frame, around, taken), best)
         best = {name: one for name, one in best.items() if one[0] >= config.promising}
         for step in config.step * CLOSER:
-            closer = {name: _closer(box, step) for name, (_, box) in best.items()}
+            closer = {name: beside(box, step) for name, (_, box) in best.items()}
             best |= _better(self._best(frame, closer, taken), best)
         return [
             self._names.named(box, self._labels[name], probability)
@@ -180,7 +182,7 @@ class NamedNearby:
             return True
         way = np.linalg.norm(box_middle(found.box_xyxy) - box_middle(last.box_xyxy))
         far = self._far(last, frame)
-        return far is not None and float(way) > far + _side(last.box_xyxy)
+        return far is not None and float(way) > far + longer_side(last.box_xyxy)
 
     def _far(self, last: _Last, frame: Frame) -> float | None:
         """How far a part can have come, pixels; None where depth does not say how far away it was."""
@@ -201,7 +203,7 @@ class NamedNearby:
         """Places about where a part would be, the nearest first."""
         last, config = self._last[name], self._config
         box = self._starts(name)[-1]
-        far, pace = self._far(last, frame), config.step * _side(box)
+        far, pace = self._far(last, frame), config.step * longer_side(box)
         if far is None:
             return []
         count = int(far / pace) + 1
@@ -243,22 +245,10 @@ def _better(
     return {n: one for n, one in ones.items() if n not in others or one[0] > others[n][0]}
 
 
-def _closer(box: Box, step: float) -> list[Box]:
-    """The four places beside one, so much of its longer side away."""
-    pace = step * _side(box)
-    return [box + np.tile(way, 2) * pace for way in ((-1, 0), (1, 0), (0, -1), (0, 1))]
-
-
-def _side(box: Box) -> float:
-    """The longer one."""
-    return float((box[2:] - box[:2]).max())
-
-
 def _is_free(box: Box, taken: Iterable[Box], frame: Frame, *, most: float) -> bool:
     """Whether a place's middle is in the picture and no found part's."""
-    middle, (height, width) = box_middle(box), frame.rgb.shape[:2]
-    inside = 0 <= middle[0] < width and 0 <= middle[1] < height
-    return inside and all(overlap(box, other) <= most for other in taken)
+    size_wh = frame.camera.width, frame.camera.height
+    return is_in_view(box, size_wh) and all(overlap(box, other) <= most for other in taken)
 
 
 def _stands_out(box: Box, above: Heights, frame: Frame, *, rise: float) -> bool:

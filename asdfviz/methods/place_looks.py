@@ -17,7 +17,7 @@ import numpy as np
 from asdfviz.datatypes import Assembly, Frame, PoseEstimate
 from asdfviz.detector.crop_classes import class_name
 from asdfviz.errors import MethodError
-from asdfviz.geometry.boxes import box_around, is_in_view
+from asdfviz.geometry.boxes import beside, box_around, is_in_view, longer_side
 from asdfviz.geometry.camera import project
 from asdfviz.geometry.odds import log_odds, probability
 from asdfviz.geometry.shapes import Box, Scores, Transform
@@ -32,8 +32,6 @@ LEAST = probability(-6.0)
 """Probabilities nearer to 0 or 1 are cut, so that no log odds are beyond 6."""
 LEAST_PX = 4.0
 """A place that is smaller in the picture shows nothing."""
-
-_WAYS = np.array([[1.0, 0, 1, 0], [-1, 0, -1, 0], [0, 1, 0, 1], [0, -1, 0, -1]])
 
 
 @dataclass(frozen=True)
@@ -224,9 +222,8 @@ class PlaceLooks:
         found = [b for T in wanted for b in self._box(place.part, T_camera_base @ T, frame)]
         for box, distance in found[:1]:
             place.side_px = float((box[2:] - box[:2]).min())
-            side = float((box[2:] - box[:2]).max())
-            if side * distance / float(frame.camera.K[0, 0]) < self._config.small:
-                found += [(box + self._config.shift * side * way, distance) for way in _WAYS]
+            if longer_side(box) * distance / float(frame.camera.K[0, 0]) < self._config.small:
+                found += [(near, distance) for near in beside(box, self._config.shift)]
         return found
 
     def _box(self, name: str, T: Transform, frame: Frame) -> list[tuple[Box, float]]:

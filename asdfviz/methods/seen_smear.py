@@ -16,6 +16,7 @@ import numpy as np
 
 from asdfviz.datatypes import Frame, Part
 from asdfviz.errors import MethodError
+from asdfviz.geometry.boxes import longer_side
 from asdfviz.geometry.shapes import Box, Transform
 from asdfviz.methods.drawn_looks import smear_gaps
 from asdfviz.methods.drawn_smear import Smear
@@ -83,7 +84,7 @@ class SeenSmear:
         for name in sorted(poses, key=lambda name: self._asked[name]):
             box = projected_box(poses[name], self._parts[name].mesh.vertices, frame)
             smallest, largest = self._config.side_px
-            if smallest <= float((box[2:] - box[:2]).max()) <= largest:
+            if smallest <= longer_side(box) <= largest:
                 self._asked[name] += 1
                 self._look(frame, name, poses[name], box)
                 return

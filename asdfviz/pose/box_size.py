@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from asdfviz.geometry.boxes import box_middle, diagonal
-from asdfviz.geometry.median import median
+from asdfviz.geometry.median import median, nearest_quantile
 from asdfviz.geometry.rotation_grid import even_rotations, rotations_of
 from asdfviz.geometry.shapes import Box, Depth, Intrinsics, Points
 
@@ -89,7 +89,7 @@ def _nearest(box_xyxy: Box, depth: Depth) -> float | None:
     readings = readings[readings > 0]
     if not len(readings):
         return middle
-    return min(middle, float(np.quantile(readings, NEARER, method="nearest")))
+    return min(middle, nearest_quantile(readings, NEARER))
 
 
 def measured_share(box_xyxy: Box, depth: Depth) -> float:

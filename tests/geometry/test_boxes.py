@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from asdfviz.geometry.boxes import (
+    beside,
     box_around,
     box_middle,
     iou_matrix,
     is_in_view,
+    longer_side,
     overlap,
     share_inside,
 )
@@ -35,3 +37,10 @@ def test_a_box_is_in_view_where_its_middle_is() -> None:
     assert not is_in_view(box, (20, 10))
     assert is_in_view(box + 2, (20, 10)), "its middle lies on the edge"
     assert not is_in_view(box + 5, (20, 10))
+
+
+def test_a_box_is_moved_by_a_share_of_its_longer_side() -> None:
+    box = np.array([10, 20, 14, 28.0])
+    assert longer_side(box) == 8
+    moved = [near - box for near in beside(box, 0.25)]
+    np.testing.assert_allclose(moved, [[2, 0, 2, 0], [-2, 0, -2, 0], [0, 2, 0, 2], [0, -2, 0, -2]])
