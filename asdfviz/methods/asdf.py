@@ -44,6 +44,8 @@ from asdfviz.state.twins import renamed, renamed_poses
 
 Mends: TypeAlias = Callable[[PoseEstimate], PoseEstimate]
 """A part's pose, by what is known better."""
+SURE = 0.8
+"""Score from which a part is surely where its pose has it."""
 
 
 def _as_it_is(pose: PoseEstimate) -> PoseEstimate:
@@ -133,7 +135,8 @@ class Asdf:
         config, scene, timed = self._config, self._started(), StageTimer()
         proposed = self._propose(frame, timed, scene.pose2state.belief)
         with timed("state"):
-            poses = proposed.poses if config.published else self._called(proposed.poses)
+            first = proposed.poses
+            poses = first if config.published else self._called(first, frame)
             places = relative_pose_probabilities(poses, scene.assembly, config=config.relative_pose)
             base, belief = poses.get(scene.assembly.base), scene.pose2state.belief
             stands = scene.place_looks.step(base, poses, belief, frame)
@@ -151,12 +154,20 @@ class Asdf:
                 poses, self.assigned, scene.shapes, frame, steady=steady, config=sure
             )
             poses = sure_enough(poses, config.least_score)
+        sure = {n: p for n, p in poses.items() if p.score >= SURE and p.stage != "group"}
+        scene.unlike.see(frame, {n: p.T_camera_part for n, p in sure.items()})
         return FramePrediction(frame.index, poses, state, proposed.detections, timed.seconds)
 
-    def _called(self, poses: Mapping[str, PoseEstimate]) -> Mapping[str, PoseEstimate]:
-        """The poses, the base's turned and twins named as the parts' places tell."""
+    def _called(
+        self, poses: Mapping[str, PoseEstimate], frame: Frame
+    ) -> Mapping[str, PoseEstimate]:
+        """The poses but those of what does not look as a part's twins do, the base's turned and twins
+        named as the parts' places tell."""
         scene = self._started()
-        poses = scene.turns.told(poses)
+        others = scene.unlike.strangers(frame, {n: p.T_camera_part for n, p in poses.items()})
+        scene.unlike.forget(others)
+        self.disown(others, for_good=True)
+        poses = scene.turns.told({n: pose for n, pose in poses.items() if n not in others})
         names = scene.twins.changes({n: p.T_camera_part for n, p in poses.items()})
         self.rename(names)
         return renamed_poses(poses, names)
@@ -165,11 +176,15 @@ class Asdf:
         """From now on twins go by other names: from the old ones to the new."""
         self._started().finder.rename(names)
         self._started().votes.rename(names)
+        self._started().unlike.rename(names)
         self._before = renamed(self._before, names)
         self.assigned = renamed(self.assigned, names)
 
-    def disown(self, names: Collection[str]) -> None:
-        """What was taken for these parts in the last frame is something else."""
+    def disown(self, names: Collection[str], *, for_good: bool = False) -> None:
+        """What was taken for these parts in the last frame is something else, or for good while it lies."""
+        if for_good:
+            boxes = [self.assigned[name] for name in names if name in self.assigned]
+            self._started().finder.disown(boxes)
         self.assigned = {n: box for n, box in self.assigned.items() if n not in names}
         self.looked_at = {n: look for n, look in self.looked_at.items() if n not in names}
         self._before = {n: before for n, before in self._before.items() if n not in names}

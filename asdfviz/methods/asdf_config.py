@@ -19,6 +19,7 @@ from asdfviz.methods.rivals import RivalsConfig
 from asdfviz.methods.second_look import SecondLookConfig
 from asdfviz.methods.state_looks import StateLooksFrom
 from asdfviz.methods.thing_names import NamesConfig
+from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.pose.box_fit import BoxFitConfig
 from asdfviz.pose.icp import IcpConfig
 from asdfviz.pose.pnp import ROBUST_PNP, PnpConfig
@@ -64,6 +65,11 @@ class AsdfConfig:
     """Things that look about as much like a part as its best box, where first poses come from crops."""
     rivals: RivalsConfig = field(default_factory=RivalsConfig)
     """Further boxes of a part whose best one depth rules out."""
+    unlike_twins: UnlikeTwinsConfig = field(
+        default_factory=lambda: UnlikeTwinsConfig(tint=0.42, strange_tint=0.2)
+    )
+    """When what is taken for one of several like parts does not look like the others: more than where poses
+    are near enough to see nothing else, as twins then differed by up to 0.33."""
     state_looks: StateLooksFrom | None = None
     """What tells the state by its looks: boxes (the paper: states as classes of the detector),
     crops (the crop network, looking about the base part) or places (the state network, looking where

@@ -19,6 +19,7 @@ from asdfviz.methods.place_looks import PlaceLooks
 from asdfviz.methods.pooled_keypoints import PooledKeypoints
 from asdfviz.methods.state_looks import KeptLooks, StateLooks
 from asdfviz.methods.steady_poses import SteadyPoses
+from asdfviz.methods.unlike_twins import UnlikeTwins
 from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.fusion import Pose2State
 from asdfviz.state.lately_loose import LatelyLoose
@@ -48,6 +49,7 @@ class AsdfScene:
     votes: BaseVotes
     lately: LatelyLoose
     steady: SteadyPoses
+    unlike: UnlikeTwins
 
 
 def asdf_scene(
@@ -101,6 +103,7 @@ def asdf_scene(
         votes=BaseVotes(group, places=config.relative_pose, config=config.base_votes),
         lately=LatelyLoose(assembly, config=config.lately_loose),
         steady=SteadyPoses(assembly, apart=STEADY, by_twins=True),
+        unlike=UnlikeTwins(assembly, config=config.unlike_twins),
     )
 
 

@@ -91,6 +91,10 @@ class PartFinder:
         self._boxes |= {name: detection.box_xyxy for name, detection in found.items()}
         self._nearby.keep(found, frame)
 
+    def disown(self, boxes: Sequence[Detection]) -> None:
+        """What these boxes show is nothing of their class, also while it lies there."""
+        self._strangers.disown(boxes)
+
     def rename(self, names: Mapping[str, str]) -> None:
         """From now on twins go by other names: from the old ones to the new."""
         self._boxes = renamed(self._boxes, names)

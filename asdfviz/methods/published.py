@@ -47,6 +47,7 @@ FUSED_STEPS: Mapping[str, object] = {
     "contests.enabled": False,
     "rivals.count": 0,
     "rivals.depth_check.enabled": False,
+    "unlike_twins.enabled": False,
     "place_looks.enabled": False,
     "base_votes.enabled": False,
     "relative_pose.half_done": 0.0,

@@ -118,6 +118,14 @@ class Strangers:
         oldest = self._frame - self._config.forgotten
         self._things = [thing for thing in self._things if thing.seen >= oldest]
 
+    def disown(self, detections: Sequence[Detection]) -> None:
+        """What these show is nothing of their class, though it won: something else told so."""
+        for detection, place in zip(detections, self._places(detections), strict=True):
+            if self._config.enabled and place is not None:
+                thing, label = self._things[place], detection.label
+                thing.lost[label] = max(thing.lost.get(label, 0), self._config.often)
+                thing.scored[label] = max(thing.scored.get(label, 0.0), detection.score)
+
     def _seen(self, detections: Sequence[Detection]) -> dict[int, dict[str, float]]:
         """The things in the frame, by place in the list, with their best score in every class."""
         things: dict[int, dict[str, float]] = {}

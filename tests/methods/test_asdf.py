@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from asdfviz.datatypes import FramePrediction
 from asdfviz.errors import MethodError, WeightsError
+from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.symmetry import Symmetries
 from asdfviz.methods.asdf import Asdf
 from asdfviz.methods.asdf_config import AsdfConfig
@@ -15,6 +17,7 @@ from asdfviz.methods.asdf_plus import AsdfPlus
 from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.network import NetworkConfig
+from asdfviz.methods.unlike_twins import UnlikeTwins
 from asdfviz.methods.yolov8pose import Yolov8Pose, Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig
 from asdfviz.state.lately_loose import LatelyLooseConfig
@@ -71,6 +74,30 @@ def test_what_is_proposed_is_the_step_without_its_state(toy, detector) -> None:
     looks = said.state.terms.get("appearance")
     assert (proposed.looks is None) == (looks is None)
     assert looks is None or np.array_equal(looks, np.array(proposed.looks))
+
+
+def test_what_does_not_look_as_its_twins_do_is_no_part(
+    toy, detector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    poses = toy.poses(joined=False)
+    frame, boxes = (
+        toy.frame(1, poses),
+        tuple(toy.detection(name, T) for name, T in poses.items()),
+    )
+    detector.answers[1], told = boxes, list[set[str]]()
+
+    def judged(self: UnlikeTwins, _: object, at: Mapping[str, Transform]) -> frozenset[str]:
+        told.append(set(at))
+        return frozenset({"block"})
+
+    asdf = started(toy, detector)
+    assert set(asdf.step(frame).poses) == set(poses)
+    monkeypatch.setattr(UnlikeTwins, "strangers", judged)
+    assert "block" not in asdf.step(frame).poses
+    assert "block" not in asdf.assigned
+    assert told == [set(poses)]
+    asdf.step(frame)
+    assert "block" not in told[1], "what lies there is known for good"
 
 
 def test_without_depth_poses_stay_at_pnp(toy, detector) -> None:

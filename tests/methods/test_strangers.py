@@ -51,6 +51,22 @@ def test_it_may_be_another_part(assembly: Assembly, strangers: Strangers, box_at
     assert found["pin"].score == 0.4
 
 
+def test_what_is_disowned_is_not_the_part_though_it_won(
+    assembly: Assembly, strangers: Strangers, box_at: Callable
+) -> None:
+    block, like = box_at("block", 20, score=0.5), box_at("block", 120, score=0.8)
+    assert found_in(strangers, assembly, [block, like])["block"] is like
+    strangers.disown([like])
+    assert found_in(strangers, assembly, [block, like])["block"] is block
+    assert "block" not in found_in(strangers, assembly, [like])
+    moved = box_at("block", 160, score=0.6)
+    assert found_in(strangers, assembly, [moved])["block"] is moved
+    off = Strangers(assembly, config=StrangersConfig(enabled=False))
+    found_in(off, assembly, [like])
+    off.disown([like])
+    assert found_in(off, assembly, [like])["block"] is like
+
+
 def test_what_is_as_likely_has_not_lost(
     assembly: Assembly, strangers: Strangers, box_at: Callable
 ) -> None:
