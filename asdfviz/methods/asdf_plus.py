@@ -256,7 +256,8 @@ class AsdfPlus:
             poses[name] = PoseEstimate(name, T, sure, stage)
         config, base = self._config.in_table, scene.assembly.base
         sunk = in_table(poses, self._asdf.shapes, frame, base=base, config=config)
-        within = sunk | scene.space.intruders(poses).difference(scene.group.held)
+        held = {n for n in scene.group.held if n in poses and poses[n].score >= SURE}
+        within = sunk | scene.space.intruders(poses, held=held).difference(scene.group.held)
         poses = {name: pose for name, pose in poses.items() if name not in within}
         return scene.one_place.alone(scene.mistaken.doubted(frame, poses))
 

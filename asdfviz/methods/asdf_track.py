@@ -209,7 +209,8 @@ class AsdfTrack:
             scene.unlike.forget(strangers)
             scene.own.forget(strangers)
             scene.parts.let_go(strangers)
-        within = self._sunk(frame, poses, scene) | scene.space.intruders(poses)
+        held = {n for n in scene.parts.joined if n in poses and not scene.parts.tracks[n].unsure}
+        within = self._sunk(frame, poses, scene) | scene.space.intruders(poses, held=held)
         scene.parts.let_go(within)
         return {n: pose for n, pose in poses.items() if n not in strangers | within}
 

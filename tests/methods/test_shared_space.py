@@ -11,6 +11,7 @@ from asdfviz.errors import MethodError
 from asdfviz.geometry.shapes import Transform
 from asdfviz.geometry.transforms import transform_from
 from asdfviz.methods.shared_space import SharedSpace, SharedSpaceConfig
+from asdfviz.state.joined_spots import JoinedSpots
 
 
 def at(*place: float) -> Transform:
@@ -51,6 +52,28 @@ def test_a_pin_is_not_within_a_jaw_that_lies_there(clamp: Assembly) -> None:
     assert intruders(clamp, lying, share=0.05) == frozenset(), "nobody knows what is loose"
     assert intruders(clamp, base | lying, share=0.05, enabled=False) == frozenset()
     assert intruders(clamp, base | lying, share=1.0) == frozenset()
+
+
+def test_a_pin_is_not_within_a_jaw_that_is_held(clamp: Assembly) -> None:
+    """However sure it is, and although the jaw was placed by a state."""
+    state = next(s for s in clamp.states if "upper_jaw" in s.T_base_part)
+    base, T_jaw = at(0, 0, 0.6), at(0, 0, 0.6) @ state.T_base_part["upper_jaw"]
+    jaw, spots = clamp.parts["upper_jaw"], JoinedSpots(clamp)
+    solid = jaw.mesh.vertices[jaw.mesh.faces].mean(axis=1)
+    away = [spots.distance("pin", centred(clamp, "pin", T_jaw @ at(*p)), base) for p in solid]
+    there = centred(clamp, "pin", T_jaw @ at(*solid[int(np.argmax(away))]))
+    assert max(away) > 0.03
+    placed = {
+        clamp.base: PoseEstimate(clamp.base, base, 0.9, "refined"),
+        "upper_jaw": PoseEstimate("upper_jaw", T_jaw, 0.0, "group"),
+        "pin": PoseEstimate("pin", there, 0.95, "tracked"),
+    }
+    held = {clamp.base, "upper_jaw"}
+    for share, of, told in ((0.05, held, {"pin"}), (0.05, set[str](), set()), (1.0, held, set())):
+        space = SharedSpace(clamp, config=SharedSpaceConfig(share=share))
+        assert space.intruders(placed, held=of) == told
+    far = SharedSpace(clamp, config=SharedSpaceConfig(share=0.05, held=max(away) + 0.01))
+    assert far.intruders(placed, held=held) == frozenset(), "it is near its place"
 
 
 def test_parts_in_their_places_may_stand_in_one_another(toy) -> None:
