@@ -27,6 +27,7 @@ from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.pose.confidence import ConfidenceConfig
 from asdfviz.state.fusion import FusionConfig
 from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.last_turns import LastTurnsConfig
 from asdfviz.state.lately_loose import LatelyLooseConfig
 from asdfviz.state.relative_pose import RelativePoseConfig
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
@@ -81,10 +82,12 @@ class AsdfPlusConfig(AsdfConfig):
     """S_P; narrower than ASDF's, as the poses are."""
     group_fit: GroupFitConfig = field(default_factory=GroupFitConfig)
     """The hypothesis test over states."""
-    loose: LooseConfig = field(default_factory=LooseConfig)
+    loose: LooseConfig = field(default_factory=lambda: LooseConfig(far_sure=0.5))
     """What lies loose, and what no longer does, as a witness for the state;"""
     lately_loose: LatelyLooseConfig = SURELY_LOOSE
     """and what lay loose a moment ago."""
+    last_turns: LastTurnsConfig = field(default_factory=LastTurnsConfig)
+    """What tells how a part is turned that its place hides."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
     still_there: StillThereConfig = field(default_factory=StillThereConfig)

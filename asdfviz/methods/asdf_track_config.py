@@ -26,6 +26,7 @@ from asdfviz.methods.turn_config import TurnConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
 from asdfviz.state.fusion import FusionConfig
 from asdfviz.state.group_fit import GroupFitConfig
+from asdfviz.state.last_turns import LastTurnsConfig
 from asdfviz.state.lately_loose import LatelyLooseConfig
 from asdfviz.state.relative_pose import RelativePoseConfig
 from asdfviz.state.smoothing import FOLLOWED, SmoothingConfig
@@ -93,6 +94,8 @@ class AsdfTrackConfig(AsdfConfig):
         default_factory=lambda: LatelyLooseConfig(enabled=False)
     )
     """and what lay loose a moment ago: off, as the tracker follows what a hand carries."""
+    last_turns: LastTurnsConfig = field(default_factory=LastTurnsConfig)
+    """What tells how a part is turned that its place hides."""
     smoothing: SmoothingConfig = FOLLOWED
     """The hidden Markov model, online."""
     tracker: TrackerConfig = PROPOSED

@@ -21,10 +21,12 @@ from asdfviz.methods.shared_space import SharedSpaceConfig
 from asdfviz.methods.strangers import StrangersConfig
 from asdfviz.methods.thing_names import NamesConfig
 from asdfviz.methods.unlike_twins import UnlikeTwinsConfig
+from asdfviz.state.last_turns import LastTurnsConfig
 
 UNNAMED = NamesConfig(enabled=False)
 UNSOUGHT = NamesConfig(nearby=NearbyConfig(enabled=False))
 TRUSTING = NamesConfig(strangers=StrangersConfig(enabled=False))
+ANY_COLOR = UnlikeTwinsConfig(enabled=False)
 BLIND = PlaceLooksConfig(enabled=False)
 BY_CROPS = "looks from the crop network"
 UNTOLD = BaseVotesConfig(enabled=False)
@@ -60,6 +62,7 @@ def common(config: Any) -> dict[str, Any]:
         "blurred parts as large": replace(config, loose=replace(loose, blurred_px=loose.small_px)),
         "taken out unseen": replace(config, loose=replace(loose, seen_far=0.0)),
         "loose parts not counted": replace(config, loose=LooseConfig(enabled=False)),
+        "hidden parts turned anyhow": replace(config, last_turns=LastTurnsConfig(enabled=False)),
         "no step half done": replace(
             config, relative_pose=replace(config.relative_pose, half_done=0.0)
         ),
@@ -79,7 +82,7 @@ def common(config: Any) -> dict[str, Any]:
         "turned in joints as settled": replace(config, joint_turns=SETTLED),
         "edges smeared alike": replace(config, smear=SmearConfig(enabled=False)),
         "elsewhere of any tint": replace(config, own_colors=OwnColorsConfig(enabled=False)),
-        "twins of any colour": replace(config, unlike_twins=UnlikeTwinsConfig(enabled=False)),
+        "twins of any colour": replace(config, unlike_twins=ANY_COLOR),
         "poses in the table": replace(config, in_table=InTableConfig(enabled=False)),
         "loose parts in one another": replace(
             config, shared_space=SharedSpaceConfig(enabled=False)

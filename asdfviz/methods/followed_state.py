@@ -18,6 +18,7 @@ from asdfviz.methods.seen_smear import SeenSmear
 from asdfviz.state.base_turns import BaseTurns
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.half_done import HalfDone
+from asdfviz.state.last_turns import LastTurns, LastTurnsConfig
 from asdfviz.state.lately_loose import LatelyLoose, LatelyLooseConfig
 from asdfviz.state.relative_pose import RelativePoseConfig, relative_pose_probabilities
 from asdfviz.state.smoothing import SmoothingConfig, StateFilter
@@ -57,6 +58,11 @@ class FollowsState(Protocol):
         """So does what lay loose."""
         ...
 
+    @property
+    def last_turns(self) -> LastTurnsConfig:
+        """So does how parts were turned before their places hid them."""
+        ...
+
 
 class FollowedState:
     """One for each sequence. Half-done steps are states of their own within, and none outside."""
@@ -92,6 +98,7 @@ class FollowedState:
         self._place_looks = PlaceLooks(self._unfolded, shapes, looker, config=config.place_looks)
         self._loose = LooseParts(self._unfolded, shapes, config=config.loose, half_done=half_done)
         self._lately = LatelyLoose(self._unfolded, config=config.lately_loose)
+        self._last_turns = LastTurns(self._unfolded, config=config.last_turns)
 
     @property
     def assembly(self) -> Assembly:
@@ -174,7 +181,10 @@ class FollowedState:
             place=self._fits.place,
             step_frames=step_frames,
         )
-        stands = agreed(agreed(stands, loose), lately)
+        turned = self._last_turns.step(
+            base, witnesses, K=frame.camera.K, place=self._fits.place, shown_px=shown_px
+        )
+        stands = agreed(agreed(agreed(stands, loose), lately), turned)
         belief = self._states.step(ways.unfolded(looks), places, fits, stands)
         if belief is None:
             return None

@@ -9,12 +9,17 @@ state.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from asdfviz.datatypes import Assembly, PoseEstimate
 from asdfviz.geometry.shapes import Transform, Vector
 from asdfviz.geometry.transforms import point_distance
 from asdfviz.methods.track_memory import Track
+from asdfviz.state.relative_pose import PlaceOdds
 from asdfviz.state.twins import FOLLOWED, twin_groups
+
+FIRST_PLACES = PlaceOdds()
+"""What the score of a first pose says of its place."""
 
 
 def names_of_loose(
@@ -45,7 +50,10 @@ def names_of_loose(
 def against_held(
     found: Mapping[str, PoseEstimate], tracks: Mapping[str, Track], assembly: Assembly
 ) -> dict[str, PoseEstimate]:
-    """The poses of parts that are held but not seen there, found where none like them is tracked."""
+    """The poses of parts that are held but not seen there, found where none like them is tracked.
+
+    Scored by how probably the part is there, as tracked ones are.
+    """
     elsewhere: dict[str, PoseEstimate] = {}
     for names in twin_groups(assembly):
         middle = assembly.parts[names[0]].middle
@@ -54,7 +62,8 @@ def against_held(
             if name not in found or not _is_held(name, tracks) or not tracks[name].unsure:
                 continue
             if not any(_are_near(found[name].T_camera_part, track, middle) for track in known):
-                elsewhere[name] = found[name]
+                pose = found[name]
+                elsewhere[name] = replace(pose, score=FIRST_PLACES.probability(pose.score))
     return elsewhere
 
 

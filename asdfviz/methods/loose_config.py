@@ -46,7 +46,9 @@ class LooseConfig:
     there: float = 2.0
     """Log odds of being loose where it lies where it lay."""
     far: float = 0.08
-    """A part that surely is farther than this from any place, metres, in `steady` frames more than it is not,"""
+    """A part that is farther than this from any place, metres, in `steady` frames more than it is not,"""
+    far_sure: float = 0.8
+    """by poses that score so much,"""
     seen_far: float = 4.0
     """is loose with these log odds, also if a state had it joined already: it was taken out again, or never
     was in."""
@@ -103,6 +105,7 @@ class LooseConfig:
             "busy",
             "seen_far",
             "far",
+            "far_sure",
         ):
             if not getattr(self, option) >= 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use 0 or more")

@@ -131,7 +131,7 @@ class LooseParts:
         lie = self._lying(kind, loose)
         there, away_by = sum(lie), [way for _, way in sure]
         kind.see_far(
-            sum(p.score >= self._config.sure and way > self._config.far for p, way in sure)
+            sum(p.score >= self._config.far_sure and way > self._config.far for p, way in sure)
         )
         moving = [pose for (pose, _), lies in zip(sure, lie, strict=True) if not lies]
         kind.approaches.step(

@@ -12,6 +12,7 @@ from asdfviz.methods.asdf_plus_config import AsdfPlusConfig
 from asdfviz.methods.asdf_seg import AsdfSegConfig
 from asdfviz.methods.asdf_track_config import AsdfTrackConfig
 from asdfviz.methods.common_variants import (
+    ANY_COLOR,
     BEST_BOX,
     BLIND,
     BY_CROPS,
@@ -30,7 +31,6 @@ from asdfviz.methods.first_pose import FirstPose, crop_weights_path
 from asdfviz.methods.group_poses import GroupConfig
 from asdfviz.methods.held_colors import HeldConfig
 from asdfviz.methods.leaps import LeapsConfig
-from asdfviz.methods.loose_config import LooseConfig
 from asdfviz.methods.network import masks_path
 from asdfviz.methods.on_table import NO_TABLE, OnTableConfig
 from asdfviz.methods.part_poses import PAPER_ICP
@@ -191,6 +191,7 @@ def _beyond_asdf() -> list[Variant]:
         Variant("asdf, no contests", "asdf", AsdfConfig(contests=BEST_BOX)),
         Variant("asdf, no strangers", "asdf", AsdfConfig(names=TRUSTING)),
         Variant("asdf, missing parts not looked for", "asdf", AsdfConfig(names=UNSOUGHT)),
+        Variant("asdf, twins of any colour", "asdf", AsdfConfig(unlike_twins=ANY_COLOR)),
         Variant(f"asdf, {BY_CROPS}", "asdf", AsdfConfig(state_looks="crops")),
     ]
 
@@ -228,7 +229,7 @@ def _beyond_asdf_plus() -> list[Variant]:
         "held parts believed": replace(plus, confidence=replace(plus.confidence, elsewhere=0.0)),
         "held parts as sure unseen": replace(plus, confidence=replace(plus.confidence, unseen=0.0)),
         "missed parts believed": replace(plus, confidence=replace(plus.confidence, missed=0.0)),
-        "hands as fast as ever": replace(plus, loose=LooseConfig(carried=0.0)),
+        "hands as fast as ever": replace(plus, loose=replace(plus.loose, carried=0.0)),
         "like things anywhere": replace(plus, still_there=StillThereConfig(enabled=False)),
         "what lay there never the part": replace(plus, still_there=StillThereConfig(better=1.0)),
         "what lay loose forgotten": replace(plus, lately_loose=FORGOTTEN),

@@ -480,3 +480,12 @@ def test_a_part_that_surely_is_far_from_any_place_is_not_joined_wherever_it_lay(
     else:
         assert counted(*carried[:2], score=score, seen_far=option, came=False) is None
         assert np.log(told[:2] / told[2]) == pytest.approx([4.0, 4.0])
+
+
+def test_how_sure_its_pose_must_be_is_an_option(counted) -> None:
+    carried = [
+        ([transform_from(np.eye(3), np.array([-0.14, 0.02 * k, 0.58]))], 1) for k in range(3)
+    ]
+    options = {"score": 0.7, "seen_far": 4.0, "came": False}
+    assert counted(*carried, **options) is None
+    assert counted(*carried, **options, far_sure=0.6) is not None
