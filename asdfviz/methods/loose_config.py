@@ -22,6 +22,8 @@ class LooseConfig:
     loose (`AtRest`): what is small is found now here, now there."""
     found: float = 0.5
     """Score from which a part is found,"""
+    likely: float = 0.3
+    """from which one that is not may all the same be what lies where it lay,"""
     sure: float = 0.8
     """and from which it surely is where its pose has it."""
     away: float = 0.015
@@ -106,6 +108,7 @@ class LooseConfig:
             "seen_far",
             "far",
             "far_sure",
+            "likely",
         ):
             if not getattr(self, option) >= 0:
                 raise MethodError(f"loose.{option} is {getattr(self, option):g}, use 0 or more")

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from asdfviz.datatypes import Assembly
 from asdfviz.geometry.shapes import Transform, Vector
@@ -70,6 +73,20 @@ class Kind:
     def far_for(self, frames: int) -> int:
         """How many of them are there now, and have been in so many frames."""
         return sum(self.frames_far[k] >= frames for k in range(self.seen_far))
+
+    def resting(self, frames: int, likely: Sequence[Vector], *, within: float) -> int:
+        """How many lie where one lay for so many frames, surely or not.
+
+        Args:
+            frames: which make a spot.
+            likely: middles of those that are not surely found, the spots' frame, metres.
+            within: so near to a spot they lie there, metres.
+        """
+        return sum(
+            spot.frames >= frames
+            and (spot.is_seen or any(np.linalg.norm(spot.middle - at) <= within for at in likely))
+            for spot in self.spots
+        )
 
     def lie_nowhere_else(self, frames: int) -> None:
         """All of them are found: where none is now, none is hidden either, as if seen for so many frames."""

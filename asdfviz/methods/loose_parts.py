@@ -134,20 +134,21 @@ class LooseParts:
             sum(p.score >= self._config.far_sure and way > self._config.far for p, way in sure)
         )
         moving = [pose for (pose, _), lies in zip(sure, lie, strict=True) if not lies]
+        unsure = [p for p in found if p.score < self._config.found and p.stage != "group"]
+        maybe = [apply_to_point(T_stage_camera @ p.T_camera_part, middle) for p in unsure]
+        likely = [at for p, at in zip(unsure, maybe, strict=True) if p.score >= self._config.likely]
         kind.approaches.step(
             T_camera_base,
             frame,
             place,
             lying=there,
-            resting=sum(s.is_seen and s.frames >= self._config.enough for s in kind.spots),
+            resting=kind.resting(self._config.enough, likely, within=self._config.away),
             found=len(loose),
             moving=[apply_to_point(pose.T_camera_part, middle) for pose in moving],
             way=min(filter(math.isfinite, away_by), default=0.0),
             unsure=rest.is_shaken,
         )
         self._note_ways(kind, away_by)
-        unsure = [p for p in found if p.score < self._config.found and p.stage != "group"]
-        maybe = [apply_to_point(T_stage_camera @ p.T_camera_part, middle) for p in unsure]
         hidden = self._hidden(kind, frame, rest, maybe)
         for k in range(len(kind.names)):
             if len(loose) > k:

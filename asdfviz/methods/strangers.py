@@ -1,13 +1,16 @@
 """What lies still and has lost to a part often enough is not that part, also while the part is hidden.
 
 Not in the paper. A thing that looks like a part is harmless as long as the part itself can be seen; once
-a hand covers that, the thing would be taken for it. But it was there all the time.
+a hand covers that, the thing would be taken for it. But it was there all the time. So would one part be taken
+for another that it looks more like than like itself, as a base that stands on end; and what then is in the
+hand, for the base.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +36,9 @@ class StrangersConfig:
     """a thing elsewhere that scores this in its class has then lost to it,"""
     ahead: float = 0.1
     """if it scored less by this: what is as likely to be the part has not lost."""
+    exchanged: float = 2.0
+    """If it was taken for another part, and that is so much likelier, together with what was taken for this one,
+    than both exchanged, it has lost twice, whatever it scored here."""
     same: float = 0.3
     """Elsewhere is where boxes overlap less than this."""
     often: int = 8
@@ -61,6 +67,10 @@ class StrangersConfig:
             raise MethodError(
                 f"names.strangers.fades is {self.fades:g}, use a share above 0, up to 1"
             )
+        if not self.exchanged >= 1:
+            raise MethodError(
+                f"names.strangers.exchanged is {self.exchanged:g}, use a factor from 1 on"
+            )
         if not self.liker >= 1:
             raise MethodError(f"names.strangers.liker is {self.liker:g}, use a factor from 1 on")
 
@@ -74,6 +84,15 @@ class _Thing:
     """By class, how much more often it lost than it won."""
     scored: dict[str, float] = field(default_factory=dict[str, float])
     """By class, the most that it lost with, less what has faded."""
+
+
+class _Winner(NamedTuple):
+    """A box that was taken for a part."""
+
+    box_xyxy: Box
+    score: float
+    scores: Mapping[str, float]
+    """In all classes, by the best box of the thing that it shows."""
 
 
 class Strangers:
@@ -107,14 +126,16 @@ class Strangers:
         if not self._config.enabled:
             return
         self._frame += 1
-        won: dict[str, list[Detection]] = {}
-        for detection in found.values():
-            won.setdefault(detection.label, []).append(detection)
-        for place, scores in self._seen(detections).items():
-            thing = self._things[place]
+        seen = self._seen(detections)
+        won: dict[str, list[_Winner]] = {}
+        for detection, at in zip(found.values(), self._places([*found.values()]), strict=True):
+            scores = {} if at is None else seen.get(at, {})
+            winner = _Winner(detection.box_xyxy, detection.score, scores)
+            won.setdefault(detection.label, []).append(winner)
+        for place, scores in seen.items():
             for label, score in scores.items():
                 if label in self._counts and score >= self._config.like:
-                    self._judge(thing, label, score, won.get(label, []))
+                    self._judge(self._things[place], label, scores, won)
         oldest = self._frame - self._config.forgotten
         self._things = [thing for thing in self._things if thing.seen >= oldest]
 
@@ -140,16 +161,49 @@ class Strangers:
                 scores[label] = max(score, scores.get(label, 0.0))
         return things
 
-    def _judge(self, thing: _Thing, label: str, score: float, won: Sequence[Detection]) -> None:
+    def _judge(
+        self,
+        thing: _Thing,
+        label: str,
+        scores: Mapping[str, float],
+        won: Mapping[str, Sequence[_Winner]],
+    ) -> None:
         """Count a thing's victory or defeat in a class; neither where parts of it are missing."""
-        config, before = self._config, thing.lost.get(label, 0)
-        least = max(config.part, score + config.ahead)
-        if any(overlap(thing.box_xyxy, d.box_xyxy) > config.same for d in won):
+        config, before, score = self._config, thing.lost.get(label, 0), scores[label]
+        winners, least = won.get(label, ()), max(config.part, score + config.ahead)
+        if any(overlap(thing.box_xyxy, w.box_xyxy) > config.same for w in winners):
             thing.lost[label] = max(before - 1, -config.most)
-        elif len(won) == self._counts[label] and min(d.score for d in won) >= least:
-            thing.lost[label] = min(before + 1, config.most)
-            faded = config.fades * thing.scored.get(label, 0.0)
-            thing.scored[label] = max(score, faded)
+        elif len(winners) == self._counts[label]:
+            is_another = self._is_another(thing, label, scores, won)
+            if is_another or min(w.score for w in winners) >= least:
+                thing.lost[label] = min(before + (2 if is_another else 1), config.most)
+                faded = config.fades * thing.scored.get(label, 0.0)
+                thing.scored[label] = max(score, faded)
+
+    def _is_another(
+        self,
+        thing: _Thing,
+        label: str,
+        scores: Mapping[str, float],
+        won: Mapping[str, Sequence[_Winner]],
+    ) -> bool:
+        """Whether it was taken for something of another class, and that is far likelier, together with what was
+        taken for this class, than if it changed with any of those."""
+        config = self._config
+        taken = (
+            own
+            for own, winners in won.items()
+            if own != label
+            and any(overlap(w.box_xyxy, thing.box_xyxy) > config.still for w in winners)
+        )
+        return any(
+            all(
+                scores.get(own, 0.0) * w.scores.get(label, 0.0)
+                > config.exchanged * scores[label] * max(w.scores.get(own, 0.0), config.like)
+                for w in won[label]
+            )
+            for own in taken
+        )
 
     def _places(self, detections: Sequence[Detection]) -> list[int | None]:
         """Which known thing each box shows."""

@@ -45,7 +45,7 @@ from asdfviz.methods.yolov8pose import Yolov8PoseConfig
 from asdfviz.pose.translation import TranslationConfig, Weighting
 from asdfviz.state.group_fit import GroupFitConfig
 from asdfviz.state.lately_loose import LatelyLooseConfig
-from asdfviz.state.relative_pose import PlaceOdds, RelativePoseConfig
+from asdfviz.state.relative_pose import SCORED_BY_PROBABILITY, PlaceOdds, RelativePoseConfig
 from asdfviz.track.presets import FINE_DEPTH, FOLLOWED_DEPTH, PROPOSED
 
 ONE_LOOK = SecondLookConfig(enabled=False)
@@ -229,6 +229,11 @@ def _beyond_asdf_plus() -> list[Variant]:
         "held parts believed": replace(plus, confidence=replace(plus.confidence, elsewhere=0.0)),
         "held parts as sure unseen": replace(plus, confidence=replace(plus.confidence, unseen=0.0)),
         "missed parts believed": replace(plus, confidence=replace(plus.confidence, missed=0.0)),
+        "places as sure as poses": replace(
+            plus,
+            relative_pose=replace(plus.relative_pose, in_place=SCORED_BY_PROBABILITY),
+            loose=replace(plus.loose, far_sure=plus.loose.sure),
+        ),
         "hands as fast as ever": replace(plus, loose=replace(plus.loose, carried=0.0)),
         "like things anywhere": replace(plus, still_there=StillThereConfig(enabled=False)),
         "what lay there never the part": replace(plus, still_there=StillThereConfig(better=1.0)),

@@ -94,7 +94,8 @@ def test_it_can_be_switched_off(assembly: Assembly, box_at: Callable) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"often": 0}, {"often": 9, "most": 5}, {"left": 1.5}, {"fades": 0.0}]
+    "wrong",
+    [{"often": 0}, {"often": 9, "most": 5}, {"left": 1.5}, {"fades": 0.0}, {"exchanged": 0.5}],
 )
 def test_options_out_of_range_are_named(wrong: dict[str, Any]) -> None:
     with pytest.raises(MethodError, match="strangers"):
@@ -123,3 +124,18 @@ def test_what_it_once_scored_fades(
     assert "block" not in found_in(strangers, assembly, [arrived])
     found_in(strangers, assembly, [block, like], times=40)
     assert found_in(strangers, assembly, [arrived])["block"] is arrived
+
+
+def test_of_two_that_might_be_exchanged_neither_takes_the_others_place(
+    assembly: Assembly, strangers: Strangers, box_at: Callable
+) -> None:
+    """The base looks more like the block than the block does, which looks like nothing else."""
+    base = replace(box_at("base", 20, score=0.32), class_scores={"block": 0.64})
+    block = box_at("block", 120, score=0.54)
+    assert set(found_in(strangers, assembly, [base, block])) == {"base", "block"}
+    assert set(found_in(strangers, assembly, [base])) == {"block"}, "nothing is known of it yet"
+    found_in(strangers, assembly, [base, block], times=3)
+    assert set(found_in(strangers, assembly, [base])) == {"base"}
+    surely = Strangers(assembly, config=StrangersConfig(often=5, exchanged=1e6))
+    found_in(surely, assembly, [base, block], times=10)
+    assert set(found_in(surely, assembly, [base])) == {"block"}
