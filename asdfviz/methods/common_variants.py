@@ -81,7 +81,7 @@ def common(config: Any) -> dict[str, Any]:
         "not told as lying": replace(config, lying=LyingConfig(enabled=False)),
         "turned in joints as settled": replace(config, joint_turns=SETTLED),
         "edges smeared alike": replace(config, smear=SmearConfig(enabled=False)),
-        "elsewhere of any tint": replace(config, own_colors=OwnColorsConfig(enabled=False)),
+        "elsewhere of any colour": replace(config, own_colors=OwnColorsConfig(enabled=False)),
         "twins of any colour": replace(config, unlike_twins=ANY_COLOR),
         "poses in the table": replace(config, in_table=InTableConfig(enabled=False)),
         "loose parts in one another": replace(

@@ -23,7 +23,7 @@ BASE = transform_from(np.eye(3), np.array([0.0, 0.12, 0.6]))
 PART = "block"
 HAND = 0.45
 """Depth of a hand, metres."""
-RED, SHADED, WHITE = (190, 30, 30), (80, 14, 14), (200, 200, 205)
+RED, SHADED, DARK, WHITE = (190, 30, 30), (80, 14, 14), (22, 5, 5), (200, 200, 205)
 
 
 def frame(toy, at: dict[str, tuple[Transform, tuple[int, int, int]]], index: int = 0) -> Frame:
@@ -71,6 +71,13 @@ def test_a_white_thing_elsewhere_is_no_red_part(toy, assembly: Assembly) -> None
     assert others(toy, assembly, SHADED) == frozenset(), "shadow leaves the tint as it is"
     off = OwnColorsConfig(enabled=False)
     assert others(toy, assembly, WHITE, config=off) == frozenset()
+
+
+def test_what_is_far_darker_elsewhere_is_no_red_part(toy, assembly: Assembly) -> None:
+    """A glove of its tint, say; light and shadow do not reach as far."""
+    assert others(toy, assembly, DARK) == {PART}
+    assert others(toy, assembly, DARK, config=OwnColorsConfig(bright=2.0)) == frozenset()
+    assert others(toy, assembly, DARK, at=HERE) == frozenset()
 
 
 def test_what_stays_in_its_place_may_come_into_another_light(toy, assembly: Assembly) -> None:
@@ -126,7 +133,7 @@ def test_a_part_behind_a_hand_is_not_taken_for_a_thing_of_another_tint(
     assert jumped == (color == RED)
 
 
-@pytest.mark.parametrize("wrong", [{"unlike": 0.0}, {"rate": 0.0}, {"rate": 1.5}])
+@pytest.mark.parametrize("wrong", [{"unlike": 0.0}, {"bright": 0.0}, {"rate": 0.0}, {"rate": 1.5}])
 def test_options_out_of_range_are_named(wrong: dict[str, float]) -> None:
     with pytest.raises(MethodError, match="own_colors"):
         OwnColorsConfig(**wrong)  # type: ignore[arg-type]
